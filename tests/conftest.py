@@ -12,7 +12,7 @@ from elastid.app.cli import one_blas_thread
 
 one_blas_thread()  # before NumPy is loaded: two workers with two threads each would wait for each other
 
-from elastid.app import work  # noqa: E402
+from elastid.app import run as work  # noqa: E402
 
 TINY_ROBOT = """\
 name: one elastic joint

@@ -13,8 +13,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
-from elastid.app.run import Run, carry_out, logged_in
-from elastid.app.work import hash_of
+from elastid.app.run import Run, carry_out, hash_of, logged_in
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution

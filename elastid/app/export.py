@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,7 @@ from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears
+from elastid.study import Study
 from elastid.targets.code import write_c, write_casadi
 from elastid.targets.control import write_control, write_responses_control
 from elastid.targets.csv import write_csv, write_friction_csv, write_responses_csv
@@ -43,6 +44,7 @@ from elastid.use.draws import draw_robots
 
 Writer = Callable[[Path, FittedRobot], tuple[Path, ...]]
 ResponseWriter = Callable[..., tuple[Path, ...]]
+Export = Callable[[Run, str, Path], Iterable[Path]]
 
 TARGETS: dict[str, Writer] = {
     "control": write_control, "matlab": write_matlab, "mujoco": write_mujoco, "fmu": write_fmu, "urdf": write_urdf,
@@ -65,27 +67,41 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
 
     Where robots, or other groups of configurations, have parameters of their own: a model of each in a folder below.
     """
-    every = sorted({*TARGETS, *RESPONSE_TARGETS, ROBOT, DRAWS, OBSERVER, COMPENSATION})
-    if target not in every:
-        raise StudyError("export/target", f"{target} is no target of an export; {did_you_mean(target, every)}")
-    if run.study.friction is not None:
-        return _export_friction(run, target)
-    if target == OBSERVER:
-        raise StudyError(
-            "study/stage", f"study {run.study.name} identifies no friction, and an observer follows friction"
-        )
-    if target == DRAWS and run.study.robot is not None:
-        return _export_draws(run, count)
-    if run.study.robot is None or target not in (*TARGETS, ROBOT, COMPENSATION):
-        return _export_responses(run, target)
-    run.require("validate")  # reads what an export reads
+    targets = _targets(run.study, count)
+    if target not in targets:
+        of_others = target in {*TARGETS, *RESPONSE_TARGETS, ROBOT, DRAWS, OBSERVER, COMPENSATION}
+        code, known = "study/stage" if of_others else "export/target", did_you_mean(target, sorted(targets))
+        raise StudyError(code, f"study {run.study.name} of kind {run.study.kind}: {known}", f"--to {target}")
+    stages, write = targets[target]
+    for stage in stages:
+        run.require_stage(stage)
+        run.require_result(stage)
+    paths = tuple(write(run, target, clear_folder(run.folder, "export", target)))
+    for path in paths:
+        run.console.say(f"export: {path}")
+    return paths
+
+
+def _targets(study: Study, count: int) -> dict[str, tuple[tuple[str, ...], Export]]:
+    """Targets of a kind of study: the stages whose results each takes, and its function (run, target, folder)."""
+    if study.friction is not None:
+        of_law: tuple[tuple[str, ...], Export] = (("friction",), _export_friction)
+        return dict.fromkeys((ROBOT, "csv", COMPENSATION), of_law) | {OBSERVER: (("follow",), _export_observers)}
+    measured: tuple[tuple[str, ...], Export] = (("estimate",), _export_responses)
+    if study.robot is None:
+        return dict.fromkeys(RESPONSE_TARGETS, measured)
+    fitted: tuple[tuple[str, ...], Export] = (("estimate", "fit"), _export_fit)
+    draws: tuple[tuple[str, ...], Export] = (("fit",), partial(_export_draws, count))
+    return dict.fromkeys((*TARGETS, ROBOT, COMPENSATION), fitted) | {"uff": measured, DRAWS: draws}
+
+
+def _export_fit(run: Run, target: str, folder: Path) -> Iterable[Path]:
     responses, gears = read_responses(run.path("estimate")), gears_of(run)
     result, robot = with_gears(read_fit(run.path("fit")), gears), run.study.as_robot()
     found = None if gears is None else with_effects(robot, gears)
     if found is not None and target != ROBOT:
         robot = with_linear_springs(found) if target == "mujoco" else found
         result = with_terms_of(result, robot)
-    folder = clear_folder(run.folder, "export", target)
     models = models_by_group(result, robot, responses, run.study.model, run.study.name)
     if any(models):
         groups = (f"{label} ({', '.join(G.configuration.name for G in m.measured)})" for label, m in models.items())
@@ -97,32 +113,26 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     if gears is not None and gears.effects and target not in (ROBOT, "fmu"):
         words = "k and d as found beside the effects of the gears, some of which are left out: robot and fmu have all"
         run.console.say(f"export: {target} has {words}")
-    paths = tuple(path for label, model in models.items() for path in write(folder / file_name(label), model))
     warn_of_distrust(run, "export", result)
-    return _reported(run, paths)
+    return [path for label, model in models.items() for path in write(folder / file_name(label), model)]
 
 
-def _export_draws(run: Run, count: int) -> tuple[Path, ...]:
-    run.require_result("fit")
+def _export_draws(count: int, run: Run, target: str, folder: Path) -> Iterator[Path]:
     gears = gears_of(run)
     result = with_gears(read_fit(run.path("fit")), gears)
     if gears is not None and result.robot is not None:
         found = with_effects(result.robot, gears)
         result = with_terms_of(replace(result, robot=found), found)
         run.console.say("export: all draws have the effects of gears that were found, and no other")
-    folder = clear_folder(run.folder, "export", DRAWS)
-    paths: list[Path] = []
-    groups = robots_by_group(result, run.study.as_robot(), result.configurations)
-    for label, (_, members) in groups.items():
-        draws = draw_robots(result, count, run.study.seed or 0, members[0])
+    for label, (_, members) in robots_by_group(result, run.study.as_robot(), result.configurations).items():
+        draws = draw_robots(result, count, run.study.seed, members[0])
         written, lacking = write_draws(folder / file_name(label), draws, run.study.name)
-        paths += written
+        yield from written
         if lacking:
             run.console.warn(f"export: no MJCF of the draws: {lacking}")
         if draws.held:
             run.console.warn(f"export: the data do not reach {', '.join(draws.held)}, which all draws share")
     warn_of_distrust(run, "export", result)
-    return _reported(run, tuple(paths))
 
 
 def gears_of(run: Run) -> GearResult | None:
@@ -144,30 +154,20 @@ def _write_compensation(run: Run, gears: GearResult | None, folder: Path, model:
     return write_compensation(folder, robot, model.name, interval_lines(model))
 
 
-def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
-    """The robot with the identified law, tables of its numbers, or as C the filter of each joint that was followed."""
-    if target == OBSERVER:
-        run.require_stage("follow")
-        run.require_result("follow")
-        joints = read_filter(run.path("follow"))
-        observers = {joint.joint: Observer(joint.filtered, joint.noise, joint.rate_hz) for joint in joints}
-        return _reported(run, write_observers(clear_folder(run.folder, "export", target), observers))
-    if target not in (ROBOT, COMPENSATION, "csv"):
-        raise StudyError(
-            "study/stage",
-            f"study {run.study.name} identifies friction, and {target} takes a fitted elastic model: export to robot, "
-            "and take that file as the robot of an elastic study, to csv, to compensation, or to observer, which "
-            "follows friction",
-        )
-    run.require_result("friction")
-    result = read_friction_result(run.path("friction"))
+def _export_friction(run: Run, target: str, folder: Path) -> Iterable[Path]:
+    """The robot with the identified law, tables of its numbers, or its torque over velocity in C."""
+    name, robot, result = run.study.name, run.study.as_robot(), read_friction_result(run.path("friction"))
     if target == "csv":
-        return _reported(run, write_friction_csv(clear_folder(run.folder, "export", target), result))
+        return write_friction_csv(folder, result)
     if target == COMPENSATION:
-        robot = with_identified_friction(run.study.as_robot(), result)
-        return _reported(run, write_compensation(clear_folder(run.folder, "export", target), robot, run.study.name, ()))
-    text = robot_of_friction(run.study.name, run.study.as_robot(), result)
-    return _reported(run, _written(clear_folder(run.folder, "export", target), text))
+        return write_compensation(folder, with_identified_friction(robot, result), name, ())
+    return _written(folder, robot_of_friction(name, robot, result))
+
+
+def _export_observers(run: Run, target: str, folder: Path) -> Iterable[Path]:
+    """The filter of each joint that was followed, in C."""
+    joints = read_filter(run.path("follow"))
+    return write_observers(folder, {each.joint: Observer(each.filtered, each.noise, each.rate_hz) for each in joints})
 
 
 def _written(folder: Path, text: str) -> tuple[Path]:
@@ -175,17 +175,9 @@ def _written(folder: Path, text: str) -> tuple[Path]:
     return (folder / "robot.yml",)
 
 
-def _export_responses(run: Run, target: str) -> tuple[Path, ...]:
-    """The measured responses, of a study without a robot or for a target that takes them alone."""
-    if target not in RESPONSE_TARGETS:
-        raise StudyError(
-            "study/stage",
-            f"study {run.study.name} has no robot, and {target} takes the model of one; export its responses to "
-            f"{', '.join(RESPONSE_TARGETS)}, or give the robot and fit it",
-        )
-    run.require_result("estimate")
-    folder, responses = clear_folder(run.folder, "export", target), read_responses(run.path("estimate"))
-    write = RESPONSE_TARGETS[target]
+def _export_responses(run: Run, target: str, folder: Path) -> Iterable[Path]:
+    """The measured responses, of a study without a robot with their modes."""
+    write, responses = RESPONSE_TARGETS[target], read_responses(run.path("estimate"))
     if target in WITH_MODES and run.study.robot is None:
         from elastid.modal.estimate import modes_of_responses  # SciPy's linear algebra
 
@@ -193,10 +185,4 @@ def _export_responses(run: Run, target: str) -> tuple[Path, ...]:
         if target == "uff":
             spec = run.study.experiment.responses
             write = partial(write, geometry=run.study.modal.geometry or geometry_of_files(spec, run.loaded.base))
-    return _reported(run, write(folder, run.study.name, responses))
-
-
-def _reported(run: Run, paths: tuple[Path, ...]) -> tuple[Path, ...]:
-    for path in paths:
-        run.console.say(f"export: {path}")
-    return paths
+    return write(folder, run.study.name, responses)

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from elastid.app.console import Console
-from elastid.app.run import Run, logged_in, run_all
-from elastid.app.work import software
+from elastid.app.run import Run, logged_in, run_all, software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.execution import surviving
 from elastid.base.files import own_path, replacing
@@ -153,16 +152,22 @@ def _summary(folder: Path) -> dict[str, Any]:
 def rows_of(folder: Path, member: Member) -> Iterator[Row]:
     """The parameters in a member's summary, then what was seen at its gears."""
     summary = _summary(folder / MEMBERS / member.name)
-    for name, number in summary.get("parameters", {}).items():
-        row = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
-        low, high = number.get("interval95") or (None, None)
-        known = {"value": number["value"], "std": number.get("std"), "low": low, "high": high}
-        yield row | {"unit": number["unit"]} | known | {"std_repeated": number.get("std_repeated", number.get("std"))}
     parameters, gears = summary.get("parameters", {}), (summary.get("gears") or {}).get("numbers", {})
-    for name, number in gears.items():
-        if name not in parameters and not name.startswith("K"):  # ends of ranges differ
-            row = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
-            yield row | {"unit": number["unit"]} | _at_gear(number)
+    known = {name: _of_fit(number) for name, number in parameters.items()}
+    # Ends of ranges differ from robot to robot.
+    known |= {k: _at_gear(number) for k, number in gears.items() if k not in parameters and not k.startswith("K")}
+    units = {name: number["unit"] for name, number in (gears | parameters).items()}
+    for name, numbers in known.items():
+        of = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
+        yield of | {"unit": units[name]} | numbers
+
+
+def _of_fit(number: Mapping[str, Any]) -> Row:
+    low, high = number.get("interval95") or (None, None)
+    std = number.get("std")
+    return {"value": number["value"], "std": std, "low": low, "high": high} | {
+        "std_repeated": number.get("std_repeated", std)
+    }
 
 
 def _at_gear(number: Mapping[str, Any]) -> Row:

@@ -144,19 +144,14 @@ def robot_of_fit(
     return yaml_text(with_laws(robot, laws), (*comments, *known))
 
 
-def with_findings(robot: Robot, friction: FrictionTakenOut | None, gears: GearResult | None) -> Robot:
-    """A fitted robot with everything that was found in its records, and no other friction."""
-    if gears is None or gears.refused:
-        return with_found_friction(robot, friction)
-    return with_effects(robot, gears)
-
-
-def with_found_friction(robot: Robot, friction: FrictionTakenOut | None) -> Robot:
-    """A fitted robot with the dry friction of its records and no other.
+def with_findings(robot: Robot, friction: FrictionTakenOut | None, gears: GearResult | None = None) -> Robot:
+    """A fitted robot with everything that was found in its records, and no other dry friction.
 
     That of its file is in the fitted viscous coefficients where it was not taken out of the responses.
     """
-    return with_laws(without_dry_friction(robot), _taken_out(robot, friction))
+    if gears is None or gears.refused:
+        return with_laws(without_dry_friction(robot), _taken_out(robot, friction))
+    return with_effects(robot, gears)
 
 
 def _identified(robot: Robot, result: FrictionResult) -> dict[str, tuple[Friction, float]]:

@@ -92,15 +92,12 @@ def _rotation(quaternion: Any) -> Any:
     return np.asarray(Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
 
 
-def main(path: Path) -> dict[str, Any]:
+def main(path: Path) -> dict[str, str]:
     """The robot's file, or why there is none."""
+    import mujoco
+
     try:
-        import mujoco
-    except ImportError:
-        return {"lacks": "mujoco"}
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-        return {"robot": yaml_text(robot_of(model, path.stem))}
+        return {"robot": yaml_text(robot_of(mujoco.MjModel.from_xml_path(str(path)), path.stem))}
     except (ValueError, MemoryError) as error:
         return {"wrong": " ".join(str(error).split())}
 

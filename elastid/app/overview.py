@@ -25,30 +25,10 @@ def overview(study: Study) -> str:
 
 def _robot(study: Study) -> Iterator[str]:
     robot = study.as_robot()
-    elastic = [joint.name for joint in robot.joints if joint.spring is not None or joint.is_flexible]
-    yield f"study {study.name}, robot {robot.name}"
-    bodies, joints = _plural(len(robot.bodies), "body", "bodies"), _plural(len(robot.joints), "joint")
-    yield (
-        f"  {bodies}, {joints}, of which {len(robot.driven)} driven "
-        f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
-    )
-    coordinates = _plural(len((*robot.joints, *robot.flexible)), "coordinate")
-    loops = (
-        f", {_plural(len(robot.loops), 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
-    )
     formulation = study.model.formulation or ("constrained" if robot.loops else "serial")
     variant = "" if study.model.variant == "exact" else f" ({study.model.variant})"
-    carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
-    yield f"  {coordinates}{loops}, {formulation} model{variant}{carried}"
-    motors = ((joint.name, joint.motor) for joint in robot.driven)
-    for what, names in (
-        ("motors that ride on bodies", [f"{name} on {motor.on}" for name, motor in motors if motor and motor.on]),
-        ("coupled gears", [f"motor {gear.motor} with joint {gear.joint}" for gear in robot.gears]),
-        ("nonlinear springs", [each.name for each in robot.joints if each.spring and not each.spring.is_linear]),
-        ("compensators", [compensator.name for compensator in robot.compensators]),
-    ):
-        if names:
-            yield f"  {what}: {', '.join(names)}"
+    yield f"study {study.name}, {formulation} model{variant}"
+    yield robot.display.text
 
 
 def _structure(study: Study) -> Iterator[str]:

@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from textwrap import indent
 from typing import Any
@@ -144,6 +145,9 @@ def read_mjcf(path: Path) -> Robot:
 
     Raises StudyError where MuJoCo is not installed, does not take the file, or a joint is neither hinge nor slide.
     """
+    if find_spec("mujoco") is None:
+        needed = "it is compiled by mujoco, which is not installed: `pip install 'elastid[mjcf]'`"
+        raise StudyError("install/missing-package", needed, path)
     with tempfile.TemporaryDirectory() as folder:  # where MuJoCo writes its log
         try:
             done = subprocess.run(
@@ -155,13 +159,6 @@ def read_mjcf(path: Path) -> Robot:
             raise StudyError(
                 "robot/file", "MuJoCo ends without an answer on this file; load it in `simulate` first", path
             ) from None
-        if "lacks" in reply:
-            raise StudyError(
-                "install/missing-package",
-                "MJCF is compiled by mujoco, which is not installed; install it with `uv sync --extra mjcf` "
-                "(or `pip install 'elastid[mjcf]'`)",
-                path,
-            )
         if "wrong" in reply:
             raise StudyError("robot/file", reply["wrong"], path)
         file = Path(folder) / "robot.yml"

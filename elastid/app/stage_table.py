@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of some kinds of study: function(study, work) -> Artefacts, see `elastid.app.work`.
+    """A stage of some kinds of study: function(study, work) -> Artefacts, see `elastid.app.run`.
 
     leaves: files, folders and patterns; the first file carries the stamp, the second is for programs.
     keys: of the study, as `fit`, `validation.left_out`; without `-fit.starts` of a section; `text` is the study's text.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elastid.app.work import Write, text
+from elastid.app.run import Write, text
 from elastid.base.errors import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.parameter_choice import choose

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.app.export import gears_of
-from elastid.app.identified_robot import with_found_friction
+from elastid.app.identified_robot import with_findings
 from elastid.app.run import Run, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
 from elastid.base.errors import StudyError
@@ -146,7 +146,7 @@ def _given(run: Run, result: Result, frame: str | None, draws: int, asked: tuple
     def framed(robot: Robot) -> Robot:
         return replace(robot, frames=family.robot.frames)
 
-    identified = framed(with_found_friction(estimated_robot(result), friction))
+    identified = framed(with_findings(estimated_robot(result), friction))
     judge, judge_name = identified, "twin with the identified numbers"
     simulated = study.experiment.simulated
     if simulated is not None:

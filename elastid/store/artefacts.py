@@ -23,13 +23,6 @@ from elastid.store.files import USER_BLOCK, is_intact, once_per_version, write_c
 # Version of the layout of all artefacts; a reader reads files of its own version.
 FORMAT = 7
 TEXT = h5py.string_dtype()
-# The command that makes an artefact again, by its kind.
-_COMMANDS = {
-    "plan": "run STUDY design", "records": "run STUDY measure", "frf": "run STUDY estimate", "fit": "run STUDY fit",
-    "validation": "run STUDY validate", "friction plan": "run STUDY design", "friction records": "run STUDY measure",
-    "friction levels": "run STUDY levels", "friction": "run STUDY friction", "filter": "run STUDY follow",
-    "map": "map STUDY", "gears": "run STUDY gears", "modes": "run STUDY report",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -121,19 +114,11 @@ def _require_kind(path: Path, file: Any, kind: str) -> None:
         raise DataError(
             "files/kind", f"{holds}, expected {kind}; name another; `elastid inspect {path}` shows its content", path
         )
-    if written > FORMAT:
+    if written != FORMAT:
         raise DataError(
             "files/version",
-            f"format {written}, written by a newer elastid; this one reads format {FORMAT}: update it, or "
-            "delete the file and run again",
-            path,
-        )
-    if written < FORMAT:
-        command = f"`elastid {_COMMANDS[kind]}` makes it" if kind in _COMMANDS else "run"
-        raise DataError(
-            "files/version",
-            f"format {written}, written by an older elastid; this one reads format {FORMAT}: delete the file, "
-            f"and {command} again",
+            f"format {written}, written by {'a newer' if written > FORMAT else 'an older'} elastid; this one reads "
+            f"format {FORMAT}: update it, or delete the file and run its stage again",
             path,
         )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections import Counter
 from collections.abc import Iterator, MutableMapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,15 +19,6 @@ from elastid.validation.comparison import Refit
 # Types of the parts by their kind in a file.
 _TYPES = {"local optimum": LocalOptimum, "profile": Profile, "refit": Refit}
 _KIND_OF = {each: kind for kind, each in _TYPES.items()}
-
-# The first word of a name, and the singular and plural of that part of the work.
-_PARTS = {
-    "start": ("start", "starts"),
-    "polished": ("of them polished", "of them polished"),
-    "profile": ("profile", "profiles"),
-    "bootstrap": ("repetition of the bootstrap", "repetitions of the bootstrap"),
-    "refit": ("fit", "fits"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +60,8 @@ class Checkpoint(MutableMapping[str, Any]):
 
     @property
     def words(self) -> str:
-        """Their number by kind, `12 starts, 1 profile`, or an empty text."""
-        counts = Counter(name.partition("-")[0] for name in self)
-        return ", ".join(f"{n} {words[n > 1]}" for part, words in _PARTS.items() if (n := counts[part]))
+        """Their number, or an empty text."""
+        return f"{n} finished parts" if (n := len(self)) else ""
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{quote(name, safe=' ')}.json"

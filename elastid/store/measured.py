@@ -13,7 +13,6 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, check_kind
 from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
-from elastid.experiment.plan.friction import PassReference
 from elastid.experiment.plan.movement import Reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.nonlinear.friction import FrictionTakenOut
@@ -66,25 +65,29 @@ def write_movement(path: Path, reference: Reference, inputs: tuple[str, ...], sl
 
     sliding: inputs that translate.
     """
-    units = {place: of_translation if place in sliding else str for place in inputs}
-    columns = [
-        f"{quantity} of {place} ({units[place](unit)}, link side)" for quantity, unit in _MOTION for place in inputs
-    ]
-    rows = np.column_stack([reference.scale, *(getattr(reference, quantity) for quantity, _ in _MOTION)])
-    _write_csv(path, ["time_s", "torque scale", *columns], rows, reference.rate_hz, reference.first_sample)
+    headings, rows = _columns(reference, inputs, sliding)
+    rows = np.column_stack([reference.scale, rows])
+    _write_csv(path, ["time_s", "torque scale", *headings], rows, reference.rate_hz, reference.first_sample)
 
 
 def write_run(path: Path, reference: Reference, plan: Plan, experiment: Experiment) -> None:
     """A whole run as CSV: the movement of each motor, and the torque to inject on top; the periods begin at time 0."""
-    parts = [(name, unit, getattr(reference, name)) for name, unit in _MOTION]
-    parts.append(("injected torque", "N*m", reference.injected(plan.torque(experiment))))
-    columns = [
-        f"{name} of {place} ({of_translation(unit) if place in plan.sliding else unit}, link side)"
+    injected = reference.injected(plan.torque(experiment))
+    headings, rows = _columns(reference, plan.inputs, plan.sliding, ("injected torque", "N*m", injected))
+    _write_csv(path, ["time_s", *headings], rows, reference.rate_hz, reference.first_sample)
+
+
+def _columns(
+    reference: Reference, inputs: Sequence[str], sliding: Sequence[str], *further: tuple[str, str, FloatArray]
+) -> tuple[list[str], FloatArray]:
+    """Headings and columns of the motion of each input, and of further signals (n, n_u)."""
+    parts = [*((name, unit, getattr(reference, name)) for name, unit in _MOTION), *further]
+    headings = [
+        f"{name} of {place} ({of_translation(unit) if place in sliding else unit}, link side)"
         for name, unit, _ in parts
-        for place in plan.inputs
+        for place in inputs
     ]
-    rows = np.hstack([signal for _, _, signal in parts])
-    _write_csv(path, ["time_s", *columns], rows, reference.rate_hz, reference.first_sample)
+    return headings, np.hstack([signal for _, _, signal in parts])
 
 
 def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
@@ -93,15 +96,9 @@ def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
     _write_csv(path, ["time_s", *columns], plan.torque(experiment), plan.rate_hz)
 
 
-def write_pass_reference(path: Path, reference: PassReference) -> None:
-    """A pass as CSV for a robot controller: time, position, velocity and acceleration of the joint, SI, link side."""
-    rows = np.column_stack([reference.position, reference.velocity, reference.acceleration])
-    _write_csv(path, ["t_s", "position", "velocity", "acceleration"], rows, reference.rate_hz)
-
-
-def write_torque_reference(path: Path, torque: FloatArray, rate_hz: float) -> None:
-    """A torque (n,) to inject as CSV, SI, link side."""
-    _write_csv(path, ["t_s", "torque"], torque[:, None], rate_hz)
+def write_reference(path: Path, rate_hz: float, **signals: FloatArray) -> None:
+    """Signals (n,) of a joint as CSV for a robot controller, SI, link side."""
+    _write_csv(path, ["t_s", *signals], np.column_stack([*signals.values()]), rate_hz)
 
 
 def _write_csv(path: Path, headings: Sequence[str], rows: Any, rate_hz: float, first_sample: int = 0) -> None:

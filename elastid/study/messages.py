@@ -142,24 +142,21 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
     """The key, or the named entry of a list, that a sentence about a section names first; else the section."""
     if not isinstance(section, dict):
         return path
-    for word in re.findall(r"[\w.-]+", message):
-        if word in section:
-            return (*path, word)
-        for key, entries in section.items():
-            for i, entry in enumerate(entries if isinstance(entries, list) else []):
-                if isinstance(entry, dict) and str(entry.get("name")) == word:
-                    return _named_key(message, (*path, key, i), entry)
-    return _quoted_key(message, path, section)
-
-
-def _quoted_key(message: str, path: KeyPath, section: Mapping[str, Any]) -> KeyPath:
-    """The entry of a list of this section whose name, of any characters, a sentence has; else the section."""
-    for key, entries in section.items():
-        for i, entry in enumerate(entries if isinstance(entries, list) else []):
-            name = str(entry.get("name") or "") if isinstance(entry, dict) else ""
-            if name and re.search(rf"(?<!\w){re.escape(name)}(?!\w)", message):
-                return (*path, key, i, "name")
-    return path
+    entries = {
+        str(entry["name"]): (key, i)
+        for key, each in section.items()
+        for i, entry in enumerate(each if isinstance(each, list) else [])
+        if isinstance(entry, dict) and entry.get("name")
+    }
+    places = {name: re.search(rf"(?<![\w.-]){re.escape(name)}(?!\w|[.-]\w)", message) for name in (*section, *entries)}
+    named = {name: place.start() for name, place in places.items() if place is not None}
+    if not named:
+        return path
+    first = min(named, key=named.__getitem__)
+    if first in section:
+        return (*path, first)
+    key, i = entries[first]
+    return _named_key(message, (*path, key, i), section[key][i])
 
 
 def value_at(data: Any, path: KeyPath) -> Any:

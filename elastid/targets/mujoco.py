@@ -79,44 +79,25 @@ def mjcf(robot: Robot, rods: Mapping[str, RodPose] = NO_RODS) -> ET.Element:
     actuators = ET.SubElement(root, "actuator")
     for joint in robot.driven:
         ET.SubElement(actuators, "motor", name=f"motor {joint.name}", joint=f"motor {joint.name}", gear="1")
-    _check_names(root, robot)
     return root
 
 
 def _check(robot: Robot) -> None:
-    instead = "export to casadi or c instead"
-    nonlinear = [f"spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
-    nonlinear += [f"compensator {compensator.name}" for compensator in robot.compensators]
-    if nonlinear:
-        lost = f"MJCF has linear joint springs only, and the {', '.join(nonlinear)} would be lost"
-        raise StudyError("export/not-representable", f"{lost}; {instead}", f"robot {robot.name}")
-    armature = f"which MJCF's armature cannot represent; {instead}"
-    for joint in robot.driven:
-        if joint.motor is not None and (joint.motor.on or joint.motor.spring is not None):
-            cause = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
-            raise StudyError(
-                "export/not-representable",
-                f"the motor of joint {joint.name} {cause}, {armature}",
-                f"robot {robot.name}",
-            )
-    if robot.gears:
-        raise StudyError("export/not-representable", f"gears couple the axes of robot {robot.name}, {armature}")
-
-
-def _check_names(root: ET.Element, robot: Robot) -> None:
-    """StudyError where two elements of a kind have one name: of a loop's rod and of a body, for example."""
-    kinds = {"body": "worldbody//body", "site": "worldbody//site", "tendon": "tendon/*", "equality": "equality/*"}
-    for kind, path in kinds.items():
-        names = ["world"] if kind == "body" else []
-        for name in (element.get("name", "") for element in root.findall(path)):
-            if name in names:
-                two = f"MJCF would have two elements of the kind {kind} called '{name}'"
-                raise StudyError(
-                    "export/not-representable",
-                    f"{two}; give the body, frame or loop another name",
-                    f"robot {robot.name}",
-                )
-            names.append(name)
+    lost = [f"the spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
+    lost += [f"compensator {compensator.name}" for compensator in robot.compensators]
+    lost += [
+        f"the motor of joint {joint.name}, which {f'rides on {motor.on}' if motor.on else 'has a spring in its shaft'}"
+        for joint in robot.driven
+        if (motor := joint.motor) is not None and (motor.on or motor.spring is not None)
+    ]
+    lost += ["gears that couple axes"] if robot.gears else []
+    if lost:
+        raise StudyError(
+            "export/not-representable",
+            f"MJCF has linear springs and motors on the axes that they drive: {', '.join(lost)} would be lost; export "
+            "to casadi or c instead",
+            f"robot {robot.name}",
+        )
 
 
 def _bodies(world: ET.Element, robot: Robot) -> Elements:

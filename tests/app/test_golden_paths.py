@@ -11,7 +11,7 @@ from plants.two_axes import ROBOT, STUDY
 from plants.two_axes import measured as measured_responses
 
 from elastid.app import cli
-from elastid.app.work import stamps
+from elastid.app.run import stamps
 from elastid.base.errors import ElastidError
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.experiment.specs.recorded import FileSpec, TextFormatSpec

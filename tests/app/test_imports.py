@@ -75,7 +75,7 @@ def test_a_stage_loads_what_it_works_with(tiny: Path) -> None:
     code = f"""
 import sys
 from elastid.app.cli import cli
-from elastid.app.work import stamps
+from elastid.app.run import stamps
 from elastid.study import load
 from importlib import import_module
 stamps(load({str(tiny)!r}))

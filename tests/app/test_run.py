@@ -15,11 +15,10 @@ from plants.refusals import refused
 from elastid.app import run as running
 from elastid.app.console import Console
 from elastid.app.export import export
-from elastid.app.run import Run, run_all
+from elastid.app.run import Artefacts, Run, run_all
 from elastid.app.stage_table import SIMULATED, stages_of
 from elastid.app.stages import fit as fitting
 from elastid.app.stages import measure as measuring
-from elastid.app.work import Artefacts
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.result import Result

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 import elastid
-from elastid.app import work
+from elastid.app import run as work
+from elastid.app.run import code_hash, stamps
 from elastid.app.scaffold import new
 from elastid.app.stage_table import Stage, stages_of_study
-from elastid.app.work import code_hash, stamps
 from elastid.study import LoadedStudy, load
 
 PACKAGE = Path(elastid.__file__).parent

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from plants.three_mass import circular
 
-from elastid.app.work import software
+from elastid.app.run import software
 from elastid.base import kernels
 from elastid.frf import matrices
 from elastid.friction import operators

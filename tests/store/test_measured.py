@@ -5,12 +5,9 @@ import pickle
 from dataclasses import replace
 
 import h5py
-import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis.extra.numpy import arrays
-from plants.artefacts import NAME, NOTE, NUMBER, QUICK, REPAIRS, STAMP, complex_numbers, finite, names, positive, same
+from plants.artefacts import STAMP, same
 from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 
 import elastid.base.arrays as base_arrays
@@ -23,7 +20,7 @@ from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import weigh
 from elastid.nonlinear.friction import FrictionTakenOut, Shape
 from elastid.record import Configuration, Record
-from elastid.response import Covariance, Levels, MotorMotion, Quality, Response
+from elastid.response import Covariance, Response
 from elastid.store.measured import (
     read_configurations,
     read_forecast,
@@ -54,19 +51,6 @@ def some_reference():
     """Ten samples of which the third begins the periods."""
     columns = [np.arange(20.0).reshape(10, 2) * 10**i for i in range(4)]
     return Reference(AWAY, 8.0, 2, *columns, np.linspace(0, 1, 10))
-
-
-@given(data=st.data())
-@QUICK
-def test_a_plan_comes_back_to_the_last_bit(tmp_path_factory, data):
-    """All that the rig needs."""
-    n_u = data.draw(st.integers(1, 3))
-    configurations = tuple(Configuration(name, data.draw(finite(n_u))) for name in data.draw(names(2)))
-    R = data.draw(complex_numbers(2, 2, n_u, 3, n_u))
-    plan = Plan(configurations, data.draw(names(n_u)), data.draw(st.floats(1, 1e5)), 64, 2, 1, np.array([1, 3, 5]), R)
-    path = tmp_path_factory.mktemp("store") / "plan.h5"
-    write_plan(path, plan, STAMP)
-    assert same(read_plan(path), plan)
 
 
 def test_limits_and_forecast_come_back_to_the_last_bit(tmp_path):
@@ -152,115 +136,6 @@ def test_a_whole_run_is_one_table_of_movement_and_torque(tmp_path):
     period = plan.torque(experiment)
     expected = reference.scale[:, None] * np.vstack([period[-2:], period[:8]])
     np.testing.assert_allclose(numbers[:, -2:], expected, rtol=1e-8, atol=1e-12)
-
-
-CONFIGURATION = st.builds(Configuration, NAME, finite(2))
-
-
-@st.composite
-def records(draw, name=NAME, configuration=CONFIGURATION):
-    n, n_u, n_y = 3 * draw(st.integers(2, 4)), draw(st.integers(1, 2)), draw(st.integers(1, 3))
-    is_periodic = draw(st.booleans())
-    N = n // 3 if is_periodic else n
-    motion = st.sampled_from(["position", "velocity", "acceleration"])
-    return Record(
-        draw(name),
-        draw(configuration),
-        draw(st.integers(0, 5)),
-        draw(st.integers(0, 5)),
-        draw(st.floats(1e-3, 1e6)),
-        N,
-        draw(names(n_u)),
-        draw(names(n_y)),
-        tuple(draw(motion) for _ in range(n_y)),
-        draw(finite(n, n_u)),
-        draw(finite(n, n_y)),
-        draw(st.none() | finite(n, n_u)),
-        draw(st.booleans()),
-        tuple(draw(st.lists(NOTE, max_size=2))),
-        draw(st.sampled_from(["band-limited", "zero-order"])),
-        is_periodic and N % 2 == 0 and draw(st.booleans()),
-        draw(REPAIRS),
-        tuple(draw(st.lists(st.integers(0, 2), max_size=2))),
-        tuple(draw(st.lists(NAME, max_size=2))),
-        is_periodic,
-        tuple(draw(st.just([]) | st.lists(st.floats(0, 1), min_size=n_u, max_size=n_u))),
-    )
-
-
-@st.composite
-def responses(draw, name=NAME):
-    F, n_y, n_u = draw(st.integers(1, 3)), draw(st.integers(1, 2)), draw(st.integers(1, 2))
-    diagonal = st.builds(Covariance, positive(F, n_y, n_u), NUMBER)
-    kronecker = st.builds(
-        Covariance, positive(F, n_y, n_u), NUMBER, complex_numbers(F, n_u, n_u), complex_numbers(F, n_y, n_y)
-    )
-    full = st.builds(
-        Covariance, positive(F, n_y, n_u), NUMBER, st.none(), st.none(), complex_numbers(F, n_y * n_u, n_y * n_u)
-    )
-    covariances = st.none() | diagonal | kronecker | full
-    freq_hz = np.cumsum(draw(arrays(np.float64, F, elements=st.floats(0.1, 100))))
-    return Response(
-        freq_hz,
-        draw(complex_numbers(F, n_y, n_u)),
-        draw(names(n_u)),
-        draw(names(n_y)),
-        draw(st.sampled_from(["position", "velocity", "acceleration"])),
-        Configuration(draw(name), draw(finite(3))),
-        draw(covariances),
-        draw(covariances),
-        draw(st.booleans()),
-        tuple(draw(st.lists(NOTE, max_size=2))),
-        draw(covariances),
-        draw(st.none() | qualities(freq_hz, n_y, n_u)),
-        draw(REPAIRS),
-        tuple(draw(st.lists(NAME, max_size=2))),
-        bias=draw(st.none() | complex_numbers(2, n_u, F, n_y, n_u)),
-        motion=draw(st.none() | motions(n_u)),
-    )
-
-
-@st.composite
-def motions(draw, n_m):
-    K = draw(st.integers(1, 3))
-    spectra = draw(positive(K)), draw(complex_numbers(K, n_m, n_m)), draw(finite(n_m))
-    return MotorMotion(draw(names(n_m)), *spectra, draw(st.none() | finite(3, n_m, n_m)))
-
-
-def qualities(freq_hz, n_y, n_u):
-    F = len(freq_hz)
-    levels = st.builds(Levels, st.just(freq_hz), positive(F, n_y), positive(F, n_y))
-    return st.builds(
-        Quality,
-        coherence=positive(F, n_y, n_u),
-        multiple_coherence=positive(F, n_y),
-        singular_values=positive(F, min(n_y, n_u)),
-        input_singular_values=positive(F, n_u),
-        input_noise=positive(F, n_u),
-        output_noise=positive(F, n_y),
-        excited=levels,
-        stochastic=st.none() | positive(F, n_y),
-        even=st.none() | levels,
-        odd=st.none() | levels,
-    )
-
-
-@given(record=records())
-@QUICK
-def test_a_record_comes_back_to_the_last_bit(tmp_path_factory, record):
-    """Whatever its names, channels, notes: the same is read as was written."""
-    path = tmp_path_factory.mktemp("store") / "records.h5"
-    write_records(path, [record], STAMP)
-    assert same(next(read_records(path)), record)
-
-
-@given(response=responses())
-@QUICK
-def test_a_response_comes_back_to_the_last_bit(tmp_path_factory, response):
-    """Complex numbers, all covariances in every form or none, quality or none."""
-    path = tmp_path_factory.mktemp("store") / "frf.h5"
-    write_responses(path, [response])
-    assert same(read_responses(path), (response,))
 
 
 def test_records_are_read_one_configuration_at_a_time_in_the_order_measured(tmp_path):

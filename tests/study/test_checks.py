@@ -56,16 +56,6 @@ def refusals(study: Path, *overrides: str) -> list[str]:
         ([DESIGN % "given: {e: [0, 1 mm]}"], "design.candidates.given.e[1]", "joint 2 is a rotation"),
         ([DESIGN % "margin: 1 mm"], "design.candidates.margin", "or one number for each motor"),
         ([f"{SIMULATED}.carrier={{amplitude: 1 mm}}"], f"{SIMULATED}.carrier.amplitude", "is a rotation"),
-        (
-            ["estimator.friction=curve", f"{SIMULATED}.outputs=[motor 1, joint 2]"],
-            "estimator.friction",
-            "the motion of every motor",
-        ),
-        (
-            ["estimator.friction=coulomb", "experiment.realisations=1", "excitation.grid=full"],
-            "estimator.friction",
-            "two realisations",
-        ),
         (["validation.left_out=[a, b, c, d]"], "validation.left_out", "leave at least one to the fit"),
     ],
     ids=lambda value: value if isinstance(value, str) and " " not in value else "",
@@ -111,8 +101,6 @@ def test_what_cannot_be_designed_or_simulated_the_first_stage_refuses(study: Pat
         ["experiment.experiments=2", "experiment.realisations=1", "excitation.phases=schroeder"],
         ["experiment.experiments=1", "experiment.realisations=1", "estimator.method=auto"],
         [DESIGN % "given: {e: [0, 0]}", "fit.weights.factors=[{factor: 0, configurations: [a, e, c1]}]"],
-        ["estimator.friction=curve", "experiment.realisations=1"],
-        ["estimator.friction=auto", f"{SIMULATED}.outputs=[joint 1]"],
     ],
 )
 def test_a_study_without_contradiction_is_accepted(study: Path, overrides: list[str]) -> None:
@@ -174,26 +162,3 @@ def test_files_and_channels_are_each_given_once(
     found = refusals(study)
     assert len(found) == bool(key)
     assert all(key in line and message in line for line in found)
-
-
-@pytest.mark.parametrize(
-    ("kind", "channels", "period", "message"),
-    [
-        ("recorded", CHANNELS, "2", "the motion of every motor"),
-        ("recorded", f"{CHANNELS}, {{role: y, at: motor 2, channel: y, quantity: position}}", "2", ""),
-        ("recorded", CHANNELS, "none", "periodic records"),
-        ("responses", CHANNELS, "", "periodic records"),
-    ],
-)
-def test_friction_that_cannot_be_found_in_the_data_is_refused_with_a_remedy(
-    study: Path, kind: str, channels: str, period: str, message: str
-) -> None:
-    """Where the study asks for it; `auto` leaves it alone."""
-    rate = f"rate_hz: 500, period: {period}, " if period else ""
-    text = study.read_text().replace("simulated: {}", f"{kind}: {{{rate}channels: [{channels}], files: [{FILES}]}}")
-    study.write_text(text)
-    others = ["estimator.method=auto"]
-    assert refusals(study, *others, "estimator.friction=auto") == []
-    found = refusals(study, *others, "estimator.friction=curve")
-    assert len(found) == bool(message)
-    assert all(": estimator.friction: curve: " in line and message in line for line in found)

@@ -381,8 +381,7 @@ def test_springs_are_read_in_si_and_shown(tmp_path: Path) -> None:
     expected = {"k3_2": 1e11, "b_3": 5e-5, "ki_3": 2e4, "e_3": 0.2, "F0_cyl": 4e3, "L0_cyl": 0.5, "h0_cyl": 0.4}
     assert {name: numbers[name] for name in expected} == pytest.approx(expected)
     page = overview(study)
-    assert "nonlinear springs: 2, 3" in page
-    assert "compensators: cyl" in page
+    assert "1 compensator" in page
     parameters = choose(study.fit, study.robot)
     assert {"k3_2", "F0_cyl", "L0_cyl"} < set(parameters.free_names)
     assert parameters["k3_2"].log

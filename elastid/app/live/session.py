@@ -18,10 +18,9 @@ from elastid.app.live.folder import (
     require_one_robot_in_any_posture,
     write_simulated_log,
 )
-from elastid.app.run import Run, carry_out, logged_in, run_all
+from elastid.app.run import Run, carry_out, hash_of, logged_in, run_all
+from elastid.app.run import stamps as stamps_of
 from elastid.app.stages.fit import TRUSTED
-from elastid.app.work import hash_of
-from elastid.app.work import stamps as stamps_of
 from elastid.base.display import degrees, number
 from elastid.base.errors import DataError, FitError, StudyError
 from elastid.base.execution import Execution

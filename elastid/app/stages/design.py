@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.app.console import Console, forecast_table
-from elastid.app.work import Artefacts, Work
+from elastid.app.run import Artefacts, Work
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments
 from elastid.design.problem import DesignProblem

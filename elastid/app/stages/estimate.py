@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.app.console import Console
-from elastid.app.work import Artefacts, Work, Write
+from elastid.app.run import Artefacts, Work, Write
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution

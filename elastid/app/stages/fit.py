@@ -7,11 +7,10 @@ from dataclasses import replace
 
 from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import contents, robot_files, truth
-from elastid.app.run import Run
+from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.stages.estimate import tool_responses
 from elastid.app.stages.measure import tests_of
 from elastid.app.summaries import as_json, failure, interrupted, modes_of, summary
-from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import FitError, MisfitError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
@@ -50,7 +49,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     except Interrupted as stop:
-        words = f"fit: stopped, {unfinished.words or 'no start'} done and kept"
+        words = f"fit: stopped, {unfinished.words or 'nothing'} kept"
         return Artefacts({"summary.json": as_json(interrupted(study, stop.ends))}, lambda c: c.say(words), stop)
     result = replace(result, notes=(*result.notes, *(note for response in tapped for note in response.notes)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)

@@ -11,11 +11,10 @@ import numpy as np
 
 from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import robot_of_friction, with_identified_friction
-from elastid.app.run import Run
+from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.stages.measure import measure_parts, report_count
 from elastid.app.stages.report import page_artefacts
 from elastid.app.summaries import as_json, failed_friction, friction_study_summary
-from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.base.errors import FitError, MisfitError, Note, StudyError
@@ -45,7 +44,7 @@ from elastid.robot import Robot
 from elastid.robot.friction_numbers import with_laws
 from elastid.store import friction_study as stored
 from elastid.store.artefacts import Stamp
-from elastid.store.measured import write_pass_reference, write_torque_reference
+from elastid.store.measured import write_reference
 from elastid.store.results import read_twin
 from elastid.study import Study
 from elastid.validation.friction_twin import friction_balances, friction_runs, predict_logs
@@ -78,9 +77,11 @@ def _write_motions(plan: FrictionPlan, folder: Path, stamp: Stamp) -> None:
     for motion in plan.motions:
         path = folder / f"{motion.name}.csv"
         if motion.planned is not None:
-            write_pass_reference(path, pass_reference(motion.planned, limits[motion.joint], plan.rate_hz))
+            own = pass_reference(motion.planned, limits[motion.joint], plan.rate_hz)
+            signals = {name: getattr(own, name) for name in ("position", "velocity", "acceleration")}
+            write_reference(path, own.rate_hz, **signals)
         elif motion.torque is not None:
-            write_torque_reference(path, motion.torque, plan.rate_hz)
+            write_reference(path, plan.rate_hz, torque=motion.torque)
 
 
 def simulate_motions(study: Study, work: Work) -> Artefacts:

@@ -14,10 +14,10 @@ from typing import Any
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import robot_files
+from elastid.app.run import Artefacts, Work, Write, text
 from elastid.app.stages.estimate import RecordsOnShafts
 from elastid.app.stages.fit import fitted_rows
 from elastid.app.summaries import as_json, listed, section
-from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from elastid.app.console import Console
-from elastid.app.work import Artefacts, Work
+from elastid.app.run import Artefacts, Work
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.experiment.plan.plan import Rig

@@ -11,8 +11,8 @@ import numpy as np
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import contents, truth
+from elastid.app.run import Artefacts, Work, Write
 from elastid.app.summaries import modes_of
-from elastid.app.work import Artefacts, Work, Write
 from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.nonlinear.gear_result import with_gears

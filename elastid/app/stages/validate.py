@@ -11,9 +11,9 @@ from typing import TypeAlias
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings
+from elastid.app.run import Artefacts, Work
 from elastid.app.stages.estimate import tool_responses
 from elastid.app.summaries import as_json, validation_summary
-from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
@@ -158,6 +158,8 @@ def _folds(own: Validated, responses: Sequence[Response], execution: Execution) 
 
 # The records of one configuration replayed, and the torque of each motor in the first of them.
 _InTime: TypeAlias = tuple[Replay, tuple[TorqueBalance, ...]]
+# Configuration, its linear model with numbers (n_theta,), the parts of its torque or None, and lines (F,) in Hz.
+_Model: TypeAlias = tuple[str, LinearModel, FloatArray, elastic_twin.ModelParts | None, FloatArray]
 
 
 def _records_in_time(own: Validated, path: Path, console: Console, execution: Execution) -> list[_InTime]:
@@ -172,7 +174,7 @@ def _records_in_time(own: Validated, path: Path, console: Console, execution: Ex
         console.say(f"validate: the torque is not divided into parts: {error}")
         rigid = None
     models = [
-        _Models(
+        (
             *(name, fitted.at(name), fitted.theta_of(name)),
             *(None if rigid is None else elastic_twin.model_parts(fitted, rigid, name), response.freq_hz),
         )
@@ -183,29 +185,18 @@ def _records_in_time(own: Validated, path: Path, console: Console, execution: Ex
     return execution.ordered(partial(_in_time, path, own.friction, E, own.study.estimator), models)
 
 
-@dataclass(frozen=True, eq=False)
-class _Models:
-    """The model of one configuration with its numbers (n_theta,), its parts or None, and the lines (F,) in Hz."""
-
-    configuration: str
-    linear: LinearModel
-    theta: FloatArray
-    parts: elastic_twin.ModelParts | None
-    freq_hz: FloatArray
-
-
 def _in_time(
-    path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec, models: _Models
+    path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec, model: _Model
 ) -> _InTime:
-    records = read_records(path, models.configuration)
+    configuration, linear, theta, parts, freq_hz = model
+    records = read_records(path, configuration)
     first = next(records)
     nets = net_records(chain([first], records), friction, E)
     net = next(nets)
-    freq_hz, parts = models.freq_hz, models.parts
     balances = () if parts is None else elastic_twin.elastic_balances(first, net, parts, freq_hz, spec)
     every = chain([net], nets)
     band_hz = float(freq_hz[0]), float(freq_hz[-1])
-    return replay(every, models.linear, models.theta, band_hz, spec), balances
+    return replay(every, linear, theta, band_hz, spec), balances
 
 
 def _twin_runs(own: Validated, path: Path) -> tuple[TwinRun, ...]:

@@ -48,13 +48,12 @@ const frf = (() => {
 
   // Values on all lines of a response; null where there is none.
   const values = (response, key, e) => {
-    if (response.curves) return response.curves[key];
     if (key in modelled) return response.freq.map((_, i) => modelled[key](response, e, i));
     const all = new Array(response.freq.length).fill(null);
     response.at.forEach((place, i) => (all[place] = measured[key](response, e, i)));
     return all;
   };
-  const has = (response, curve) => (response.curves ? curve.key in response.curves : curve.needs.every((key) => key in response.arrays));
+  const has = (response, curve) => curve.needs.every((key) => key in response.arrays);
   const curves = (response, quantity) => data.quantities[quantity].curves.filter((curve) => has(response, curve));
   const quantities = (response) => Object.keys(data.quantities).filter((key) => curves(response, key).length);
 
@@ -63,7 +62,7 @@ const frf = (() => {
     return known.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
   };
   const range = (response, quantity, shown) => {
-    const fixed = response.range ?? data.quantities[quantity].range;
+    const fixed = data.quantities[quantity].range;
     if (fixed) return fixed;
     const [low, high] = extent(shown);
     if (!(low <= high)) return [0, 1];
@@ -73,7 +72,7 @@ const frf = (() => {
   const number = (value, quantity) => {
     if (value === null || value === undefined) return "–";
     const { digits } = data.quantities[quantity];
-    return digits === null ? value.toPrecision(4) : value.toFixed(digits);
+    return value.toFixed(digits);
   };
   // A line breaks where the phase jumps from one end of the circle to the other.
   const broken = (all, quantity) =>
@@ -91,8 +90,8 @@ const frf = (() => {
     const [ink, grid] = [look.getPropertyValue("--weak").trim(), look.getPropertyValue("--line").trim()];
     const axis = { stroke: ink, grid: { stroke: grid, width: 1 }, ticks: { show: false }, font: "11px sans-serif", labelFont: "11px sans-serif", labelSize: 16 };
     const kind = data.quantities[quantity];
-    const unit = response.unit ?? kind.unit;
-    const x_unit = response.x_unit ?? data.frequency_unit;
+    const unit = kind.unit;
+    const x_unit = data.frequency_unit;
     const lines = response.at ?? response.freq.map((_, i) => i);
     const text = (at) => {
       const said = shown.map((curve, i) => [curve, all[i][at]]).filter(([curve]) => !curve.unread);
@@ -112,10 +111,10 @@ const frf = (() => {
         cursor: { sync: { key: options.sync ?? "frf", scales: ["x", null] }, drag: { x: true, y: false } },
         scales: { x: { time: false, distr: options.linear ? 1 : 3, range: (_, low, high) => [low, high] }, y: { range: () => y } },
         axes: [
-          { ...axis, size: 26, ...(options.linear ? {} : { filter: (_, ticks) => ticks.map(labelled) }), ...(options.compact || options.bare ? {} : { label: response.x_unit ? `${response.inputs[0]}, ${x_unit}` : `frequency, ${x_unit}` }) },
-          { ...axis, size: 40, ...(quantity === "phase" ? { splits: [-180, -90, 0, 90, 180], filter: (_, ticks) => (options.height < 160 ? ticks.map((v) => (v % 180 ? null : v)) : ticks) } : {}), ...(options.compact ? {} : { label: `${kind.title}${response.unit ? `, ${unit}` : ""}` }) },
+          { ...axis, size: 26, ...(options.linear ? {} : { filter: (_, ticks) => ticks.map(labelled) }), ...(options.compact || options.bare ? {} : { label: `frequency, ${x_unit}` }) },
+          { ...axis, size: 40, ...(quantity === "phase" ? { splits: [-180, -90, 0, 90, 180], filter: (_, ticks) => (options.height < 160 ? ticks.map((v) => (v % 180 ? null : v)) : ticks) } : {}), ...(options.compact ? {} : { label: kind.title }) },
         ],
-        bands: edges.every(Boolean) && !response.curves ? [{ series: edges, fill: shown[edges[0] - 1].fill }] : [],
+        bands: edges.every(Boolean) ? [{ series: edges, fill: shown[edges[0] - 1].fill }] : [],
         series: [{ label: "frequency" }, ...shown.map((curve) => ({
           label: curve.label,
           stroke: curve.points ? "transparent" : curve.color,

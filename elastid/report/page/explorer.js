@@ -1,4 +1,4 @@
-// The FRF matrix, or curves of other kinds: tabs of configurations, thumbnails that open large, hover or step for numbers, drag to zoom.
+// The FRF matrix: tabs of configurations, thumbnails that open large, hover or step for numbers, drag to zoom.
 "use strict";
 (() => {
   const root = document.getElementById("explorer");
@@ -75,7 +75,6 @@
     element.parentElement.hidden = n < 2;
     quantity.replaceChildren(...frf.quantities(response).map((each) => new Option(data.quantities[each].title, each)));
     if (frf.quantities(response).includes(kind)) quantity.value = kind;
-    scale.parentElement.hidden = Boolean(response.curves);
     draw();
   };
 

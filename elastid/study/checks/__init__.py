@@ -15,7 +15,6 @@ from elastid.study.checks.experiment import (
     check_configurations,
     check_count,
     check_design,
-    check_estimator,
     check_excitation,
     check_payload,
     check_simulated,
@@ -43,13 +42,10 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         yield from check_responses(study, experiment.responses, base)
     if study.robot is None:
         yield from check_structure(study)
-        if experiment.simulated is None:
-            yield from check_estimator(study)
         return
     yield from check_count(study)
     yield from check_configurations(study)
     yield from check_payload(study)
-    yield from check_estimator(study)
     yield from check_excitation(study)
     yield from check_design(study, base)
     if experiment.simulated is not None:
@@ -86,7 +82,8 @@ UNUSED: tuple[tuple[tuple[Kind, ...], tuple[str, ...]], ...] = (
     ((*_LOGS, *_RESPONSES, "friction-recorded"), tuple(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments"))),
     (_LOGS, tuple(f"{_FILES}.{key}" for key in ("joint", "purpose", "speed", "load", "temperature"))),
     (_RESPONSES, tuple(f"estimator.{key}" for key in (
-        "lines", "transient_periods", "outlier_sigma", "local_order", "window", "segment", "resolution_hz"))),
+        "lines", "friction", "transient_periods", "outlier_sigma", "local_order", "window", "segment",
+        "resolution_hz"))),
 )  # fmt: skip
 
 

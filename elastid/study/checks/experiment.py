@@ -169,29 +169,6 @@ def check_excitation(study: Study) -> Iterator[Problem]:
             )
 
 
-def check_estimator(study: Study) -> Iterator[Problem]:
-    """Records of periodic experiments with the motion of the motors, and more than one response explains."""
-    wanted, experiment, motors = study.estimator.friction, study.experiment, study.places.motor_locations
-    if wanted not in ("coulomb", "curve"):  # `auto` leaves friction alone where it cannot be found
-        return
-    recorded, simulated, excitation = experiment.recorded, experiment.simulated, study.excitation
-    is_shown = False
-    if recorded is not None:
-        outputs = {channel.at for channel in recorded.channels if channel.role == "y"}
-        inputs = {channel.at for channel in recorded.channels if channel.role == "u"}
-        is_shown = inputs <= outputs and all(recorded.period_of(file) is not None for file in recorded.files)
-    elif simulated is not None:
-        count = experiment.realisations * experiment.runs(len(motors))
-        is_shown = count > len(motors) or excitation is None or excitation.grid != "full"
-        is_shown = is_shown and (not simulated.outputs or {*motors} <= {*simulated.outputs})
-    if not is_shown:
-        text = (
-            "friction is found where periodic records hold the motion of every motor with a torque, in more "
-            "experiments than one response explains (two realisations, or an odd grid); measure so, or take none"
-        )
-        yield Problem(("estimator", "friction"), f"{wanted}: {text}")
-
-
 _DESIGN: KeyPath = ("design",)
 _CANDIDATES: KeyPath = ("design", "candidates")
 

@@ -9,7 +9,7 @@ from plants.lab_logs import RATE
 from plants.refusals import refused
 from plants.ros_bag import JOINTS, LogArrays, write_bag
 
-from elastid.app.work import file_hash
+from elastid.app.run import file_hash
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.formats import contents, read_channels
