@@ -116,5 +116,5 @@ def test_a_process_that_is_killed_in_each_stage_changes_no_byte(
     alone = study(tmp_path / kind, kind, tiny_texts)
     assert tuple(worked(alone, works(alone))) == works(alone)
     run = Run(alone.loaded, tmp_path / "run", 2, Console(-1))
-    assert stages_with_deaths(run, works(run), tmp_path, monkeypatch, "_by_processes") == PARALLEL[kind]
+    assert stages_with_deaths(run, works(run), tmp_path, monkeypatch, "_by_workers") == PARALLEL[kind]
     assert files(run.folder) == files(alone.folder)
