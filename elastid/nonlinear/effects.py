@@ -88,8 +88,7 @@ class Row:
     place: of an implicit effect and of the motion that it is a function of: of a gear its deflection.  number: of the
     sheet.  scales: that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the
     middle one; without any an effect has an order and is not implicit.  rivals: of which a joint has one, it apart.
-    brakes: its level cannot be negative: it takes energy, or is missing within a gap.  unit: of its level, link side;
-    N and m where a joint slides.
+    brakes: its level cannot be negative: it takes energy, or is missing within a gap.
     """
 
     place: Place
@@ -97,24 +96,23 @@ class Row:
     scales: tuple[float, ...] = ()
     rivals: tuple[Kind, ...] = ()
     brakes: bool = False
-    unit: str = "N*m"
 
 
 KINDS: dict[Kind, Row] = {
     "friction": Row("motor", SheetNumber("Fc_m", "running torque before the gear", "torque", "N*m"), (0.01, 0.08),
                     ("friction",), True),
     "load": Row("motor", SheetNumber("Fcl_m", "friction by load, of the gear's torque", "share", "1"), (0.01,),
-                ("load",), True, "1"),
+                ("load",), True),
     "behind": Row("link", SheetNumber("Fb_", "running torque behind the gear", "torque", "N*m"), (0.01,),
                   ("behind",), True),
-    "cubic": Row("gear", STIFFENING, (0.0,), SPRINGS, unit="N*m/rad^3"),
-    "progressive": Row("gear", STIFFENING, (0.0,), SPRINGS, unit="N*m/rad^2"),
-    "range": Row("gear", STIFFENING, (0.5, 1.0, 1.5), SPRINGS, unit="N*m/rad"),
-    "gap": Row("gear", LOST_MOTION, (0.1, 0.3), SPRINGS, True, "N*m/rad"),
+    "cubic": Row("gear", STIFFENING, (0.0,), SPRINGS),
+    "progressive": Row("gear", STIFFENING, (0.0,), SPRINGS),
+    "range": Row("gear", STIFFENING, (0.5, 1.0, 1.5), SPRINGS),
+    "gap": Row("gear", LOST_MOTION, (0.1, 0.3), SPRINGS, True),
     "stop": Row("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
     "bristle": Row("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
-    "error sine": Row("gear", ERROR, unit="rad"),
-    "error cosine": Row("gear", ERROR, unit="rad"),
+    "error sine": Row("gear", ERROR),
+    "error cosine": Row("gear", ERROR),
     "ripple sine": Row("motor", RIPPLE),
     "ripple cosine": Row("motor", RIPPLE),
 }  # fmt: skip
@@ -157,11 +155,6 @@ class GearEffect:
     def edge(self) -> GearEffect | None:
         """Change of the effect with its scale, of level f ds if that is wrong by ds; None where none is to be found."""
         return replace(self, is_edge=True) if self.scale and self.is_implicit else None
-
-    @property
-    def unit(self) -> str:
-        """Unit of the level."""
-        return self.row.unit
 
     @property
     def order(self) -> float:

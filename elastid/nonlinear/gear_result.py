@@ -128,11 +128,6 @@ class GearResult:
         bent = any(note.code == BENT_STILL for note in self.notes)
         return bool(self.effects) and not bent and self.after < EXPLAINED * self.before
 
-    @property
-    def std(self) -> FloatArray:
-        """Standard deviation (n_f,) of the levels."""
-        return np.sqrt(np.diag(self.covariance)[len(self.x) :])
-
     def level(self, kind: str, joint: str) -> float:
         """The sum of levels of a kind at a joint, 0 without any."""
         own = [(effect.kind, effect.joint) == (kind, joint) for effect in self.effects]

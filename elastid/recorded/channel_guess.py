@@ -63,7 +63,6 @@ class ChannelGuess:
     """One signal, its quantity and its unit (empty where unknown), and the reasons.
 
     rank: how much its name speaks for a measured signal.  sign: against its torque.  scale: of its numbers to the unit.
-    file: that it is in, of those of one measurement.
     """
 
     name: str
@@ -74,7 +73,6 @@ class ChannelGuess:
     why: str
     sign: int = 1
     scale: float = 1.0
-    file: int = 1
 
     @property
     def key(self) -> tuple[str, int | None]:
@@ -141,7 +139,7 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
     guesses = [guess_by_name(c.channel, c.column) for c in channels]
     for i, channel in enumerate(channels):
         for other in channels[:i]:
-            is_one = (channel.file, channel.channel, channel.column) == (other.file, other.channel, other.column)
+            is_one = (channel.channel, channel.column) == (other.channel, other.column)
             if is_one and channel.is_motion != other.is_motion and "t" not in (channel.role, other.role):
                 text = f"{channel.name_in_file} is the {other.quantity} at {other.at}, and cannot be the"
                 key = "channel" if channel.channel else "column"

@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.base.errors import DataError, Note, StudyError, did_you_mean
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -217,12 +217,7 @@ class _LogReader:
         return np.interp(first / self.recorded.known_rate_hz + time_s, read / rate_hz, degc[read])
 
     def _channels(self) -> tuple[ChannelSpec, ...]:
-        names = [joint.name for joint in self.robot.driven]
-        if not self.file.joint:
-            return self.recorded.channels
-        if self.file.joint not in names:
-            raise StudyError("study/recorded", f"{did_you_mean(self.file.joint, names)}", f"file {self.file.path}")
-        return tuple(c for c in self.recorded.channels if _joint_of(c) == self.file.joint)
+        return tuple(c for c in self.recorded.channels if self.file.joint in ("", _joint_of(c)))
 
     def _of_joints(
         self, signals: Signals, rate_hz: float, period: int | None, notes: tuple[Note, ...]

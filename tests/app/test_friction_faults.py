@@ -64,6 +64,8 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
         ),
         ({"thermometer": REFERENCE + CONTROLLER.replace("30", "-1")}, "a loop that holds a joint has a positive one"),
         ({"files": "      - {path: log.csv, load: full}"}, "files[0].load: no load is called 'full'; there are empty"),
+        ({"temperature": "yes"}, "friction.law.temperature: no log has a temperature"),
+        ({"files": "      - {path: log.csv, joint: 2}"}, "files[0].joint: no driven joint is called '2'"),
         ({"files": "      - {path: log.csv, speed: -1}"}, "speed is -1; it must be positive: passes go there and back"),
     ],
 )

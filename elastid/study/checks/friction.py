@@ -88,7 +88,7 @@ def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem
 
 
 def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
-    """Logs exist and names are known; `measure` says at once what rate, channels and joints lack."""
+    """Logs exist and names are known; `measure` says at once what rate and channels lack."""
     yield from check_files(study, recorded.files, _RECORDED, base)
     yield from check_channels(study, recorded.channels, _RECORDED)
     yield from _check_controller(study, recorded)
@@ -97,6 +97,12 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         yield Problem(("friction", "passes"), message, at_key=True)
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
+    known = [each.role == "t" for each in recorded.channels] + [each.temperature is not None for each in recorded.files]
+    if study.as_friction().law.temperature == "yes" and not any(known):
+        yield Problem(
+            ("friction", "law", "temperature"),
+            "no log has a temperature; add a channel of role t, or give files[].temperature",
+        )
     yield from _check_left_out(study, recorded)
 
 
@@ -128,6 +134,11 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
     loads = [load.name for load in study.as_friction().loads]
     if file.load and file.load not in loads:
         yield unknown((*path, "load"), "load", file.load, loads)
+    driven = [joint.name for joint in study.as_robot().driven]
+    if file.joint and file.joint not in driven:
+        yield unknown((*path, "joint"), "driven joint", file.joint, driven)
+    if file.ambient is not None and file.purpose != "warm_up":
+        yield Problem((*path, "ambient"), "the room's temperature is that of a warm-up; temperature is the joint's")
     recorded = study.experiment.as_recorded()
     if file.purpose != "at_rest" and recorded.period_of(file) is not None:
         message = (
