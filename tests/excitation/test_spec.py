@@ -56,6 +56,4 @@ def test_amplitudes_are_levels_that_are_measured_one_after_the_other() -> None:
     """Two amplitudes are two levels, each a multisine of its own; one amplitude is the multisine itself."""
     two = MultisineSpec(**{**KNOWN, "torque_rms": ((20.0, 5.0), (10.0, 2.5))})
     assert [two.at_level(level).levels for level in (1, 2)] == [((20.0, 5.0),), ((10.0, 2.5),)]
-    one = MultisineSpec(**KNOWN)
-    assert one.levels == ((20.0, 5.0),)
-    assert one.at_level(1) is one
+    assert MultisineSpec(**KNOWN).at_level(1).levels == ((20.0, 5.0),)
