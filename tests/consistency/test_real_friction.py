@@ -12,7 +12,7 @@ import pytest
 from plants.measured import with_records
 
 from elastid.app import cli
-from elastid.friction_study.extended_kalman_filter import FILTER, JointSamples, KalmanFilter, first_estimate
+from elastid.friction_study.extended_kalman_filter import FILTER, JointSamples, KalmanFilter
 from elastid.store.friction_study import read_filter, read_friction_records
 from elastid.study import load_robot
 
@@ -72,7 +72,7 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
         # Without doubts about what the filter holds.
         sure = replace(found.filtered, tolerances={})
         joint = replace(sure, bristle_stiffness=sure.coulomb / bend)
-        track = KalmanFilter(joint, found.rate_hz).run(samples, found.noise, first_estimate(joint, samples.angle[0]))
+        track = KalmanFilter(joint, found.rate_hz).run([samples], found.noise)
         unlikely[bend] = float(np.sum((np.log(track.variance) + track.nis)[1000:]))
         if bend < 5e-6:
             ends = [track.values(name)[-1] for name in ("f+", "f-")]
