@@ -91,6 +91,7 @@ def map_study(
         raise StudyError("options/invalid", str(error)) from None
 
     def work(fit: Result) -> Used:
+        """Map of the fitted robot, with what is written of it."""
         family, seed = family_of_map(with_gears(fit, gears_of(run)), frame), run.study.seed
         if path is not None:
             angles, remarks = read_path(path, family.robot, family.frame)
@@ -101,8 +102,7 @@ def map_study(
         else:
             angles = random_postures(family.robot, random or 1000, seed)
         lines = None if not band_hz else np.geomspace(band_hz[0], band_hz[1], 300)
-        is_path, name = path is not None, run.study.name
-        workspace = map_workspace(family, angles, cut, lines_hz=lines, name=name, is_path=is_path)
+        workspace = map_workspace(family, angles, cut, lines_hz=lines, name=run.study.name, is_path=path is not None)
         files = {
             "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
             "map.csv": lambda path: write_map_table(path, workspace),
@@ -182,6 +182,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
         raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
 
     def work(result: Result) -> Used:
+        """Loops of the fitted robot, with what is written of them."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         simulated = run.study.experiment.simulated
         own_delay = 0 if simulated is None else simulated.controller.delay_samples
@@ -195,14 +196,13 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
             "loops.yml": lambda path: write_text(path, loops_section(loops)),
             "loops.csv": lambda path: write_rows(path, gain_rows(loops)),
         }
-        warnings: tuple[str, ...] = ()
-        if loops.today is not None and (lost := unstable(loops.today)):
-            warnings = (
-                f"today's controller is unstable at {own_hz or hz:g} Hz in posture {', '.join(lost)}; take the "
-                f"gains of {run.folder / 'loops.yml'}",
-            )
-        answer = replace(answer_of_loops(loops), text=loops_section(loops))
-        return Used(answer, files, partial(loops_figure, loops), warnings=warnings)
+        lost = unstable(loops.today) if loops.today is not None else ()
+        warning = (
+            f"today's controller is unstable at {own_hz or hz:g} Hz in posture {', '.join(lost)}; take the gains of "
+            f"{run.folder / 'loops.yml'}"
+        )
+        answer, figure = replace(answer_of_loops(loops), text=loops_section(loops)), partial(loops_figure, loops)
+        return Used(answer, files, figure, warnings=(warning,) if lost else ())
 
     use_fit(run, "loops", work)
 

@@ -83,7 +83,7 @@ RIPPLE = SheetNumber("r", "ripple and cogging of the torque", "torque", "N*m")
 
 @dataclass(frozen=True)
 class Row:
-    """What all effects of a kind have in common.
+    """Properties that all effects of a kind have in common.
 
     place: of an implicit effect and of the motion that it is a function of: of a gear its deflection.  number: of the
     sheet.  scales: that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the
@@ -138,7 +138,7 @@ class GearEffect:
 
     @property
     def row(self) -> Row:
-        """What it has in common with its kind."""
+        """Row of its kind."""
         return KINDS[self.kind]
 
     @property

@@ -20,7 +20,7 @@ _GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")
 
 
 def answer_of_map(m: WorkspaceMap) -> Answer:
-    """Where the robot is soft, which springs limit it, the gain of each that were stiffer, and the softest postures."""
+    """Softness of the robot: where, by which springs, the gain of each that were stiffer, and the softest postures."""
     own, order = m["softest_compliance"], m.softest
     soft, stiff = int(order[0]), int(order[-1])
     where = ", ".join(number(float(c), 3) for c in m.position[soft])

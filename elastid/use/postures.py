@@ -48,7 +48,7 @@ def limits_of(robot: Robot) -> FloatArray:
 
 
 def beyond_limits(robot: Robot, angles: FloatArray) -> BoolArray:
-    """Which angles (Q, n_u) are beyond the limits of their joints, where these have some."""
+    """True (Q, n_u) of angles beyond the limits of their joints, where these have some."""
     low, high = np.array([joint.limits.angle for joint in robot.driven], float).T
     return np.asarray((angles < low - 1e-9) | (angles > high + 1e-9))
 

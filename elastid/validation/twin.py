@@ -329,7 +329,7 @@ class TwinPlant:
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """What moves a twin: commands and gains of its loops, from q (n_q,) or the rest, motors at a velocity (n_u,)."""
+    """Drive of a twin: commands and gains of its loops, from q (n_q,) or the rest, motors at a velocity (n_u,)."""
 
     commands: Commands
     gains: Gains

@@ -46,7 +46,7 @@ class CascadeSpec:
 
     @property
     def spec(self) -> ControllerSpec:
-        """The same as the controller of a simulated rig, which feeds all velocity forward."""
+        """Controller of a simulated rig with these gains, which feeds all velocity forward."""
         return ControllerSpec(
             kind="cascade", gains=GainsSpec(self.position_gain, self.velocity_gain, self.integral_time)
         )

@@ -114,7 +114,7 @@ class Closed:
 
     @cached_property
     def stable(self) -> BoolArray:
-        """Which loops (N,) are stable."""
+        """True (N,) of loops that are stable."""
         poles = closed_loop_poles(self.scene.plants, self.gains, self.filters)
         return np.asarray(np.abs(poles).max(axis=1) < STABLE)
 
