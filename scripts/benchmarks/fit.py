@@ -175,14 +175,12 @@ def kernel_times(
     plain: without compiled loops.  inertial: INERTIAS free, too, compiled, plain, and
     compiled and linearised again at every x, as the search does it.
     """
-    theta, x, more = fit.parameters.theta, fit.parameters.x, inertial[0].parameters.x
+    x, more = fit.parameters.x, inertial[0].parameters.x
     points = sum(len(part.measured) for part in fit.parts)
     return in_turn(
         {
             BARE: bare_solves(fit),
             FLOOR: flop_floor(points),
-            "responses": lambda: [part.kernel.response(theta) for part in fit.parts],
-            "responses and derivatives": lambda: [part.kernel.evaluate(theta) for part in fit.parts],
             EVALUATION: lambda: fit.rough(x),
             PLAIN: lambda: plain.rough(x),
             "the same, normal matrix in double": lambda: fit.evaluate(x),
@@ -337,16 +335,15 @@ def print_table(title: str, headings: Sequence[str], rows: dict[str, Sequence[st
 
 def of_passes(kernel: dict[str, float]) -> dict[str, float]:
     """The figures of single passes that texts quote."""
-    return {
-        "kernel_over_solve": round(kernel["responses and derivatives"] / kernel[BARE], 2),
-        "evaluation_over_solve": round(kernel[EVALUATION] / kernel[BARE], 2),
-        "evaluation_over_floor": round(kernel[EVALUATION] / kernel[FLOOR], 2),
-        "numpy_evaluation_over_solve": round(kernel[PLAIN] / kernel[BARE], 2),
-        "numpy_evaluation_over_floor": round(kernel[PLAIN] / kernel[FLOOR], 2),
-        "inertial_evaluation_over_floor": round(kernel[INERTIAL] / kernel[FLOOR], 2),
-        "numpy_inertial_evaluation_over_floor": round(kernel[PLAIN_INERTIAL] / kernel[FLOOR], 2),
-        "relinearised_evaluation_over_floor": round(kernel[RELINEARISED] / kernel[FLOOR], 2),
+    rows = {
+        "evaluation": EVALUATION,
+        "numpy_evaluation": PLAIN,
+        "inertial_evaluation": INERTIAL,
+        "numpy_inertial_evaluation": PLAIN_INERTIAL,
+        "relinearised_evaluation": RELINEARISED,
     }
+    peers = {"solve": BARE, "floor": FLOOR}
+    return {f"{row}_over_{peer}": round(kernel[rows[row]] / kernel[peers[peer]], 2) for row in rows for peer in peers}
 
 
 def of_fits(casadi: float, ratios: dict[str, list[float]], spread: float) -> dict[str, float]:

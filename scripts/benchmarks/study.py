@@ -4,8 +4,8 @@
 
 The KR 300 with twelve springs (18 coordinates) in ten postures: 120 records of 8 s at 500 Hz with Coulomb friction, a
 carrier and noise, 116 lines, 30 unknowns from 20 starts, one posture left out, by one process. CPU time of its children
-is included, and all of it over a fixed mixture of FFT, products of matrices and Python (all_over_work). The last line
-is one JSON object; last_run.json has that of the last run.
+is included, and all of it over a fixed mixture of FFT, products of matrices, copies and Python (all_over_work). The
+last line is one JSON object; last_run.json has that of the last run.
 
 Measured, in CPU seconds on two cores: 36 (all_s) in all; design 3 (design_s), measure 9 (measure_s), estimate 8
 (estimate_s), fit 9 (fit_s), validate 4 (validate_s), report 4.5 (report_s).

@@ -31,13 +31,15 @@ def in_turn(functions: Mapping[str, Callable[[], object]], repeats: int) -> dict
 
 
 def bare_work_s() -> float:
-    """CPU time of a fixed mixture of FFT, products of matrices and Python: the unit of whole programs on a machine."""
+    """CPU time of a fixed mixture of FFT, products of matrices, copies and Python: a unit for programs on a machine."""
+    far = np.zeros(1 << 24)  # 128 MB, in no cache: machines differ most in how fast memory is
     x = np.random.default_rng(0).standard_normal((6, 1 << 18))
     A = x[:, :15000].reshape(-1, 150, 150) + 0j
 
     def work() -> None:
         np.fft.rfft(x, axis=1)
         A @ A
+        far.copy()
         sum(i * i for i in range(1_000_000))
 
     return cpu_seconds(work, 9)
