@@ -26,7 +26,6 @@ from elastid.nonlinear.levels import (
     choose,
     covariance,
     find_levels,
-    narrowed,
     normal_equations,
     refined,
     shares,
@@ -88,8 +87,8 @@ def _found(
     choice, picked = choose(data, shapes, places, spec.friction == "auto")
     found, friction = _Found(records[0], spec, [spectra.with_shapes(picked) for spectra in data], choice), None
     if choice.shapes:
-        ladder = refined(choice, found.levels, places)
-        between = found.with_ladder(ladder, gathered(measured[:few], ladder.shapes, found.result))
+        near = refined(choice, found.levels, places, found.velocity_noise)
+        between = replace(found, choice=near, data=gathered(measured[:few], near.shapes, found.result))
         pairs = [[each.result.sliding_level(place)[0] for each in (between, found)] for place in places]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
         is_near = all(abs(level - other) <= SIGN_ERROR * level for level, other in pairs)
@@ -148,12 +147,10 @@ class _Found:
         """Levels (n_f,)."""
         return self.sums[0]
 
-    def with_ladder(self, ladder: Choice, data: Sequence[ConfigurationSpectra]) -> _Found:
-        """Search with those shapes of a refined choice, found in `data`, that are next to what it shows."""
-        levels, _ = find_levels(data, ladder.motor_of)
-        noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in data], axis=0))
-        choice, kept = narrowed(ladder, levels, noise)
-        return replace(self, choice=choice, data=[spectra.with_shapes(kept) for spectra in data])
+    @property
+    def velocity_noise(self) -> FloatArray:
+        """Standard deviation (n_m,) of the noise in the motions."""
+        return np.asarray(np.sqrt(np.mean([each.velocity_noise**2 for each in self.data], axis=0)))
 
     @cached_property
     def result(self) -> FrictionTakenOut:
@@ -171,7 +168,6 @@ class _Found:
             after=equations.level,
             kept_share=np.where(np.isin(np.arange(len(first.inputs)), choice.motor_of), left, choice.kept_share),
             accelerance=self._accelerance(),
-            highest_hz=np.array([spectra.freq_hz[spectra.excited][-1] for spectra in self.data]),
         )
         return replace(result, notes=_notes(result))
 
@@ -256,7 +252,6 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
         after=np.zeros((0, n_m)),
         kept_share=np.ones(n_m),
         accelerance=np.zeros(n_m),
-        highest_hz=np.zeros(0),
         notes=(note,) if why else (),
     )
 

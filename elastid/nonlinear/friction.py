@@ -167,17 +167,14 @@ def path_of(record: Record, motion: Motion) -> Path:
     return Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
 
 
-def motion_under(record: Record, place: str, taken: Taken, a: float, highest_hz: float) -> Motion:
-    """The motion of a motor under friction that was found.
-
-    a: acceleration per torque above the highest excited line; 0 where unknown.
-    """
+def motion_under(record: Record, place: str, taken: Taken, a: float) -> Motion:
+    """The motion of a motor under friction that was found; a: its acceleration per torque, 0 where unknown."""
     motion = motion_of(record, place)
     if a == 0:
         return motion
     n, channel = whole_samples(record), record.inputs.index(place)
     s = laplace(n // 2 + 1, n, record.rate_hz)
-    by_inertia = np.divide(a, s**2, out=np.zeros_like(s), where=s.imag > 2 * np.pi * highest_hz)
+    by_inertia = np.divide(a, s**2, out=np.zeros_like(s), where=s != 0)
     torque = hold_of(record)[:, channel] * rfft(record.u[:n, channel])
     for _ in range(2):
         friction = spectrum(rfft(friction_means(record, motion, taken).ravel()), n)
@@ -212,7 +209,6 @@ class FrictionTakenOut:
     median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
     of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
     accelerance (n_m,): acceleration per torque a of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
-    highest_hz (C,): the highest excited line, above which a motor moves so.
     notes: what was taken out of which motor, or why nothing was.
     """
 
@@ -226,7 +222,6 @@ class FrictionTakenOut:
     after: FloatArray = labelled("the same with friction taken out", "N*m", "configurations places")
     kept_share: FloatArray = labelled("share of its power left in other realisations", "", "places")
     accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
-    highest_hz: FloatArray = labelled("highest excited line", "Hz", "configurations")
     notes: tuple[Note, ...] = field(default=())
 
     @property
@@ -262,7 +257,7 @@ class FrictionTakenOut:
     def motion(self, record: Record, place: str) -> Motion:
         """The motion of a motor under its friction."""
         a = float(self.accelerance[self.places.index(place)])
-        return motion_under(record, place, self.taken_shapes(place), a, float(self.highest_hz.max()))
+        return motion_under(record, place, self.taken_shapes(place), a)
 
     def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
         of_place = np.array([shape.place == place for shape in self.shapes])

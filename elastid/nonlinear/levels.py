@@ -10,16 +10,15 @@ configurations. (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973; Kaufman, BIT 
 
 Shapes are chosen by cross-validation over realisations. Candidates are on the scale of the motors' own motion; one is
 taken out only where it pays. Signs are tried at speeds a factor 2 apart. Where friction turns over a speed between two
-of them, both together come out as friction that is 0.1 to 0.2 % too large in sliding; two that are near each other, and
-near the speed at which it turns (`refined`, `narrowed`), leave a tenth of that.
+of them, both together come out as friction that is 0.1 to 0.2 % too large in sliding; two near their mean leave a tenth
+of that (`refined`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -141,9 +140,6 @@ def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
 class Limits:
     """Thresholds of the choice of shapes."""
 
-    # Of what a sign has, the share of a shape's power that is not linear, at least: a sign in a multisine has 0.36 to
-    # 0.6, beside slow lines of great power, such as those of a carrier, 0.02 and less; a stop longer than the motion 0.
-    part_of_sign: float = 0.14
     left_share: float = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
     # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.25 of a motor that never
     # sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes levels right in
@@ -180,8 +176,8 @@ def choose(
     """Shapes by cross-validation, and the candidates (n,) that they are."""
     motor_of = _motors(candidates, places)
     _, equations = find_levels(data, motor_of)
-    own = telling_shapes(data, motor_of)
-    choices = [choose_shapes(equations, i, members, _rivals(candidates)) for i, members in enumerate(own)]
+    every = [np.flatnonzero(motor_of == i) for i in range(len(places))]
+    choices = [choose_shapes(equations, i, own, _rivals(candidates)) for i, own in enumerate(every)]
     choices = [each if not auto or each[1] <= LIMITS.left_share else (each[0][:0], 1.0) for each in choices]
     chosen, left = np.concatenate([own for own, _ in choices]), np.array([left for _, left in choices])
     return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
@@ -196,24 +192,12 @@ def _rivals(shapes: Sequence[Shape]) -> IntArray:
     return np.flatnonzero([shape.kind == "stribeck" for shape in shapes])
 
 
-def telling_shapes(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
-    """Shapes of each motor whose level distortion shows; others are a spring or a damper of the response.
-
-    The first of a motor is Coulomb friction.
-    """
-    share = np.mean([configuration.nonlinear_share() for configuration in data], axis=0)
-    every = [np.flatnonzero(motor_of == i) for i in np.unique(motor_of)]
-    return [own[share[own] > LIMITS.part_of_sign * share[own[0]]] for own in every]
-
-
 # Speeds over which a sign turns, over the RMS speed.
 _TURNING = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
 # Stribeck velocities, over the RMS speed; the fall over larger ones is that of a viscous friction.
 _FALLING = tuple(0.1 * 2 ** (i / 2) for i in range(8))
-# About the chosen one: F_c is up to 2 % off where its velocity is that of a neighbour of the above.
-_FALLING_NEAR = tuple(2 ** (i / 6) for i in range(-3, 4))
-# Over the speed at which the chosen signs turn in the mean: to an eighth of it, since the samples blurred the turn.
-_LADDER = tuple(1.1 ** (1 - 2 * i) for i in range(11, -1, -1))
+# Over the mean speed of those that were found: F_c is up to 2 % off where the velocity is that of a neighbour.
+_NEAR: dict[Kind, tuple[float, ...]] = {"sign": (0.9, 1.1), "stribeck": (0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4)}
 # Distances over which a bristle bends, over the median distance between reversals. A much longer one is a spring, which
 # is part of the response. Steps of 2 instead of its root leave k up to four times as far off under LuGre.
 _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
@@ -265,8 +249,7 @@ def choose_shapes(
 ) -> tuple[IntArray, float]:
     """The shapes of a motor, added one at a time as long as another pays; and the share of the power that they leave.
 
-    rivals: those of which it has one at most, beside others.  The first candidate is Coulomb friction: it goes where
-    others explain its part.
+    rivals: those of which it has one at most, beside others.
     """
 
     def power(members: list[int]) -> float:
@@ -283,18 +266,7 @@ def choose_shapes(
     total = power([])
     chosen, left = greedy(larger, power, pays)
     share = left / total if total > 0 else 1.0
-    return _without_needless(equations, motor, np.array(sorted(chosen), dtype=np.int64), rivals, left), share
-
-
-def _without_needless(
-    equations: NormalEquations, motor: int, chosen: IntArray, rivals: IntArray, left: float
-) -> IntArray:
-    """Shapes without those that others have made needless."""
-    for i in chosen.tolist():
-        rest, most = chosen[chosen != i], (1 + SLIGHT / 2) * left
-        if not np.isin(rest, rivals).all() and kept_power(equations, motor, rest) <= most:
-            return _without_needless(equations, motor, rest, rivals, left)
-    return chosen
+    return np.array(sorted(chosen), dtype=np.int64), share
 
 
 def shares(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
@@ -304,53 +276,28 @@ def shares(equations: NormalEquations, motors: int, motor_of: IntArray) -> Float
     return np.array([left / total if total > 0 else 1.0 for left, total in powers])
 
 
-def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice:
-    """The choice with signs instead of the chosen gradual ones, from a little over their mean speed down.
-
-    Instead of a chosen Stribeck curve there are some of neighbouring velocities.
-
-    levels (n_f,): found so far, along the motion of the samples, whose noise makes signs turn more gradually.
-    """
-    shapes: list[Shape] = []
-    for place in places:
-        own = [(shape, f) for shape, f in zip(choice.shapes, levels.tolist(), strict=True) if shape.place == place]
-        near = [*_near([(shape.threshold, f) for shape, f in own if shape.kind == "sign" and f > 0], place)]
-        curves = [shape for shape, f in own if shape.kind == "stribeck" and f > 0]
-        near += [replace(shape, threshold=shape.threshold * part) for shape in curves for part in _FALLING_NEAR]
-        mended = {shape.kind for shape in near}
-        shapes += [*near, *(shape for shape, _ in own if shape.kind not in mended)]
-    return Choice(tuple(shapes), _motors(shapes, places), choice.kept_share)
-
-
-def _near(signs: list[tuple[float, float]], place: str) -> list[Shape]:
-    """Signs up to the mean speed of those that were found (speed, level); none where they are far from each other."""
-    gradual = [speed for speed, _ in signs if speed > 0]
-    if not gradual or max(gradual) > _LADDER[-1] * 2 * min(gradual):  # of two candidates that are not next to another
-        return []
-    mean = sum(speed * level for speed, level in signs) / sum(level for _, level in signs)
-    return [Shape(place, "sign"), *(Shape(place, "sign", part * mean) for part in _LADDER)]
-
-
-def narrowed(choice: Choice, levels: FloatArray, velocity_noise: FloatArray) -> tuple[Choice, IntArray]:
-    """The choice with those two of a motor's refined shapes next to their mean speed, and its shapes (n,) of before.
+def refined(choice: Choice, levels: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Choice:
+    """The choice with signs, and Stribeck curves, of a motor near the mean speed of those that were found.
 
     A sign turns over the square root of D^2 - (c sigma)^2, D being the mean speed that fits and sigma (n_m,) the
     velocity_noise: along a noisy motion friction that jumps seems to turn, and its level in sliding is too large.
+    Signs that are far from each other stay.
     """
-    kept = np.ones(len(choice.shapes), dtype=np.bool_)
-    refined_from = {"sign": len(_LADDER), "stribeck": 2}
-    for motor, kind in product(np.unique(choice.motor_of), refined_from):
-        same = [i for i in range(len(kept)) if choice.motor_of[i] == motor and choice.shapes[i].kind == kind]
-        if len(same) >= refined_from[kind]:
-            speeds, own = np.array([choice.shapes[i].threshold for i in same]), levels[same]
-            mean = float(own @ speeds / max(float(own.sum()), 1e-300))
+    shapes: list[Shape] = []
+    for place, noise in zip(places, velocity_noise.tolist(), strict=True):
+        own = [(shape, f) for shape, f in zip(choice.shapes, levels.tolist(), strict=True) if shape.place == place]
+        for kind, near in _NEAR.items():
+            same = [(shape.threshold, f) for shape, f in own if shape.kind == kind and f > 0]
+            gradual = [speed for speed, _ in same if speed > 0]
+            if not gradual or max(gradual) > 3 * min(gradual):
+                continue
+            mean = sum(speed * f for speed, f in same) / sum(f for _, f in same)
             if kind == "sign":
-                mean = math.sqrt(max(mean**2 - (LIMITS.blur * velocity_noise[motor]) ** 2, 0.0))
-            first = int(np.clip(np.searchsorted(speeds, mean) - 1, 0, len(same) - 2))
-            kept[same] = False
-            kept[same[first : first + 2]] = True
-    places = np.flatnonzero(kept)
-    return Choice(tuple(choice.shapes[i] for i in places), choice.motor_of[places], choice.kept_share), places
+                mean = math.sqrt(max(mean**2 - (LIMITS.blur * noise) ** 2, 0.0))
+            own = [(shape, f) for shape, f in own if shape.kind != kind]
+            own += [(Shape(place, kind, part * mean), 0.0) for part in (near if mean else near[:1])]
+        shapes += [shape for shape, _ in own]
+    return Choice(tuple(shapes), _motors(shapes, places), choice.kept_share)
 
 
 def by_unknown_shapes(choice: Choice, levels: FloatArray) -> FloatArray:

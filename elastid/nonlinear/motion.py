@@ -20,6 +20,7 @@ VELOCITY_NOISE = 0.04
 # Above which lines of the period are filtered as others are: below, friction moves the motor a little at all of them.
 _NOISY = VELOCITY_NOISE / 4
 NEIGHBOURS = 9  # lines over which powers are averaged
+_KNOWN = 1 - 1 / NEIGHBOURS  # share of a line's power that is not noise, which noise alone never seems to have
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ class Motion:
 def motion_of(record: Record, place: str, by_torque: ComplexArray | None = None) -> Motion:
     """The motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
 
-    by_torque: DFT (n // 2 + 1,) of its angle by what is known of its torque, in place of what is noise.
+    by_torque: DFT (n // 2 + 1,) of its angle by what is known of its torque as an inertia, in place of what is noise
+    above the last line that is known.
     """
     n, order = whole_samples(record), MOTION_ORDER[record.quantities[record.outputs.index(place)]]
     Y, start, gain = own_spectrum(record, place)
@@ -76,7 +78,8 @@ def motion_of(record: Record, place: str, by_torque: ComplexArray | None = None)
     s = laplace(len(Y), n, record.rate_hz)
     velocity = integrated(share * Y, s, order - 1)
     if by_torque is not None:
-        velocity += (1 - share) * s * by_torque
+        first = 1 + int(np.flatnonzero(share > _KNOWN).max(initial=0))
+        velocity[first:] += ((1 - share) * s * by_torque)[first:]
     if order != 1:
         velocity[0] = gain * record.rate_hz  # a mean velocity is the gain of the angle
     x = irfft(velocity, n * CELLS) * CELLS

@@ -139,7 +139,6 @@ FRICTION = FrictionTakenOut(
     after=np.ones((1, 2)),
     kept_share=np.ones(2),
     accelerance=np.zeros(2),
-    highest_hz=np.array([60.0]),
 )
 
 

@@ -14,12 +14,9 @@ from elastid.nonlinear.levels import (
     NormalEquations,
     by_unknown_shapes,
     choose_shapes,
-    narrowed,
     refined,
     solve,
-    telling_shapes,
 )
-from elastid.nonlinear.spectra import ConfigurationSpectra
 
 EVERY, NONE = np.arange(3), np.arange(0)
 F_C = 9.0
@@ -75,30 +72,6 @@ def test_a_stribeck_curve_is_not_chosen_alone() -> None:
     assert alone.tolist() == []
 
 
-def on_a_carrier(power: float) -> ConfigurationSpectra:
-    """Three experiments of one motor whose slowest line, alike in all, has `power` times that of the others.
-
-    Two shapes: a sign, of which no response explains half at the other lines, and a spring, which one explains.
-    """
-    rng = np.random.default_rng(0)
-    U, others = rng.standard_normal((2, 20, 1, 3)) + 1j * rng.standard_normal((2, 20, 1, 3))
-    U[0] = others[0] = 1
-    size = np.where(np.arange(20) == 0, np.sqrt(power), 1.0)[:, None, None]
-    Phi = size * np.concatenate([U + others, U], axis=1)
-    lines = np.arange(2, 22)
-    return ConfigurationSpectra(
-        lines, lines / 2.0, np.ones(20, bool), size * U, size * U, Phi, np.arange(3),
-        np.zeros(1),
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize("power", [1.0, 1e3])
-def test_friction_is_told_from_a_spring_beside_a_carrier(power: float) -> None:
-    """Most of a sign's power is then at the carrier's line, where it is in proportion to the torque."""
-    (own,) = telling_shapes([on_a_carrier(power)], np.zeros(2, np.int64))
-    assert own.tolist() == [0]
-
-
 PLACES = ("motor 1", "motor 2")
 QUIET = np.zeros(2)
 
@@ -107,33 +80,21 @@ def choice_of(shapes: Sequence[Shape]) -> Choice:
     return Choice(tuple(shapes), np.array([PLACES.index(shape.place) for shape in shapes]), np.ones(2))
 
 
+def fitted(shapes: Sequence[Shape], v: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    X = np.stack([shape.sliding(v) for shape in shapes], axis=1)
+    return solve(X.T @ X, X.T @ truth)
+
+
 def test_two_signs_of_the_grid_become_two_close_ones_about_their_mean() -> None:
     """tanh(v / 1e-3), tried at 0.93e-3 and 1.87e-3: in sliding, these two fitted are off, the close ones by less
     than a quarter of that."""
     v = np.random.default_rng(1).normal(0, 0.05, 20000)
     truth = 90 * np.tanh(v / 1e-3)
-
-    def fitted(shapes: Sequence[Shape]) -> np.ndarray:
-        X = np.stack([shape.sliding(v) for shape in shapes], axis=1)
-        return solve(X.T @ X, X.T @ truth)
-
     tried = [Shape("motor 1", "sign", 0.93e-3), Shape("motor 1", "sign", 1.87e-3)]
-    levels = fitted(tried)
-    ladder = refined(choice_of(tried), levels, PLACES)
-    near, kept = narrowed(ladder, fitted(ladder.shapes), QUIET)
-    assert near.shapes == tuple(ladder.shapes[i] for i in kept)
-    assert near.shapes[0].threshold < 1e-3 < near.shapes[1].threshold < 1.22 * near.shapes[0].threshold
-    assert abs(levels.sum() - 90) > 4 * abs(fitted(near.shapes).sum() - 90)
-
-
-def test_a_turn_that_noise_had_blurred_is_found_below_the_signs_that_were_tried() -> None:
-    """tanh(v / 3e-4) behind a sign that turns over 1e-3; one of an ideal sign at the slowest two."""
-    v = np.random.default_rng(1).normal(0, 0.05, 20000)
-    ladder = refined(choice_of([Shape("motor 1", "sign", 1e-3)]), np.ones(1), PLACES)
-    X = np.stack([shape.sliding(v) for shape in ladder.shapes], axis=1)
-    for speed, slow, fast in ((3e-4, 2.4e-4, 3.7e-4), (1e-6, 0.0, 1.4e-4)):
-        near, _ = narrowed(ladder, solve(X.T @ X, X.T @ np.tanh(v / speed)), QUIET)
-        assert slow <= near.shapes[0].threshold < near.shapes[1].threshold <= fast
+    levels = fitted(tried, v, truth)
+    near = refined(choice_of(tried), levels, PLACES, QUIET).shapes
+    assert near[0].threshold < 1e-3 < near[1].threshold < 1.3 * near[0].threshold
+    assert abs(levels.sum() - 90) > 4 * abs(fitted(near, v, truth).sum() - 90)
 
 
 @pytest.mark.parametrize("speed", [0.0, 2e-3])
@@ -142,12 +103,10 @@ def test_friction_that_jumps_does_not_turn_by_the_noise_of_a_velocity(speed: flo
     rng = np.random.default_rng(1)
     v = rng.normal(0, 0.05, 200000)
     seen, truth = v + rng.normal(0, 5e-4, v.shape), Shape("motor 1", "sign", speed).sliding(v)
-    ladder = refined(choice_of([Shape("motor 1", "sign", 2.5e-3)]), np.ones(1), PLACES)
-    X = np.stack([shape.sliding(seen) for shape in ladder.shapes], axis=1)
-    as_seen, corrected = (
-        narrowed(ladder, solve(X.T @ X, X.T @ truth), noise)[0].shapes for noise in (QUIET, QUIET + 5e-4)
-    )
-    assert corrected[0].threshold <= speed <= 1.1 * corrected[1].threshold
+    tried = [Shape("motor 1", "sign", 5e-4 * 2**i) for i in range(4)]
+    levels = fitted(tried, seen, truth)
+    as_seen, corrected = (refined(choice_of(tried), levels, PLACES, noise).shapes for noise in (QUIET, QUIET + 5e-4))
+    assert 0.9 * corrected[0].threshold <= speed <= 1.1 * corrected[-1].threshold
     assert as_seen[0].threshold > 5e-4
 
 
@@ -159,20 +118,16 @@ def test_bristles_and_other_motors_stay_as_they_are() -> None:
         Shape("motor 1", "bristle", 3e-4),
         Shape("motor 2", "sign", 0.0),
     ]
-    ladder = refined(choice_of(shapes), np.array([5.0, 0.0, 1.0, 2.0]), PLACES)
-    at_the_top = np.where([shape.kind == "sign" for shape in ladder.shapes], 0.0, 1.0)
-    at_the_top[11:13] = 1.0
-    found, _ = narrowed(ladder, at_the_top, QUIET)
-    assert [shape.kind for shape in found.shapes] == ["sign", "sign", "bristle", "sign"]
-    assert found.shapes[2:] == (shapes[2], shapes[3])
-    np.testing.assert_allclose([shape.threshold for shape in found.shapes[:2]], 1e-3, rtol=0.11)
+    bristle, *signs, ideal = refined(choice_of(shapes), np.array([5.0, 0.0, 1.0, 2.0]), PLACES, QUIET).shapes
+    assert (bristle, ideal) == tuple(shapes[2:])
+    np.testing.assert_allclose([shape.threshold for shape in signs], 1e-3, rtol=0.11)
 
 
 @pytest.mark.parametrize("speeds", [(1e-3, 4e-3), (0.0,)])
 def test_signs_far_apart_and_ideal_ones_are_left_alone(speeds: tuple[float, ...]) -> None:
     """They turn over more than one speed, or over none."""
     shapes = [Shape("motor 2", "sign", speed) for speed in speeds]
-    found = refined(choice_of(shapes), np.ones(len(shapes)), PLACES)
+    found = refined(choice_of(shapes), np.ones(len(shapes)), PLACES, QUIET)
     assert found.shapes == tuple(shapes)
 
 
@@ -180,19 +135,10 @@ def test_a_stribeck_velocity_between_those_that_were_tried_is_found() -> None:
     """F_c is 1 % off with the neighbour's velocity, by less than a tenth of that with two about its own."""
     v = np.random.default_rng(1).normal(0, 0.05, 20000)
     truth = 90 * np.sign(v) + 30 * np.sign(v) * np.exp(-((v / 0.01) ** 2))
-
-    def fitted(shapes: Sequence[Shape]) -> np.ndarray:
-        X = np.stack([shape.sliding(v) for shape in shapes], axis=1)
-        return solve(X.T @ X, X.T @ truth)
-
     tried = [Shape("motor 1", "sign"), Shape("motor 1", "stribeck", 0.0135)]
-    levels = fitted(tried)
-    ladder = refined(choice_of(tried), levels, PLACES)
-    near, _ = narrowed(ladder, fitted(ladder.shapes), QUIET)
-    of_near = dict(zip(near.shapes, fitted(near.shapes), strict=True))
-    speeds = sorted(shape.threshold for shape in near.shapes if shape.kind == "stribeck")
-    assert speeds[0] < 0.01 < speeds[1]
-    F_c = sum(level for shape, level in of_near.items() if shape.kind == "sign")
+    levels = fitted(tried, v, truth)
+    near = refined(choice_of(tried), levels, PLACES, QUIET).shapes
+    F_c = sum(level for shape, level in zip(near, fitted(near, v, truth), strict=True) if shape.kind == "sign")
     assert abs(levels[0] - 90) > 0.5
     assert abs(F_c - 90) < 0.1 * abs(levels[0] - 90)
 

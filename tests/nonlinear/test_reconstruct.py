@@ -42,7 +42,7 @@ def simulated() -> tuple[Record, np.ndarray]:
 def friction_of(accelerance: float) -> FrictionTakenOut:
     return FrictionTakenOut(
         ("motor 1",), ("N*m",), (Shape("motor 1", "sign"),), np.array([COULOMB]), np.eye(1), ("c",), np.ones((1, 1)),
-        np.ones((1, 1)), np.ones(1), np.array([accelerance]), np.array([12.5]),
+        np.ones((1, 1)), np.ones(1), np.array([accelerance]),
     )  # fmt: skip
 
 

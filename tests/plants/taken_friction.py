@@ -24,7 +24,6 @@ def taken_friction(bristle: bool = True) -> FrictionTakenOut:
         after=np.array([[0.11, 0.62], [0.13, 0.64]]),
         kept_share=np.array([0.0321, 0.98]),
         accelerance=np.array([0.2, 0.3]),
-        highest_hz=np.array([30.0, 30.0]),
         notes=(
             Note("nonlinear/friction-taken-out", "friction was taken out", "motor 1", "information"),
             Note("nonlinear/friction-left", LEFT, "motor 2", "information"),

@@ -158,7 +158,7 @@ def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
     friction = taken_friction()
     refused = replace(
         friction, shapes=(), levels=friction.levels[:0], covariance=friction.covariance[:0, :0], configurations=(),
-        before=friction.before[:0], after=friction.after[:0], highest_hz=friction.highest_hz[:0],
+        before=friction.before[:0], after=friction.after[:0],
         notes=friction.notes[1:],
     )  # fmt: skip
     text = page(refused)
