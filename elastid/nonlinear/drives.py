@@ -27,7 +27,7 @@ from elastid.base.errors import DataError
 from elastid.fit.problem.elastic import kernel_of, linear_model
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
-from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import factor
 from elastid.model.closed_posture import open_loops
@@ -184,22 +184,6 @@ def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLi
         arm[: reach + 1] = geometric_torques(robot, lines.configuration, motion, lines.s[:reach])
         Y[:reach] = lines.Y[:reach] + sensor * (drive.C @ H @ links.T @ arm[1 : reach + 1])
     return replace(lines, Y=Y, arm=arm)
-
-
-def arm_distortion(lines: PeriodLines, inputs: Sequence[str], robot: Robot) -> ComplexArray:
-    """Angles (F, n_u, M) of the motors `inputs` by tau_g, to first order, up to the highest excited line.
-
-    Of a robot with the numbers of its file.
-    """
-    model, top = formulate(robot), int(np.flatnonzero(lines.excited)[-1]) + 1
-    linear = linearise(model, lines.configuration, np.array(model.theta), robot.motor_locations, "position")
-    order = [robot.motor_locations.index(place) for place in inputs]
-    s, C, Z = lines.s[:top, None, None], linear.C[order], np.eye(model.n_q) if linear.Z is None else linear.Z
-    H, links = np.linalg.inv(s**2 * linear.M + s * linear.D + linear.K), Z[list(robot.driven_indices)]
-    of_motors = H @ linear.B[:, order]
-    motion = links @ of_motors @ np.linalg.inv(C @ of_motors) @ lines.Y[:top]
-    tau = geometric_torques(robot, lines.configuration, motion, lines.s[:top])[1:]
-    return np.asarray(-C @ H @ links.T @ tau, np.complex128)
 
 
 def _signals(X: ComplexArray) -> FloatArray:

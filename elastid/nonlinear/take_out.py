@@ -124,16 +124,23 @@ def _arm_variance(
     planned_lines: IntArray | None,
     robot: Robot | None,
 ) -> FloatArray | float:
-    """Variance (F, n_y, n_u) of G by the arm that swings about its posture, in rows of motors; 0 where not known."""
-    from elastid.nonlinear.drives import arm_distortion  # brings CasADi
+    """Variance (F, n_y, n_u) of G by the arm that swings about its posture, in rows of motors; 0 where not known.
+
+    Of a robot with the numbers of its file.
+    """
+    from elastid.fit.parameter_choice import choose  # these bring CasADi
+    from elastid.fit.spec import FitSpec
+    from elastid.linear.linearise import Linearisation
+    from elastid.nonlinear.drives import drive_lines, without_arm
     from elastid.nonlinear.spectra import gather_lines
 
     if robot is None or set(response.inputs) != set(robot.motor_locations):
         return 0.0
     first = [record for record in net if record.realisation == net[0].realisation]
     try:
-        lines = gather_lines(first, spec, planned_lines)
-        Y = arm_distortion(lines, response.inputs, robot)
+        lines, parameters = gather_lines(first, spec, planned_lines), choose(FitSpec(), robot)
+        drive = drive_lines(lines, Linearisation.of_robot(robot), response, parameters, parameters.x)
+        Y = without_arm(lines, drive, robot).Y - lines.Y
     except (DataError, StudyError):
         return 0.0
     at = np.rint(response.freq_hz / lines.freq_hz[0]).astype(np.int64) - 1
