@@ -32,8 +32,6 @@ LINE_ARRAYS = (
 )
 
 
-# Code of a note on a response by which the gear of a joint is no straight spring, and how it begins before its name.
-NOT_STRAIGHT, BENT = "gears/not-straight", "the spring in the gear of motor"
 UNEXPLAINED = "nonlinear/unexplained"  # code of a note on distortion that no friction of motors explains
 
 

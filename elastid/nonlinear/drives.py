@@ -16,7 +16,6 @@ along Z. The same therefore in every formulation of a robot with loops.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -14,7 +14,7 @@ along the motion under the effects that were found. Of a sine with its cosine th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -37,9 +37,7 @@ from elastid.nonlinear.gear_levels import (
 )
 from elastid.nonlinear.levels import SIGN_ERROR, SLIGHT, greedy, held_out, inverse
 from elastid.nonlinear.spectra import PeriodLines
-from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
-from elastid.robot import Robot
 
 Group: TypeAlias = tuple[GearEffect, ...]
 
@@ -49,6 +47,7 @@ class Limits:
     """Thresholds of the choice."""
 
     gain: float = 12.0  # of V of realisations that the levels were not fitted to, by which a group must lower it
+    bend: float = 60.0  # by the law of a spring
     share: float = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
     period: float = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
 
@@ -58,8 +57,8 @@ _LOST = 10.0  # times smaller than the start
 _ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then found to the end
 
 
-def candidate_groups(data: GearData, found: Levels, bent: Collection[str], orders: Sequence[float]) -> list[Group]:
-    """Groups for every joint, on the scales of its own motion; laws of springs for the bent ones alone.
+def candidate_groups(data: GearData, found: Levels, orders: Sequence[float]) -> list[Group]:
+    """Groups for every joint, on the scales of its own motion.
 
     Of a gear without a spring of its own friction at the motor alone: it acts in the records of the others, too.
     """
@@ -68,7 +67,7 @@ def candidate_groups(data: GearData, found: Levels, bent: Collection[str], order
     for j, joint in enumerate(data.joints):
         speed, deflection = _sizes(data, found, j)
         for kind, row in KINDS.items():
-            if kind == "friction" or (joint in elastic and (kind not in SPRINGS or joint in bent)):
+            if kind == "friction" or joint in elastic:
                 size = deflection if row.place == "gear" else speed
                 groups += [(GearEffect(kind, joint, part * size),) for part in row.scales]
         if joint not in elastic:
@@ -101,20 +100,18 @@ def choose_effects(
     data: GearData,
     parameters: Parameters,
     x: FloatArray,
-    bent: Collection[str],
     orders: Sequence[float],
 ) -> Levels:
     """Parameters and levels with the effects that pay; x (n_x,): the optimum of a fit without any.
 
-    bent: joints with gears that are no straight springs (`find_bends`): of what friction leaves unexplained, the laws
-    of springs would explain a little of any other gear, too.  orders: of errors and ripples, in turns of the motor.
+    orders: of errors and ripples, in turns of the motor.
 
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
     lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
     found = start_levels(data, parameters, np.where(lost, parameters.x, x))
-    groups = candidate_groups(data, found, bent, orders)
+    groups = candidate_groups(data, found, orders)
     for _ in range(ROUNDS):
         further = [group for group in groups if not _stands(group[0], found.effects)]
         added = _added(data, found, further)
@@ -260,7 +257,10 @@ def _added(data: GearData, found: Levels, groups: Sequence[Group]) -> list[GearE
         )
 
     def pays(before: float, after: float, chosen: list[int]) -> bool:
-        return before - after > max(LIMITS.gain * len(groups[chosen[-1]]), LIMITS.share * before)
+        group = groups[chosen[-1]]
+        # Of what friction leaves unexplained, the law of a spring explains a little of any gear.
+        gain, share = (LIMITS.bend, SLIGHT) if group[0].kind in SPRINGS else (LIMITS.gain, LIMITS.share)
+        return before - after > max(gain * len(group), share * before)
 
     return added(greedy(larger, cost, pays)[0])
 
@@ -276,12 +276,6 @@ def _left(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: I
     return held_out(sums.A[:, chosen[:, None], chosen], sums.b[:, chosen], sums.c, step)
 
 
-def bent_gears(data: GearData, robot: Robot) -> set[str]:
-    """Joints with gears that are no straight springs, in any configuration."""
-    pairs = zip(data.lines, data.responses, strict=True)
-    return {bend.joint for lines, G in pairs for bend in find_bends(lines, G.inputs, robot)}
-
-
 def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
     """Number of the sheet, joint, and order of what is periodic: shapes of one effect have the same."""
     return effect.row.number, effect.joint, effect.order
@@ -293,7 +287,7 @@ def level_bounds(data: GearData, found: Levels, orders: Iterable[float]) -> dict
     data: as the effects were found in.
     """
     families = {family_of(effect) for effect in found.effects}
-    every = candidate_groups(data, found, bent=data.joints, orders=tuple(orders))
+    every = candidate_groups(data, found, tuple(orders))
     groups = [group for group in every if family_of(group[0]) not in families]
     sums, (A, b) = data.sums_with(found, [effect for group in groups for effect in group])
     A, b = A + sums.A.sum(axis=0), b + sums.b.sum(axis=0)

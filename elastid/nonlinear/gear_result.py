@@ -16,8 +16,6 @@ from elastid.nonlinear.effects import GearEffect
 # Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit: 5 right models leave
 # at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
 EXPLAINED = 0.25
-# Code of the note on a gear that is no straight spring, of which nothing was found.
-BENT_STILL = "gears/still-bent"
 NOT_EXPLAINED = "the effects found in its gears do not explain that"
 NOT_OPENED = "its gears were not laid open, as the line `gears` says"
 # Makers' units over SI.
@@ -125,8 +123,7 @@ class GearResult:
     @property
     def explains_misfit(self) -> bool:
         """True where the effects take most of what the linear fit leaves, by whose misfit they are not to be judged."""
-        bent = any(note.code == BENT_STILL for note in self.notes)
-        return bool(self.effects) and not bent and self.after < EXPLAINED * self.before
+        return bool(self.effects) and self.after < EXPLAINED * self.before
 
     def level(self, kind: str, joint: str) -> float:
         """The sum of levels of a kind at a joint, 0 without any."""

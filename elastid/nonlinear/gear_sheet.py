@@ -37,14 +37,14 @@ from elastid.nonlinear.effects import (
     SheetNumber,
     implicit_law,
 )
-from elastid.nonlinear.gear_choice import Group, bent_gears, choose_effects, level_bounds
+from elastid.nonlinear.gear_choice import Group, choose_effects, level_bounds
 from elastid.nonlinear.gear_levels import GearData, Levels
 from elastid.nonlinear.gear_motion import Estimate, residuals
-from elastid.nonlinear.gear_result import BENT_STILL, GearNumber, GearResult, GearSheet
+from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.nonlinear.spec import GearsSpec
 from elastid.nonlinear.spectra import PeriodLines, gather_lines
 from elastid.record import Record
-from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED, Response
+from elastid.response import UNEXPLAINED, Response
 from elastid.robot import Robot
 
 _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
@@ -93,7 +93,7 @@ def open_gears(
     except DataError as error:
         return replace(nothing, refused=f"{error}; {LOST}")
     execution.progress(0, 3)
-    found = choose_effects(data, result.parameters, result.x, bent_gears(linear, robot), gears.orders)
+    found = choose_effects(data, result.parameters, result.x, gears.orders)
     execution.progress(2, 3)  # the search takes about two thirds of the time
     bounds = level_bounds(data, found, gears.orders)
     execution.progress(3, 3)
@@ -107,7 +107,6 @@ def open_gears(
     notes = (
         *coarse_encoders(data.lines, drives),
         *rigid_gears([joint for joint in data.joints if joint not in elastic]),
-        *bent_notes(data, found),
     )
     nothing_acts = [Estimate.start(each, drive, 0) for each, drive in zip(lines, drives, strict=True)]
     before = left(linear, drives, nothing_acts, np.zeros(0))
@@ -200,16 +199,6 @@ def rigid_gears(joints: Sequence[str]) -> list[Note]:
         "at its motor alone was looked for; what the gear does otherwise is left out, and has no bound"
     )
     return [Note("gears/left-out", text, f"joint {joint}", "information") for joint in joints]
-
-
-def bent_notes(data: GearData, found: Levels) -> list[Note]:
-    """Gears that are no straight springs, of which neither law, hysteresis nor transmission error was found."""
-    kinds = (*SPRINGS, *LOOPS, "error sine", "error cosine")
-    laws = {effect.joint for effect in found.effects if effect.kind in kinds}
-    every = (note.text for G in data.responses for note in G.notes if note.code == NOT_STRAIGHT)
-    bent = dict.fromkeys(text.removeprefix(BENT).partition(" is ")[0].strip() for text in every)
-    text = "its gear is no straight spring, and nothing of it was found: its stiffness is that of this amplitude"
-    return [Note(BENT_STILL, text, f"joint {joint}") for joint in bent if joint not in laws]
 
 
 def left(data: GearData, drives: Sequence[DriveLines], estimates: Sequence[Estimate], levels: FloatArray) -> float:

@@ -28,7 +28,6 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
-from elastid.frf.period_selection import settled
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.friction import FrictionTakenOut, held_samples
 from elastid.nonlinear.levels import LIMITS
@@ -53,17 +52,11 @@ def estimate_without_friction(
     """G of one configuration as `estimate` has it, from the net torques of its records, with the levels' errors.
 
     E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.  robot: whose
-    gears are examined for springs that are not straight; None for no such notes.
+    own distortion is known; None where none is.
     Raises DataError as `estimate` does.
     """
     net = tuple(net_records(records, friction, E))
     response = estimate(net, spec, planned_lines)
-    # A transient lies between the excited lines, as distortion does, and one period shows no scatter.
-    if robot is not None and all(settled(record) is record for record in net):
-        # With CasADi and SciPy's optimisers, which responses of structures do without.
-        from elastid.nonlinear.straightness import straightness_notes
-
-        response = replace(response, notes=(*response.notes, *straightness_notes(net, robot, spec, planned_lines)))
     response = replace(response, ratio_std=ratio_std(records, robot))
     if friction is None:
         return response
@@ -110,9 +103,9 @@ def _unexplained(
         return ()
     text = (
         f"distortion leaves {np.sqrt(ratio):.2g} times the scatter of the noise, and no friction of "
-        f"{', '.join(friction.places)} explains it: hysteresis of a gear, or dry friction behind it, takes energy as "
-        "damping does and would put damping off by far more than its interval, stiffness by several standard "
-        "deviations; `gears: {}` in the study finds which it is"
+        f"{', '.join(friction.places)} explains it: by hysteresis of a gear, or dry friction behind it, damping is off "
+        "by far more than its interval, and by a spring that is not straight stiffness is that of this amplitude "
+        "alone; `gears: {}` in the study finds which it is"
     )
     return (Note(UNEXPLAINED, text, f"configuration {response.configuration.name}"),)
 

@@ -21,7 +21,6 @@ from elastid.fit.result import DISTORTED, DOUBTED, HELD_AS_EXACT, Result
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
-from elastid.response import BENT
 from elastid.validation.residual_tests import FALSE_ALARM
 from elastid.validation.results import Agreement, noise_p
 
@@ -294,11 +293,9 @@ COMMANDS = tuple(
 
 
 def _action_of_status(result: Result) -> Action | None:
-    if result.status == "misfit" and BENT in result.message:
+    if DISTORTED in result.verdicts:
         is_tried = any(words in result.message for words in (NOT_EXPLAINED, NOT_OPENED))
         return None if is_tried else OPEN_GEARS
-    if DISTORTED in result.verdicts:
-        return OPEN_GEARS
     if result.status in ("converged", "misfit"):
         return None
     meaning, _, advice = result.meaning.partition(": ")

@@ -114,12 +114,12 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
     G = Response(LINES * 0.5, none, places, places, "acceleration", posture)
     data = GearData([lines], [G], linearisation)
     known = start_levels(data, parameters, parameters.x)
-    groups = candidate_groups(data, known, ("1", "2"), (1.0, 2.0))
+    groups = candidate_groups(data, known, (1.0, 2.0))
     assert {effect.kind for group in groups for effect in group if effect.joint == "2"} == {"friction"}
     assert {"behind", "gap", "stop"} < {effect.kind for group in groups for effect in group if effect.joint == "1"}
     assert not any(effect.kind.startswith(("error", "ripple")) for group in groups for effect in group)
     turning = replace(data, lines=[replace(lines, Y=1e5 * lines.Y)])  # several turns of the motors
-    assert any(effect.kind == "error sine" for g in candidate_groups(turning, known, (), (1.0,)) for effect in g)
+    assert any(effect.kind == "error sine" for g in candidate_groups(turning, known, (1.0,)) for effect in g)
     (drive,) = known.drives
     assert not drive.directions("gear", 1).any()
     assert drive.directions("motor", 1) @ drive.B == pytest.approx([0.0, 1.0])

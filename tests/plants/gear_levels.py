@@ -9,7 +9,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.nonlinear.drives import without_arm
-from elastid.nonlinear.gear_choice import bent_gears, choose_effects
+from elastid.nonlinear.gear_choice import choose_effects
 from elastid.nonlinear.gear_levels import GearData, Levels
 from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
@@ -26,4 +26,4 @@ def find_gear_effects(
     data = GearData([gather_lines(tuple(each), spec, planned) for each in measured], responses, linearisation)
     pairs = zip(data.lines, data.drives(result.parameters, result.x), strict=True)
     net = replace(data, lines=[without_arm(lines, drive, robot) for lines, drive in pairs])
-    return choose_effects(net, result.parameters, result.x, bent_gears(data, robot), (1.0, 2.0))
+    return choose_effects(net, result.parameters, result.x, (1.0, 2.0))

@@ -11,6 +11,7 @@ from elastid.base.display import number, percent
 from elastid.base.errors import Note
 from elastid.covariance import Covariance
 from elastid.experiment.simulated.plant import true_response
+from elastid.fit.result import DISTORTED
 from elastid.modal.estimate import estimate_modes
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
 from elastid.report.content import ResponsesContent, model_lines, parameter_rows
@@ -21,7 +22,7 @@ from elastid.report.overview import (
     residual_sentence,
     verdict_sentence,
 )
-from elastid.response import BENT, Configuration, Response
+from elastid.response import Configuration, Response
 
 
 def rows_of(result):
@@ -100,7 +101,7 @@ def test_a_misfit_never_ends_in_numbers_to_be_used():
     assert [action.what for action in next_steps(result, rows)] == [
         "Correct what the first warning names, and fit again."
     ]
-    bent = replace(result, message=f"{BENT} 1 is not straight")
+    bent = replace(result, verdicts=(DISTORTED,))
     assert next_steps(bent, rows)[0].text == "--set 'gears={}'"
     opened = replace(bent, message=f"{bent.message}; {NOT_EXPLAINED}")
     assert not any("gears" in action.text for action in next_steps(opened, rows))

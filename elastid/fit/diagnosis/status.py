@@ -36,7 +36,7 @@ from elastid.fit.diagnosis.second_source import contradictions
 from elastid.fit.result import DISTORTED, DOUBTED, ModificationIndex, Result, Status, largest_by_chance
 from elastid.fit.solve.solvers import DAMPING_UNITS
 from elastid.parameters import Parameters
-from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED
+from elastid.response import UNEXPLAINED
 
 NEAR_BOUND = 1e-4  # share of a range within which x is at its bound
 
@@ -98,9 +98,6 @@ def with_status(evidence: Evidence) -> Result:
     if unreached.any():
         return ended("ill_conditioned", f"the data do not determine a combination of {listed(free, unreached)}")
     result = replace(result, verdicts=_verdicts(evidence))
-    if bent := _bent_gears(evidence):
-        alone = "the numbers are those of this amplitude alone"
-        return ended("misfit", f"{held[1:]}{' ' if held else ''}{bent[0].text.partition('; ')[0]}; {alone}")
     if misfit := _by_blocks(evidence):
         cause = evidence.cause
         is_said = cause is not None and cause.share >= LIMITS.reason_share
@@ -116,11 +113,6 @@ def with_status(evidence: Evidence) -> Result:
     return ended("at_bound" if held else good, f"converged{held}{but}")
 
 
-def _bent_gears(evidence: Evidence) -> list[Note]:
-    """Notes on gears that are no straight springs."""
-    return [note for G in evidence.assembly.responses for note in G.notes if note.code == NOT_STRAIGHT]
-
-
 def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     """Verdict on each parameter asked for: good, depends on the file, at its bound, or not believed and why."""
     result, n = evidence.result, len(evidence.result.parameters.asked)
@@ -128,14 +120,11 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
     by_blocks = _shifts(evidence) if _blocks_disagree(evidence) else np.zeros(n)
     std, file = result.std, result.std_by_file
-    bent = {note.text.removeprefix(BENT).partition(" is ")[0].strip() for note in _bent_gears(evidence)}
     is_distorted = any(note.code == UNEXPLAINED for G in evidence.assembly.responses for note in G.notes)
     verdicts = []
     for i, parameter in enumerate(result.parameters.asked):
         if result.at_bound[i]:
             verdicts.append("at its bound")
-        elif parameter.name in {f"{letter}_{joint}" for letter in "kd" for joint in bent}:
-            verdicts.append(f"{DOUBTED}: it is that of one amplitude, since the gear is not a straight spring")
         elif index is not None and by_index[i] > LIMITS.shift:
             verdicts.append(f"{DOUBTED}: {phrase(index, evidence)} would move it by {by_index[i]:.1f} std")
         elif is_distorted and parameter.name.startswith("d_"):
