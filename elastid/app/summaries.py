@@ -161,22 +161,18 @@ def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
 def validation_summary(name: str, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
     """The content of validation.json: that of validation.h5 without its curves.
 
-    configurations: FRF errors, of the fit or, where left_out, of the prediction.  replays: the fit in time in percent,
-    row by row of its records, column by column of its outputs.  folds: errors of each configuration under the fit to
-    the others; null where there was none, and message says why.  Empty lists where nothing was replayed or left out in
-    turn.  predictions: of left-out configurations and of records at the tool.  verdict, cost, replayed and folded: the
-    same in words.  torque: shares of the parts of the model.
+    configurations: FRF errors, of the fit or, where left_out, of the prediction.  folds: errors of each
+    configuration under the fit to the others; null where there was none, and message says why; an empty list where
+    nothing was left out in turn.  predictions: of left-out configurations and of records at the tool.  verdict, cost
+    and folded: the same in words.  torque: shares of the parts of the model.
     twin: errors of the model simulated along a record.
     """
     agreement = f"configuration left_out {_ERRORS} inside_2sigma_expected=inside_expected"
-    replay = "configuration quantity band_hz records outputs fit_percent reachable_percent"
     return {
         "schema": SCHEMA,
         "study": name,
         **section(validation, "verdict cost"),
         "configurations": [section(each, agreement) for each in validation.configurations],
-        "replayed": validation.replayed,
-        "replays": [section(each, replay) for each in validation.replays],
         **_twin(twin),
         "predictions": [
             section(each, "configuration motors inside rms_log_db by is_fitted")

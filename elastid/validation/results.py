@@ -1,4 +1,4 @@
-r"""The results of validation as values: agreements, replays, folds, and resonances of an element between its lines.
+r"""The results of validation as values: agreements, folds, and resonances of an element between its lines.
 
 .. math:: f_r^2 = \arg\min_x p(x), \qquad p(f^2) \text{ a parabola through } 1/|G|^2 \text{ near a peak of } |G|
 
@@ -17,7 +17,6 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
-from elastid.record import Motion
 from elastid.validation.predicted import PredictedResponse
 from elastid.validation.residual_tests import FALSE_ALARM, exceeds_by_chance, together
 
@@ -196,56 +195,6 @@ def power_ratio(agreements: Sequence[Agreement]) -> tuple[float, float]:
     return (sum(own * ratio for own, ratio in known) / dof, dof) if known else (math.nan, 0.0)
 
 
-@frozen_value
-class Replay:
-    """Motion of the model under the torque of a record, compared with that of the robot, in one configuration.
-
-    records: names.  units (n_y): of the outputs in `quantity`.  fit_percent (n_r, n_y): of each record and output; 100
-    for no error, 0 for an error as large as the motion.  reachable_percent (n_r, n_y): of a true model, estimated from
-    the part that does not repeat from period to period; NaN of records of one period.
-    shown: the record whose signals follow, that of the worst fit; measured, replayed (N, n_y): one period of it within
-    band_hz, sampled at rate_hz.  ValueError where the shapes differ from these.
-    """
-
-    configuration: str
-    records: tuple[str, ...]
-    outputs: tuple[str, ...]
-    quantity: Motion
-    units: tuple[str, ...] = labelled("unit of each output", axes="outputs")
-    band_hz: tuple[float, float]
-    fit_percent: FloatArray = labelled("100 (1 - rms error / rms motion)", "%", "records outputs")
-    reachable_percent: FloatArray = labelled("fit of a true model", "%", "records outputs")
-    shown: str
-    rate_hz: float
-    rate_is_known: bool
-    measured: FloatArray = labelled("motion within the band as measured", "{units}", "time_s outputs")
-    replayed: FloatArray = labelled("motion of the model under the same torque", "{units}", "time_s outputs")
-
-    def __post_init__(self) -> None:
-        """Check shapes."""
-        table, signals = (len(self.records), len(self.outputs)), (len(self.measured), len(self.outputs))
-        for name in ("fit_percent", "reachable_percent"):
-            if getattr(self, name).shape != table:
-                raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {table}")
-        if self.measured.shape != signals or self.replayed.shape != signals:
-            raise ValueError(f"signals have shapes {self.measured.shape} and {self.replayed.shape}")
-
-    @property
-    def worst(self) -> float:
-        """The lowest fit of any record and output, in percent."""
-        return float(self.fit_percent.min())
-
-    @property
-    def mean(self) -> FloatArray:
-        """Fit (n_y,) of each output over the records, in percent."""
-        return np.asarray(self.fit_percent.mean(axis=0))
-
-    @property
-    def mean_reachable(self) -> FloatArray:
-        """Fit of a true model (n_y,), in percent."""
-        return np.asarray(self.reachable_percent.mean(axis=0))
-
-
 @dataclass(frozen=True)
 class Fold:
     """A configuration predicted by the fit to others: misfit (mean |E|^2 / sigma^2), dB rms, degrees rms.
@@ -264,16 +213,13 @@ class Fold:
 class Validation:
     """The agreement of every configuration, in the order measured, and the verdict on the model in one sentence.
 
-    cost: explanation of the cost of the fit, in words.  replays: of the records through the model, one for
-    each configuration with records; replayed: their summary.  folds: cross-validation, where asked for; folded: its
-    summary.  predictions: of left-out configurations and of records at the tool, by `Result.at`.
+    cost: explanation of the cost of the fit, in words.  folds: cross-validation, where asked for; folded: its summary.
+    predictions: of left-out configurations and of records at the tool, by `Result.at`.
     """
 
     configurations: tuple[Agreement, ...] = labelled(entry="configuration")
     verdict: str
     cost: str = ""
-    replays: tuple[Replay, ...] = labelled(entry="configuration", default=())
-    replayed: str = ""
     folds: tuple[Fold, ...] = ()
     folded: str = ""
     predictions: tuple[PredictedResponse, ...] = ()
