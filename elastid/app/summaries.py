@@ -280,7 +280,7 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
 
 def _twin(twin: TwinFindings) -> dict[str, Any]:
     """Torques part by part, over all and by octave, and errors of runs, without the signals."""
-    signal, left = "signal=kind place error error_without_friction", "left left_without_friction"
+    signal, left = "signal=kind place error", "left left_without_friction"
     return {
         "torque": [
             section(balance, "place log")
@@ -292,10 +292,7 @@ def _twin(twin: TwinFindings) -> dict[str, Any]:
             }
             for balance in twin.balances
         ],
-        "twin": [
-            section(run, "log driven_by=drive held_hz seconds lost lost_without_friction", signals=signal)
-            for run in twin.runs
-        ],
+        "twin": [section(run, "log driven_by=drive held_hz seconds lost", signals=signal) for run in twin.runs],
     }
 
 

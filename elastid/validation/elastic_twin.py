@@ -55,7 +55,6 @@ from elastid.validation.twin import (
     TwinSignal,
     run_along,
     torque_balance,
-    twin_signal,
 )
 
 # Models of the motors' own motion in one configuration, each with its numbers (n_theta,): as fitted, without viscous
@@ -191,9 +190,8 @@ def _held(record: Record, u: FloatArray) -> FloatArray:
 
 
 def _compared(
-    record: Record, band_hz: tuple[float, float], delay_s: float, plant: TwinPlant, moved: Trajectory,
-    without: Trajectory | None,
-) -> Iterator[TwinSignal]:  # fmt: skip
+    record: Record, band_hz: tuple[float, float], delay_s: float, plant: TwinPlant, moved: Trajectory
+) -> Iterator[TwinSignal]:
     """Torques and motions of the last period, at the lines within the band."""
     N = record.period_samples
     lines = grid_lines("odd" if record.half_wave else "full", band_hz, record.rate_hz, N)
@@ -203,14 +201,12 @@ def _compared(
         (Y,), (U,) = last_period(log, lines, "position")
         return signals_of(np.hstack([U, factor * Y]), lines, N)
 
-    full, free = (None if run is None else in_time(_logged(record, plant, run), late) for run in (moved, without))
-    assert full is not None
     kinds: list[SignalKind] = [TORQUE] * len(record.inputs)
     kinds += [MOTION if place in record.inputs else LINK for place in record.outputs]
     units = *record.units_of_inputs, *(motion_unit("position", place in record.sliding) for place in record.outputs)
-    rows = zip(kinds, (*record.inputs, *record.outputs), units, in_time(record, 1.0).T, strict=True)
-    for i, (kind, place, unit, measured) in enumerate(rows):
-        yield twin_signal(kind, place, unit, measured, full[:, i], None if free is None else free[:, i])
+    measured, simulated = in_time(record, 1.0).T, in_time(_logged(record, plant, moved), late).T
+    for row in zip(kinds, (*record.inputs, *record.outputs), units, measured, simulated, strict=True):
+        yield TwinSignal(*row)
 
 
 def settled_periods(record: Record, spec: EstimatorSpec) -> int:
