@@ -29,7 +29,7 @@ from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.kinds import SCHEMA, json_value
 from elastid.study import Study
-from elastid.validation.results import Agreement, Validation
+from elastid.validation.agreement import Agreement, Validation
 from elastid.validation.twin import NO_PREDICTION, NO_TWIN, BandBalance, Prediction, TorqueBalance, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
@@ -167,7 +167,7 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
     and folded: the same in words.  torque: shares of the parts of the model.
     twin: errors of the model simulated along a record.
     """
-    agreement = f"configuration left_out {_ERRORS} inside_2sigma_expected=inside_expected"
+    agreement = f"configuration left_out {_ERRORS}"
     return {
         "schema": SCHEMA,
         "study": name,
@@ -263,7 +263,7 @@ def failed_friction(name: str, message: str) -> dict[str, Any]:
     return _head(name, "failed", message) | nothing | {"warnings": [], "notes": []}
 
 
-_ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma"))
+_ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "rms_sigma"))
 
 
 def _head(name: str, status: str, message: str) -> dict[str, Any]:

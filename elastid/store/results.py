@@ -20,8 +20,8 @@ from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part, reader
 from elastid.store.values import write_artefact, writer
 from elastid.use.map import WorkspaceMap
+from elastid.validation.agreement import Validation
 from elastid.validation.comparison import Comparison
-from elastid.validation.results import Validation
 from elastid.validation.twin import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:

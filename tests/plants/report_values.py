@@ -14,8 +14,7 @@ from elastid.record import Configuration
 from elastid.report.content import ReportContent
 from elastid.report.modes import ModeRow
 from elastid.response import Covariance, Response
-from elastid.validation.agreement import validate
-from elastid.validation.results import Fold
+from elastid.validation.agreement import Fold, validate
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 

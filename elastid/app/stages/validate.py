@@ -26,12 +26,10 @@ from elastid.store.measured import read_configurations, read_friction, read_reco
 from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.study import Study
 from elastid.validation import elastic_twin
-from elastid.validation.agreement import cost_p, explain_cost
+from elastid.validation.agreement import Fold, Validation, explain_cost
 from elastid.validation.agreement import validate as validate_responses
-from elastid.validation.compare import ComparedVariant, RefitTask, refit
-from elastid.validation.comparison import describe_folds, divide, gather_folds
+from elastid.validation.comparison import ComparedVariant, RefitTask, describe_folds, divide, gather_folds, refit
 from elastid.validation.predicted import PredictedResponse, predict_response
-from elastid.validation.results import Fold, Validation
 from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
 
 
@@ -107,7 +105,7 @@ def _validation(own: Validated, execution: Execution) -> Validation:
     modelled = own.fitted.responses
     measured = [response.configuration.name for response in responses]
     shifts = {name: own.fitted.response_shifts(name) for name in left_out if name in measured}
-    judged = validate_responses(responses, modelled, left_out, cost_p(result), shifts)
+    judged = validate_responses(responses, modelled, left_out, shifts)
     pairs = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
     folds = _folds(own, [Ghat for Ghat, _ in pairs], execution)
     cost = explain_cost(result, [Ghat for Ghat, _ in pairs], judged.fitted)

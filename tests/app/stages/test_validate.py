@@ -41,7 +41,7 @@ def test_validation_json_says_what_validation_h5_holds(validated):
     assert (summary_json["schema"], summary_json["study"], summary_json["verdict"]) == (1, "tiny", found.verdict)
     assert [(c["configuration"], c["left_out"]) for c in summary_json["configurations"]] == [("a", False), ("b", False)]
     summary = json.loads((validated / "run" / "summary.json").read_text())
-    keys = ("configuration", "rms_log_db", "phase_rms_deg", "inside_2sigma")
+    keys = ("configuration", "rms_log_db", "phase_rms_deg", "rms_sigma")
     assert [{key: c[key] for key in keys} for c in summary_json["configurations"]] == summary["frf_error"]
     assert [(f["configuration"], f["rms_log_db"]) for f in summary_json["folds"]] == [
         (f.configuration, f.rms_log_db) for f in found.folds
