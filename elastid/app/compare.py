@@ -29,15 +29,20 @@ from elastid.store.files import keep_checksums
 from elastid.store.measured import read_responses
 from elastid.store.results import write_comparison
 from elastid.study import LoadedStudy, Study, load
-from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
 from elastid.validation.comparison import (
     ComparedModel,
+    ComparedVariant,
     Comparison,
     Elastic,
     Refit,
+    RefitTask,
     Trial,
     describe_search,
     divide,
+    held,
+    rank,
+    refit,
+    restricted,
     search,
 )
 from elastid.validation.spec import VariantSpec

@@ -15,7 +15,7 @@ from typing import Any
 
 from elastid.app.identified_robot import with_identified_friction
 from elastid.app.run import Run, carry_out, logged_in
-from elastid.app.stages.validate import Validated, replayed_in_time
+from elastid.app.stages.validate import Validated, in_time
 from elastid.app.summaries import prediction_summary, validation_summary
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
@@ -28,7 +28,6 @@ from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears
 from elastid.study.source import read_source
 from elastid.validation.agreement import validate
-from elastid.validation.elastic_twin import describe_replays
 from elastid.validation.friction_twin import predict_logs
 from elastid.validation.spec import ValidationSpec
 from elastid.validation.twin import Prediction, describe_balance
@@ -145,11 +144,10 @@ def _elasticity(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Seque
     fitted = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
     own = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
-    replays, twin = replayed_in_time(own, records, run.console, Execution(run.jobs))
+    twin = in_time(own, records, run.console, Execution(run.jobs))
     names = [response.configuration.name for response in responses]
     shifts = {name: fitted.response_shifts(name) for name in names}
     judged = validate(responses, fitted.responses, names, shifts=shifts)
-    judged = replace(judged, replays=replays, replayed=describe_replays(replays) if replays else "")
     content = {**validation_summary(study.name, judged, twin), "with": str(path)}
-    sentences = (judged.verdict, judged.replayed, *map(describe_balance, twin.balances), *twin.run_words)
+    sentences = (judged.verdict, *map(describe_balance, twin.balances), *twin.run_words)
     return Prediction(twin), content, [words for words in sentences if words]

@@ -29,7 +29,7 @@ from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.kinds import SCHEMA, json_value
 from elastid.study import Study
-from elastid.validation.results import Agreement, Validation
+from elastid.validation.agreement import Agreement, Validation
 from elastid.validation.twin import NO_PREDICTION, NO_TWIN, BandBalance, Prediction, TorqueBalance, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
@@ -161,22 +161,18 @@ def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
 def validation_summary(name: str, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
     """The content of validation.json: that of validation.h5 without its curves.
 
-    configurations: FRF errors, of the fit or, where left_out, of the prediction.  replays: the fit in time in percent,
-    row by row of its records, column by column of its outputs.  folds: errors of each configuration under the fit to
-    the others; null where there was none, and message says why.  Empty lists where nothing was replayed or left out in
-    turn.  predictions: of left-out configurations and of records at the tool.  verdict, cost, replayed and folded: the
-    same in words.  torque: shares of the parts of the model.
+    configurations: FRF errors, of the fit or, where left_out, of the prediction.  folds: errors of each
+    configuration under the fit to the others; null where there was none, and message says why; an empty list where
+    nothing was left out in turn.  predictions: of left-out configurations and of records at the tool.  verdict, cost
+    and folded: the same in words.  torque: shares of the parts of the model.
     twin: errors of the model simulated along a record.
     """
-    agreement = f"configuration left_out {_ERRORS} inside_2sigma_expected=inside_expected"
-    replay = "configuration quantity band_hz records outputs fit_percent reachable_percent"
+    agreement = f"configuration left_out {_ERRORS}"
     return {
         "schema": SCHEMA,
         "study": name,
         **section(validation, "verdict cost"),
         "configurations": [section(each, agreement) for each in validation.configurations],
-        "replayed": validation.replayed,
-        "replays": [section(each, replay) for each in validation.replays],
         **_twin(twin),
         "predictions": [
             section(each, "configuration motors inside rms_log_db by is_fitted")
@@ -267,7 +263,7 @@ def failed_friction(name: str, message: str) -> dict[str, Any]:
     return _head(name, "failed", message) | nothing | {"warnings": [], "notes": []}
 
 
-_ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma"))
+_ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "rms_sigma"))
 
 
 def _head(name: str, status: str, message: str) -> dict[str, Any]:
@@ -284,7 +280,7 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
 
 def _twin(twin: TwinFindings) -> dict[str, Any]:
     """Torques part by part, over all and by octave, and errors of runs, without the signals."""
-    signal, left = "signal=kind place error error_without_friction", "left left_without_friction"
+    signal, left = "signal=kind place error", "left left_without_friction"
     return {
         "torque": [
             section(balance, "place log")
@@ -296,10 +292,7 @@ def _twin(twin: TwinFindings) -> dict[str, Any]:
             }
             for balance in twin.balances
         ],
-        "twin": [
-            section(run, "log driven_by=drive held_hz seconds lost lost_without_friction", signals=signal)
-            for run in twin.runs
-        ],
+        "twin": [section(run, "log driven_by=drive held_hz seconds lost", signals=signal) for run in twin.runs],
     }
 
 

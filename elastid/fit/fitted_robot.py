@@ -1,4 +1,4 @@
-"""FittedRobot: a robot with fitted numbers, linearised where it was measured: predictions, modes, replays, exports."""
+"""FittedRobot: a robot with fitted numbers, linearised where it was measured: predictions, modes, exports."""
 
 from __future__ import annotations
 

@@ -22,8 +22,8 @@ from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
 from elastid.robot import Robot
+from elastid.validation.agreement import Validation
 from elastid.validation.comparison import Comparison
-from elastid.validation.results import Validation
 from elastid.validation.twin import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:

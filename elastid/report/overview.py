@@ -21,8 +21,8 @@ from elastid.fit.result import DISTORTED, DOUBTED, HELD_AS_EXACT, Result
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
+from elastid.validation.agreement import Agreement, noise_p
 from elastid.validation.residual_tests import FALSE_ALARM
-from elastid.validation.results import Agreement, noise_p
 
 if TYPE_CHECKING:
     from elastid.modal.modes import Modes  # brings SciPy's linear algebra

@@ -20,8 +20,8 @@ from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part, reader
 from elastid.store.values import write_artefact, writer
 from elastid.use.map import WorkspaceMap
+from elastid.validation.agreement import Validation
 from elastid.validation.comparison import Comparison
-from elastid.validation.results import Validation
 from elastid.validation.twin import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def write_fit(path: Path | str, result: Result, stamp: Stamp = NO_STAMP) -> None
 def write_validation(
     path: Path | str, validation: Validation, stamp: Stamp = NO_STAMP, twin: TwinFindings = NO_TWIN
 ) -> None:
-    """validation.h5: agreement and replay of each configuration, folds, and the twin."""
+    """validation.h5: agreement of each configuration, folds, and the twin."""
     parts = {"validation": (validation, Validation), "twin": (twin, TwinFindings)}
     write_artefact(path, VALIDATION, stamp, parts)
 

@@ -1,50 +1,267 @@
-"""Errors of the modelled FRFs against the measured ones, and the cost of a fit next to the noise.
+r"""Agreement of modelled FRFs with measured ones: errors, resonances between the lines, noise, and the verdict.
 
     E(k) = Ghat(k) - G(k),   sigma^2(k) = measured variance of Ghat(k)
 
 A variance estimated from few realisations is smoothed over neighbouring lines, as for the fit. Magnitude and phase
 are judged on the lines where |Ghat| is at least 2 sigma; the statistical tests use every line.
+
+.. math:: f_r^2 = \arg\min_x p(x), \qquad p(f^2) \text{ a parabola through } 1/|G|^2 \text{ near a peak of } |G|
+
+1/|G|^2 of a single mode is a parabola in f^2, however sharp its peak between two lines; one through log |G| is not.
+Antiresonances are the resonances of 1/G.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.problem.weights import vec
 from elastid.fit.result import Result
 from elastid.response import Response
-from elastid.validation.comparison import generalises
+from elastid.validation.predicted import PredictedResponse
 from elastid.validation.residual_tests import (
     FALSE_ALARM,
     above_2sigma,
     exceeds_by_chance,
-    falls_short_by_chance,
-    inside_expected,
     power_over_noise,
     sigma_of,
+    together,
     white_by_chance,
     whitening,
     without_shifts,
 )
-from elastid.validation.results import (
-    PEAKS,
-    Agreement,
-    Peak,
-    PeakKind,
-    Validation,
-    are_white,
-    noise_p,
-    paired_resonances,
-    pooled_rms,
-    power_ratio,
-    resonances,
-)
+
+PeakKind: TypeAlias = Literal["resonance", "antiresonance"]
+
+
+@dataclass(frozen=True)
+class PeakLimits:
+    """Limits of the judgement of peaks."""
+
+    min_prominence_db: float = 3.0
+    min_prominence_sigmas: float = 6.0  # the same in standard deviations
+    max_frequency_ratio: float = 1.25  # up to which two frequencies may be of the same mode
+
+
+PEAKS = PeakLimits()
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A resonance or antiresonance of one element as measured and as modelled; modelled_hz is NaN without a partner."""
+
+    output: str
+    input: str
+    kind: PeakKind
+    measured_hz: float
+    modelled_hz: float
+
+    @property
+    def error_percent(self) -> float:
+        """Modelled against measured frequency."""
+        return 100 * (self.modelled_hz / self.measured_hz - 1)
+
+
+def resonances(
+    freq_hz: FloatArray,
+    G: ComplexArray,
+    std: FloatArray | None = None,
+    prominence_db: float = PEAKS.min_prominence_db,
+    sign: int = 1,
+) -> FloatArray:
+    """Frequencies (n,) of the peaks of |G| (F,) (sign 1) or of its dips (-1), increasing, none at the ends of the band.
+
+    A peak has a prominence of prominence_db, and with std (F,) of G of 6 standard deviations, in |G| or in 1/|G|, one
+    of which may be mostly noise.  An element that is zero somewhere has none.
+    """
+    from scipy.signal import find_peaks  # slow to load, and a fit looks for no peaks
+
+    magnitude = np.abs(G)
+    if len(G) < 3 or not np.all(magnitude > 0):
+        return np.array([])
+    level, std = sign * 20 * np.log10(magnitude), np.zeros(len(G)) if std is None else std
+    peaks, of_peaks = find_peaks(level, prominence=prominence_db)
+    left, right = of_peaks["left_bases"], of_peaks["right_bases"]
+    base = np.where(level[left] > level[right], left, right)  # from which prominence counts
+    pairs = ((magnitude, std), (1 / magnitude, std / magnitude**2))
+    sigmas = [np.abs(m[peaks] - m[base]) / np.maximum(np.hypot(s[peaks], s[base]), 1e-300) for m, s in pairs]
+    is_significant = np.max(sigmas, axis=0) > PEAKS.min_prominence_sigmas / math.sqrt(2)
+    return np.array([_minimum(freq_hz, magnitude ** (-2 * sign), peak) for peak in peaks[is_significant].tolist()])
+
+
+def paired_resonances(measured: FloatArray, modelled: FloatArray) -> FloatArray:
+    """The modelled partner (n,) of each measured frequency: mutually nearest on a logarithmic axis, NaN without one."""
+    partner = np.full(len(measured), np.nan)
+    if len(measured) == 0 or len(modelled) == 0:
+        return partner
+    distance = np.abs(np.log(measured[:, None] / modelled[None, :]))
+    nearest, rows = distance.argmin(axis=1), np.arange(len(measured))
+    is_mutual = distance.argmin(axis=0)[nearest] == rows
+    near = is_mutual & (distance[rows, nearest] < math.log(PEAKS.max_frequency_ratio))
+    partner[near] = modelled[nearest[near]]
+    return partner
+
+
+def _minimum(freq_hz: FloatArray, p: FloatArray, line: int) -> float:
+    """Frequency of the minimum of a parabola through p (F,) over f^2, at the lines around a low one.
+
+    As many on either side, those within 1.5 dB of it, at least one; beyond may be other modes.
+    """
+    above = np.flatnonzero(np.append(p > 1.4 * p[line], True))
+    before = above[above < line][-1] if np.any(above < line) else -1
+    reach = max(1, min(line - before, above[above > line][0] - line) - 1)
+    near = slice(line - reach, line + reach + 1)
+    low, middle, high = freq_hz[[near.start, line, near.stop - 1]] ** 2
+    x = (freq_hz[near] ** 2 - middle) / (high - low)
+    a, b, _ = np.linalg.lstsq(np.vander(x, 3), p[near] / p[line])[0].tolist()
+    return math.sqrt(min(max(middle - b / (2 * a) * (high - low), low), high) if a > 0 else middle)
+
+
+@frozen_value
+class Agreement:
+    """Agreement of the model of a configuration with its measurement; arrays by element (n_y, n_u).
+
+    lines: judged for magnitude and phase.  rms_log_db: of 20 log10 |Ghat / G|.  phase_rms_deg: of the wrapped phase of
+    Ghat / G.  rms_sigma: of E / sigma over all lines, 1 for a true model.
+    power_ratio, power_dof: as `power_over_noise`.  white_p: as `white_by_chance`.  NaN without an uncertainty or lines.
+    """
+
+    configuration: str
+    left_out: bool
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    lines: IntArray = labelled("lines judged for magnitude and phase", "", "outputs inputs")
+    rms_log_db: FloatArray = labelled("rms of 20 log10 |measured / modelled|", "dB", "outputs inputs")
+    phase_rms_deg: FloatArray = labelled("rms of the phase of measured / modelled", "deg", "outputs inputs")
+    rms_sigma: FloatArray = labelled("rms of the residual over its standard deviation", "", "outputs inputs")
+    peaks: tuple[Peak, ...]
+    power_ratio: float = math.nan
+    power_dof: float = 0.0
+    white_p: float = math.nan
+
+    @property
+    def overall_rms_log_db(self) -> float:
+        """Magnitude error over all judged lines of all elements, dB."""
+        return pooled_rms(self.rms_log_db, self.lines)
+
+    @property
+    def overall_phase_rms_deg(self) -> float:
+        """Phase error over all judged lines of all elements, degrees."""
+        return pooled_rms(self.phase_rms_deg, self.lines)
+
+    @property
+    def overall_rms_sigma(self) -> float:
+        """Residual over its standard deviation, rms over all elements with one."""
+        known = self.rms_sigma[np.isfinite(self.rms_sigma)]
+        return math.sqrt(np.mean(known**2)) if known.size else math.nan
+
+    @property
+    def is_white(self) -> bool:
+        """True if the residuals of neighbouring lines are uncorrelated, as `are_white`."""
+        return are_white([self])
+
+    def worst(self, kind: PeakKind) -> Peak | None:
+        """The resonance or antiresonance whose modelled frequency is furthest off; None where none was matched."""
+        matched = [peak for peak in self.peaks if peak.kind == kind and math.isfinite(peak.modelled_hz)]
+        return max(matched, key=lambda peak: abs(peak.error_percent), default=None)
+
+
+def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
+    """Root mean square over elements or configurations of so many lines each, NaN without lines."""
+    some = lines > 0
+    return float(np.sqrt(np.average(rms[some] ** 2, weights=lines[some]))) if some.any() else math.nan
+
+
+def are_white(agreements: Sequence[Agreement]) -> bool:
+    """True if the residuals of all configurations together are white; of white ones FALSE_ALARM are called coloured."""
+    return not together([each.white_p for each in agreements]) < FALSE_ALARM
+
+
+def noise_p(agreements: Sequence[Agreement]) -> float:
+    """P(as much power in the residuals) by noise alone; NaN where no noise is known."""
+    return exceeds_by_chance(*power_ratio(agreements))
+
+
+def power_ratio(agreements: Sequence[Agreement]) -> tuple[float, float]:
+    """Power of the residuals over that of the noise, of all configurations together, and its degrees of freedom."""
+    known = [(a.power_dof, a.power_ratio) for a in agreements if math.isfinite(a.power_ratio) and a.power_dof > 0]
+    dof = sum(own for own, _ in known)
+    return (sum(own * ratio for own, ratio in known) / dof, dof) if known else (math.nan, 0.0)
+
+
+@dataclass(frozen=True)
+class Fold:
+    """A configuration predicted by the fit to others: misfit (mean |E|^2 / sigma^2), dB rms, degrees rms.
+
+    NaN where the fit without it failed; message then says why.
+    """
+
+    configuration: str
+    misfit: float
+    rms_log_db: float
+    phase_rms_deg: float
+    message: str = ""
+
+
+@frozen_value
+class Validation:
+    """The agreement of every configuration, in the order measured, and the verdict on the model in one sentence.
+
+    cost: explanation of the cost of the fit, in words.  folds: cross-validation, where asked for; folded: its summary.
+    predictions: of left-out configurations and of records at the tool, by `Result.at`.
+    """
+
+    configurations: tuple[Agreement, ...] = labelled(entry="configuration")
+    verdict: str
+    cost: str = ""
+    folds: tuple[Fold, ...] = ()
+    folded: str = ""
+    predictions: tuple[PredictedResponse, ...] = ()
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """The verdict, and the agreement of each configuration."""
+        rows = [
+            (
+                a.configuration, "left out" if a.left_out else "fitted", f"{a.overall_rms_log_db:.2g}",
+                f"{a.overall_phase_rms_deg:.2g}", f"{a.overall_rms_sigma:.3g}",
+            )
+            for a in self.configurations
+        ]  # fmt: skip
+        headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / sigma")
+        return Display(f"Validation: {self.verdict}", headings, rows)
+
+    @property
+    def at_tool(self) -> tuple[PredictedResponse, ...]:
+        """The predictions of forces and torques at frames."""
+        return tuple(each for each in self.predictions if each.measured.inputs[0].startswith(("force ", "torque ")))
+
+    @property
+    def fitted(self) -> tuple[Agreement, ...]:
+        """Configurations that were fitted."""
+        return tuple(agreement for agreement in self.configurations if not agreement.left_out)
+
+    @property
+    def left_out(self) -> tuple[Agreement, ...]:
+        """Configurations that were not."""
+        return tuple(agreement for agreement in self.configurations if agreement.left_out)
+
+
+def generalises(left_out_db: float, fitted_db: float) -> bool:
+    """True if a model with these errors holds in left-out configurations: at most half as much more, plus 0.1 dB."""
+    return left_out_db <= 1.5 * fitted_db + 0.1
+
 
 _SIGNS: dict[PeakKind, int] = {"resonance": 1, "antiresonance": -1}
 
@@ -53,13 +270,11 @@ def validate(
     measured: Sequence[Response],
     modelled: Sequence[Response],
     left_out: Sequence[str],
-    cost_p: float = math.nan,
     shifts: Mapping[str, ComplexArray] | None = None,
 ) -> Validation:
     """Judge the modelled FRFs, one for each measured one on the same lines; left_out: configurations not fitted.
 
-    All are left out of a fit to other data.  cost_p: P(as large a cost of the fit) by noise alone, which is judged with
-    the residuals; NaN where it is unknown.  shifts: as `agreement`, of configurations that were not fitted.
+    All are left out of a fit to other data.  shifts: as `agreement`, of configurations that were not fitted.
     Raises StudyError where left_out names a configuration that was not measured.
     """
     names = [response.configuration.name for response in measured]
@@ -73,7 +288,7 @@ def validate(
         agreement(Ghat, G, name in left_out, (shifts or {}).get(name))
         for name, Ghat, G in zip(names, measured, modelled, strict=True)
     )
-    return Validation(agreements, _verdict(agreements, cost_p))
+    return Validation(agreements, _verdict(agreements))
 
 
 def agreement(
@@ -99,7 +314,7 @@ def agreement(
         raise ValueError(f"{name}: measured and modelled lines differ")
     Ghat, G = measured.G, modelled.G
     noise = smooth_noise(measured)
-    sigma, dof = sigma_of(measured, noise)
+    sigma = sigma_of(measured, noise)
     judged = above_2sigma(measured, sigma)
     known = sigma > 0
     e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=known)
@@ -107,7 +322,6 @@ def agreement(
     tiny = np.finfo(float).tiny
     reference = np.maximum(np.maximum(np.abs(G), sigma), tiny)
     ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
-    inside = np.where(known.any(axis=0), _mean(np.abs(e) <= 2, known), np.nan)
     return Agreement(
         configuration=name,
         left_out=left_out,
@@ -116,8 +330,6 @@ def agreement(
         lines=judged.sum(axis=0),
         rms_log_db=np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, judged)),
         phase_rms_deg=np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, judged)),
-        inside_2sigma=inside,
-        inside_expected=inside_expected(dof),
         rms_sigma=np.sqrt(_mean(np.abs(e) ** 2, known)),
         peaks=_peaks(measured, modelled, sigma) if peaks else (),
         power_ratio=ratio,
@@ -162,7 +374,7 @@ def _peaks(measured: Response, modelled: Response, sigma: FloatArray) -> tuple[P
     return tuple(peaks)
 
 
-def _verdict(agreements: Sequence[Agreement], cost_p: float) -> str:
+def _verdict(agreements: Sequence[Agreement]) -> str:
     fitted, left_out = ([a for a in agreements if a.left_out is is_out] for is_out in (False, True))
     judged = left_out or fitted
     db, deg = _over(judged)
@@ -185,7 +397,7 @@ def _verdict(agreements: Sequence[Agreement], cost_p: float) -> str:
             f"On the fitted configurations the model is {sentence}; its error on others is unknown, because "
             "validation.left_out names none"
         )
-    return sentence + _noise_clause(judged, math.nan if left_out else cost_p) + _resonance_clause(judged) + "."
+    return sentence + _noise_clause(judged) + _resonance_clause(judged) + "."
 
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
@@ -194,18 +406,14 @@ def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
     return pooled_rms(db, lines), pooled_rms(deg, lines)
 
 
-def _noise_clause(agreements: Sequence[Agreement], cost_p: float) -> str:
-    inside = np.mean([a.overall_inside_2sigma for a in agreements])
-    expected = np.mean([a.inside_expected for a in agreements])
-    p = noise_p(agreements, cost_p)
-    if not np.isfinite(inside) or math.isnan(p):
+def _noise_clause(agreements: Sequence[Agreement]) -> str:
+    if math.isnan(p := noise_p(agreements)):
         return ""
-    white = are_white(agreements)
+    white, times = are_white(agreements), math.sqrt(power_ratio(agreements)[0])
     meaning = "more than the noise" if p < FALSE_ALARM or not white else "no more than the noise"
-    share = f"{100 * inside:.0f} % of the lines lie within 2 sigma ({100 * expected:.0f} % expected)"
     return (
-        f"; {share}{'' if white else ' and the residuals are coloured'}, {meaning} (of a true model, each of these two "
-        f"tests says more in {100 * FALSE_ALARM:g} % of measurements)"
+        f"; residuals are {times:.3g} times the noise{'' if white else ' and coloured'}, {meaning} (of a true model, "
+        f"each of these two tests says more in {100 * FALSE_ALARM:g} % of measurements)"
     )
 
 
@@ -228,19 +436,14 @@ def explain_cost(result: Result, measured: Sequence[Response], agreements: Seque
     ratio = result.cost / max(result.cost_expected, 1e-300)
     coloured = ", ".join(a.configuration for a in agreements if not a.is_white)
     where = f": residuals of neighbouring lines are correlated in {coloured}" if not are_white(agreements) else ""
-    if noise_p(agreements, cost_p(result)) < FALSE_ALARM:
+    if noise_p(agreements) < FALSE_ALARM:
         times = math.sqrt(max(ratio, power_ratio(agreements)[0]))
         floor = f", with a floor of {100 * result.floor:.3g} % of each element" if result.floor else ""
         return f"{opening}{floor}; without weights and floor they are {times:.3g} times the noise ({rate}){where}."
-    if falls_short_by_chance(ratio, result.cost_dof) < FALSE_ALARM:
+    if exceeds_by_chance(1 / max(ratio, 1e-300), result.cost_dof) < FALSE_ALARM:
         return (
             f"{opening}, smaller than their uncertainty, which is overestimated, for instance by realisations or "
             "periods that differ by more than their mean is wrong, or by fit.weights.floor above the error of the "
             "model; the intervals are then too wide rather than too narrow."
         )
     return f"{opening}, and show no error of the model ({rate}){where}."
-
-
-def cost_p(result: Result) -> float:
-    """P(as large a cost) by noise alone; NaN where no noise is known."""
-    return exceeds_by_chance(result.cost / max(result.cost_expected, 1e-300), result.cost_dof)

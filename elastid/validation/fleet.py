@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -111,35 +111,24 @@ class Finding:
         return f"{self.parameter} of {self.robot} is {size} off the mean of the others ({size_of_z} std)"
 
 
-@dataclass(frozen=True)
-class _Excess:
-    """Sum of squares beyond that of the fits, and its degrees of freedom."""
-
-    sum: float = 0.0
-    dof: float = 0.0
-
-    def __add__(self, other: _Excess) -> _Excess:
-        return _Excess(self.sum + other.sum, self.dof + other.dof)
-
-    @property
-    def variance(self) -> float:
-        return max(self.sum / self.dof, 0.0) if self.dof else 0.0
+# Sum of squares of a spread beyond that of the fits, and its degrees of freedom.
+_Excess: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class _Series:
-    """A robot's numbers x (T,), or their logarithms, with variances, over days; and what they amount to.
+    """A robot's numbers x (T,), or their logarithms, with variances, over days, with their mean and its variance.
 
-    about_line: residuals about the line over more than two dates, what dates differ by.  of_two: the change between
-    two dates, as if there were no trend.
+    excess: of what dates differ by, about the line over more than two dates, or of two as if there were no trend.
     """
 
     robot: str
     day: FloatArray
     x: FloatArray
     variance: FloatArray
-    about_line: _Excess
-    of_two: _Excess
+    mean: float
+    variance_of_mean: float
+    excess: _Excess
 
     @property
     def span(self) -> float:
@@ -148,33 +137,32 @@ class _Series:
 
 @dataclass(frozen=True)
 class _Parameter:
-    """A parameter of R robots: their series, with means over dates (R,) and variances."""
+    """A parameter of R robots: their series."""
 
     name: str
     is_relative: bool
     series: tuple[_Series, ...]
-    means: FloatArray
-    variances: FloatArray
 
     @property
     def letters(self) -> str:
         return _letters(self.name)
 
+    @property
+    def means(self) -> FloatArray:
+        return np.array([s.mean for s in self.series])
+
+    @property
+    def variances(self) -> FloatArray:
+        return np.array([s.variance_of_mean for s in self.series])
+
     def between_robots(self) -> _Excess:
         """Excess of the means over dates."""
-        n = len(self.means)
-        return _Excess(float((n - 1) * (np.var(self.means, ddof=1) - self.variances.mean())), n - 1.0)
+        n = len(self.series)
+        return float((n - 1) * (np.var(self.means, ddof=1) - self.variances.mean())), n - 1.0
 
-    def between_dates(self, without: _Series | None = None) -> _Excess:
-        """Excess of the lines over dates; of two dates alone the changes of all robots but one."""
-        lines = sum((s.about_line for s in self.series), _Excess())
-        return sum((s.of_two for s in self.series if s is not without), lines)
-
-    def without(self, r: int) -> _Parameter:
-        """Parameter of all robots but one."""
-        others = [i for i in range(len(self.series)) if i != r]
-        series = tuple(self.series[i] for i in others)
-        return _Parameter(self.name, self.is_relative, series, self.means[others], self.variances[others])
+    def between_dates(self, own: _Series | None = None) -> _Excess:
+        """Excess of the dates; not of the two of a robot's own, of which the change is judged."""
+        return _together(s.excess for s in self.series if s is not own or len(s.day) > 2)
 
 
 def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> tuple[Finding, ...]:
@@ -199,9 +187,7 @@ def _parameters(values: Sequence[FleetValue]) -> list[_Parameter]:
         is_relative = all(value.value > 0 for value in own)
         robots = dict.fromkeys(value.robot for value in own)
         series = tuple(_series([value for value in own if value.robot == r], r, is_relative) for r in robots)
-        variances = np.array([1 / np.sum(1 / s.variance) for s in series])
-        means = variances * [np.sum(s.x / s.variance) for s in series]
-        parameters.append(_Parameter(name, is_relative, series, means, variances))
+        parameters.append(_Parameter(name, is_relative, series))
     return parameters
 
 
@@ -209,58 +195,61 @@ def _series(values: Sequence[FleetValue], robot: str, is_relative: bool) -> _Ser
     day, x, std = (np.array([getattr(v, field) for v in values]) for field in ("day", "value", "std"))
     variance = (std / x) ** 2 if is_relative else std**2
     x = np.log(x) if is_relative else x
-    line = two = _Excess()
-    if len(x) > 2 and np.ptp(day) > 0:
-        A = np.column_stack([np.ones_like(day), (day - day[0]) / np.ptp(day)])
+    sum_of_squares, dof = 0.0, 0.0
+    if len(x) > 1 and np.ptp(day) > 0:
+        A = np.column_stack([np.ones_like(day), (day - day[0]) / np.ptp(day)])[:, : 1 + (len(x) > 2)]
         H = A @ np.linalg.pinv(A)
         e = x - H @ x
-        line = _Excess(float(e @ e - variance @ (1 - np.diag(H))), len(x) - 2.0)
-    elif np.ptp(day) > 0:
-        two = _Excess(float((x[1] - x[0]) ** 2 - variance.sum()) / 2, 1.0)
-    return _Series(robot, day, x, variance, line, two)
+        sum_of_squares, dof = float(e @ e - variance @ (1 - np.diag(H))), float(len(x) - A.shape[1])
+    of_mean = float(1 / np.sum(1 / variance))
+    mean = of_mean * float(np.sum(x / variance))
+    return _Series(robot, day, x, variance, mean, of_mean, (sum_of_squares, dof))
 
 
 def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Finding]:
     """Every robot against the mean of the others."""
     if len(parameter.series) < 3:  # of two, either may be the odd one
         return []
-    related = [p for p in _same_kind(parameter, parameters) if len(p.series) > 1]
-    shared = sum((p.between_robots() for p in related), _Excess())
+    of_kind = [p.between_robots() for p in _same_kind(parameter, parameters) if len(p.series) > 1]
     if parameter.is_relative and parameter.letters == "k":
-        shared += _Excess(LIMITS.natural_dof * LIMITS.natural_stiffness**2, LIMITS.natural_dof)
+        of_kind.append((LIMITS.natural_dof * LIMITS.natural_stiffness**2, LIMITS.natural_dof))
     findings = []
-    for r, s in enumerate(parameter.series):
-        others = parameter.without(r)
-        spread = _moderated(others.between_robots(), shared)
-        reference = (spread.variance + float(others.variances.mean())) / len(others.means)
-        std = math.sqrt(spread.variance + float(parameter.variances[r]) + reference)
-        off = float(parameter.means[r] - np.mean(others.means))
-        findings.append(_finding("differs", s.robot, parameter, off, std, spread.dof))
+    for s in parameter.series:
+        others = replace(parameter, series=tuple(other for other in parameter.series if other is not s))
+        spread, dof = _moderated(others.between_robots(), of_kind)
+        reference = (spread + float(others.variances.mean())) / len(others.series)
+        std = math.sqrt(spread + s.variance_of_mean + reference)
+        findings.append(_finding("differs", s.robot, parameter, s.mean - float(others.means.mean()), std, dof))
     return findings
 
 
 def _trends(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Finding]:
     """The line over its dates of every robot that has two, by what dates of robots or of like parameters differ."""
-    shared = sum((p.between_dates() for p in _same_kind(parameter, parameters)), _Excess())
+    of_kind = [p.between_dates() for p in _same_kind(parameter, parameters)]
     findings = []
     for s in parameter.series:
-        if s.span == 0:
+        spread, dof = _moderated(parameter.between_dates(s), of_kind)
+        if s.span == 0 or not dof:  # nothing says how far dates differ anyway
             continue
-        spread = _moderated(parameter.between_dates(s), shared)
-        if not spread.dof:  # nothing says how far dates differ anyway
-            continue
-        w = 1 / (s.variance + spread.variance)
+        w = 1 / (s.variance + spread)
         centred = s.day - float(w @ s.day) / w.sum()
         information = float(w @ centred**2)
         change = float((w * centred) @ s.x) / information * s.span
-        findings.append(_finding("drifts", s.robot, parameter, change, s.span / math.sqrt(information), spread.dof))
+        findings.append(_finding("drifts", s.robot, parameter, change, s.span / math.sqrt(information), dof))
     return findings
 
 
-def _moderated(own: _Excess, shared: _Excess) -> _Excess:
-    """Own spread and that of the same kind of parameters, which is worth `max_shared_dof` at most."""
-    worth = min(1.0, LIMITS.max_shared_dof / shared.dof) if shared.dof else 0.0
-    return own + _Excess(worth * shared.sum, worth * shared.dof)
+def _together(parts: Iterable[_Excess]) -> _Excess:
+    sums, dofs = zip((0.0, 0.0), *parts, strict=True)
+    return sum(sums), sum(dofs)
+
+
+def _moderated(own: _Excess, of_kind: Iterable[_Excess]) -> tuple[float, float]:
+    """Variance and degrees of freedom of its own spread and that of its kind, worth `max_shared_dof` at most."""
+    total, dof = _together(of_kind)
+    worth = min(1.0, LIMITS.max_shared_dof / dof) if dof else 0.0
+    total, dof = _together([own, (worth * total, worth * dof)])
+    return (max(total / dof, 0.0) if dof else 0.0), dof
 
 
 def _same_kind(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[_Parameter]:

@@ -29,9 +29,10 @@ from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts, r
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.motion_terms import columns_of, full_rate_columns
 from elastid.friction_study.result import JointFriction
-from elastid.model.formulation import EXACT
+from elastid.model.formulation import EXACT, formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
 from elastid.robot import Robot
+from elastid.robot.simplified import without_friction
 from elastid.simulation.closed_loop import Commands, Trajectory
 from elastid.simulation.controller import feed_forward, gains_of
 from elastid.validation.twin import (
@@ -55,7 +56,6 @@ from elastid.validation.twin import (
     TwinSignal,
     run_along,
     torque_balance,
-    twin_signal,
 )
 
 # Parts of a regression as the twin names them.
@@ -185,27 +185,27 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
     held_hz = HELD_HZ if controller is None else 0.0
     empty = TwinRun(log.records[0].name, drive, held_hz, len(log.position) / log.rate_hz, log.rate_hz)
     start = Configuration(log.records[0].name, log.position[0])
-    run = run_along(
-        empty, robot, start, EXACT, lambda free: _driven(log, free, controller), partial(_compared, robot, log)
-    )  # fmt: skip
+    driven_by, compared = partial(_driven, log, controller), partial(_compared, robot, log)
+    run = run_along(empty, robot, start, EXACT, driven_by, compared)
     return replace(run, rate_hz=log.rate_hz / int(log.signals[0].kept.step)) if run.signals else run
 
 
-def _driven(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> Driven:
+def _driven(log: _Log, controller: CascadeSpec | None, plant: TwinPlant) -> Driven:
     """Reference, torque and gains; those of joints that rest are the same under both drives."""
-    model, moving = free.model, np.array(log.moving)
-    own = feed_forward(model, free.point.q, log.position - log.position[0], log.velocity, log.acceleration)
+    q, moving = plant.point.q, np.array(log.moving)
+    smooth = formulate(without_friction(plant.model.robot))
+    own = feed_forward(smooth, q, log.position - log.position[0], log.velocity, log.acceleration)
     lacking = np.where(moving, own - log.rigid, 0.0)
     still = np.zeros_like(own)
     if controller is None:
         # The plant holds a torque from sample to sample: the mean of both ends acts on it.
         acting = (log.torque + np.vstack([log.torque[1:], log.torque[-1:]])) / 2
-        held = free.holding_gains(HELD_HZ)
+        held = plant.holding_gains(HELD_HZ)
         # As the loop differentiates what it reads, so that its torque is of the error alone.
         position = log.position
         velocity = np.diff(position, axis=0, prepend=position[:1]) * log.rate_hz
     else:
-        held = gains_of(model, free.point.q, controller.spec)
+        held = gains_of(plant.model, q, controller.spec)
         position, known = log.position.copy(), np.zeros_like(own)
         for record, i in zip(log.records, np.flatnonzero(moving), strict=True):
             assert record.reference is not None
@@ -217,12 +217,10 @@ def _driven(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> Drive
         error = held.kp * (position[0] - log.position[0]) + held.kd * (velocity[0] - log.velocity[0])
         acting = known + np.where(held.ki > 0, log.torque[0] - known[0] - error, 0.0)
     commands = Commands(position, velocity, np.where(moving, acting, own), lacking, still)
-    return Driven(commands, free.gains(moving, held), log.velocity[0])
+    return Driven(commands, plant.gains(moving, held), log.velocity[0])
 
 
-def _compared(
-    robot: Robot, log: _Log, plant: TwinPlant, moved: Trajectory, free: Trajectory | None
-) -> Iterator[TwinSignal]:
+def _compared(robot: Robot, log: _Log, plant: TwinPlant, moved: Trajectory) -> Iterator[TwinSignal]:
     """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
     names, n = [joint.name for joint in robot.driven], len(moved.u)
     for record, signals in zip(log.records, log.signals, strict=True):
@@ -230,19 +228,13 @@ def _compared(
         kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, n), signals.kept.step))
         i, k = names.index(record.joint), plant.model.index(f"joint {record.joint}")
         motor, turning = f"motor {record.joint}", motion_unit("position", record.slides)
-        own, frictionless = (
-            (None, None, None) if run is None else (run.reading[:, i], run.u[:, i], run.q[:, k])
-            for run in (moved, free)
-        )
+        simulated = moved.reading[:, i], moved.u[:, i], moved.q[:, k]
         measured = record.position, record.torque, record.link_position
         kinds: tuple[SignalKind, ...] = (MOTION, TORQUE, LINK)
         places = (motor, turning), (motor, drive_unit(record.slides)), (f"joint {record.joint}", turning)
-        for kind, (place, unit), *three in zip(kinds, places, measured, own, frictionless, strict=True):
-            if three[0] is not None:
-                y, y_twin, y_free = (None if each is None else kept.filtered(each[:n]) for each in three)
-                assert y is not None
-                assert y_twin is not None
-                yield twin_signal(kind, place, unit, y, y_twin, y_free)
+        for kind, (place, unit), y, y_twin in zip(kinds, places, measured, simulated, strict=True):
+            if y is not None:
+                yield TwinSignal(kind, place, unit, kept.filtered(y[:n]), kept.filtered(y_twin[:n]))
 
 
 def predict_logs(

@@ -1,4 +1,4 @@
-"""Tests of residuals against the measured noise: share, power, whiteness, each with its false alarm rate.
+"""Tests of residuals against the measured noise: power and whiteness, each with its false alarm rate.
 
 The residuals of a line are whitened by the noise with which the fit weighs, z = L^-1 vec E with C~ = L L^H, so that
 elements do not count twice where they err together. Each test gives the probability p with which chance leaves as much;
@@ -11,11 +11,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import fdtr, fdtrc, gammaincc
+from scipy.special import fdtrc, gammaincc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.statistics import chi_square_tail
-from elastid.fit.problem.smoothed_noise import MIN_DOF, SmoothedNoise, smooth_noise, smooth_variance
+from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise, smooth_variance
 from elastid.response import Covariance, Response
 
 # Probability of a verdict against a true model.
@@ -71,13 +71,11 @@ def without_shifts(z: ComplexArray, shifts: ComplexArray) -> tuple[ComplexArray,
 
 
 def exceeds_by_chance(ratio: float, dof: float) -> float:
-    """P(as much or more) of a ratio of mean 1 and variance 2 / dof, half of it the denominator's; NaN without noise."""
+    """P(as much or more) of a ratio of mean 1 and variance 2 / dof, half of it the denominator's; NaN without noise.
+
+    That of as little is the same of 1 / ratio.
+    """
     return float(fdtrc(2 * dof, 2 * dof, ratio)) if math.isfinite(ratio) and dof > 0 else math.nan
-
-
-def falls_short_by_chance(ratio: float, dof: float) -> float:
-    """P(as little or less), otherwise as `exceeds_by_chance`."""
-    return float(fdtr(2 * dof, 2 * dof, ratio)) if math.isfinite(ratio) and dof > 0 else math.nan
 
 
 def white_by_chance(z: ComplexArray) -> float:
@@ -115,38 +113,26 @@ def together(p: Sequence[float] | FloatArray) -> float:
     return chi_square_tail(-2 * sum(logarithms), 2 * len(logarithms)) if logarithms else math.nan
 
 
-def sigma_of(measured: Response, noise: SmoothedNoise | None = None) -> tuple[FloatArray, float]:
-    """sigma (F, n_y, n_u) and its degrees of freedom, as the fit weighs without its floor.
+def sigma_of(measured: Response, noise: SmoothedNoise | None = None) -> FloatArray:
+    """sigma (F, n_y, n_u), as the fit weighs without its floor; zeros where the measurement came without one.
 
-    noise: that of `smooth_noise`, if it is known.  Zeros where the measurement came without an uncertainty.
+    noise: that of `smooth_noise`, if it is known.
     """
-    if (noise := noise or smooth_noise(measured)) is None:
-        return np.zeros(measured.G.shape), 0.0
-    return np.sqrt(noise.variance), max(noise.measured.dof, MIN_DOF)
+    known = noise or smooth_noise(measured)
+    return np.zeros(measured.G.shape) if known is None else np.asarray(np.sqrt(known.variance))
 
 
-def smoothed_std(measured: Response, covariance: Covariance) -> tuple[FloatArray, float]:
-    """Standard deviation (F, n_y, n_u) of G and its degrees of freedom, smoothed over lines where they are few."""
+def smoothed_std(measured: Response, covariance: Covariance) -> FloatArray:
+    """Standard deviation (F, n_y, n_u) of G, smoothed over lines where its degrees of freedom are few."""
     G, variance = measured.G, covariance.variance
     smooth = np.empty(G.shape)
     for i, j in np.ndindex(G.shape[1:]):
         smooth[:, i, j] = smooth_variance(variance[:, i, j], G[:, i, j], covariance.dof)[1]
-    return np.sqrt(smooth), max(covariance.dof, MIN_DOF)
+    return np.sqrt(smooth)
 
 
 def above_2sigma(measured: Response, sigma: FloatArray | None = None) -> BoolArray:
     """Lines (F, n_y, n_u) of at least twice sigma (default: of `sigma_of`); without noise all that are not zero."""
     magnitude = np.abs(measured.G)
-    sigma = sigma_of(measured)[0] if sigma is None else sigma
+    sigma = sigma_of(measured) if sigma is None else sigma
     return np.asarray((magnitude >= 2 * sigma) & (magnitude > 0))
-
-
-def inside_expected(dof: float) -> float:
-    r"""P(|E| <= 2 sigma) = 1 - (1 + 4 / dof)^{-dof} of a true model.
-
-    |E|^2 / sigma^2 is F-distributed with 2 and 2 dof degrees of freedom; dof counts complex numbers. 0.80 for two
-    realisations, 0.982 for a variance that is known, NaN where there is none.
-    """
-    if dof == 0:
-        return math.nan
-    return 1 - math.exp(-4 if math.isinf(dof) else -dof * math.log1p(4 / dof))

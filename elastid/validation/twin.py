@@ -10,7 +10,7 @@ Over frequency the same with spectra U, T_i of Hann's window, summed over the li
 
 .. math:: error_i = \sqrt{\overline{(y_i - \hat y_i)^2}} \,/\, \sqrt{\overline{(y_i - \bar y_i)^2}}
 
-Of the identified model with and without friction, simulated forwards. What drives the twin is one of two:
+Of the identified model, simulated forwards. What drives the twin is one of two:
 
 `reference`: that of the robot's controller, through the same controller. Motion and torque are the twin's own.
 `torque`: that of the log. A robot under a torque alone drifts, since its motors have no springs and gravity may pull it
@@ -37,7 +37,6 @@ from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.robot.simplified import without_friction
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, rigid_motion, tune
 
@@ -185,18 +184,12 @@ LINK: Final = "link motion"
 _DRIVES = {"reference": "reference through its controller", "torque": "torque"}
 # Of a log this much is simulated at most.
 LONGEST_S = 30.0
-NO_CONTROLLER = (
-    "No controller of these logs is declared, so that no reference is followed and their torque alone drives the model "
-    "(a study of friction declares it in experiment.recorded.controller)."
-)
 
 
 @frozen_value
 class TwinSignal:
     """One signal (n,) of a log and of its twin, link side, in SI, at rate_hz of its run.
 
-    frictionless (n,): of the twin without friction; (0,) where the model has none, or where it was lost.
-    error, error_without_friction: rms error over the rms of the signal about its mean, the latter NaN without.
     ValueError where shapes disagree.
     """
 
@@ -205,17 +198,19 @@ class TwinSignal:
     unit: str
     measured: FloatArray = labelled("as measured, link side", "{unit}", "sample")
     simulated: FloatArray = labelled("of the twin", "{unit}", "sample")
-    frictionless: FloatArray = labelled("of the twin without friction", "{unit}", "sample")
-    error: float
-    error_without_friction: float
 
     def __post_init__(self) -> None:
         """Check shapes."""
-        if self.simulated.shape != self.measured.shape or len(self.frictionless) not in (0, len(self.measured)):
+        if self.simulated.shape != self.measured.shape:
             raise ValueError(
-                f"{self.kind} at {self.place}: measured {self.measured.shape}, simulated {self.simulated.shape}, "
-                f"frictionless {self.frictionless.shape}"
+                f"{self.kind} at {self.place}: measured {self.measured.shape}, simulated {self.simulated.shape}"
             )
+
+    @property
+    def error(self) -> float:
+        """Rms error over the rms of the signal about its mean."""
+        rms = float(np.sqrt(np.mean((self.measured - self.simulated) ** 2)))
+        return rms / max(float(np.std(self.measured)), 1e-300)
 
 
 @dataclass(frozen=True)
@@ -223,8 +218,7 @@ class TwinRun:
     """The twin moved along one log.
 
     held_hz: bandwidth of the loop about the logged motion, 0 under the controller's reference.  seconds: of the log
-    that were simulated.  lost: why there is no result, and lost_without_friction: why there is none of the twin without
-    friction; empty where there is.
+    that were simulated.  lost: why there is no result; empty where there is.
     """
 
     log: str
@@ -234,7 +228,6 @@ class TwinRun:
     rate_hz: float
     signals: tuple[TwinSignal, ...] = ()
     lost: str = ""
-    lost_without_friction: str = ""
 
     def of(self, kind: SignalKind) -> tuple[TwinSignal, ...]:
         """The signals of a kind."""
@@ -250,24 +243,11 @@ class TwinFindings:
 
     @property
     def run_words(self) -> tuple[str, ...]:
-        """Errors of the twin in each run, and the reason why none follows a reference where none does."""
-        words = tuple(map(describe_run, self.runs))
-        return (*words, NO_CONTROLLER) if words and all(run.drive == "torque" for run in self.runs) else words
+        """Errors of the twin in each run."""
+        return tuple(map(describe_run, self.runs))
 
 
 NO_TWIN = TwinFindings()
-
-
-def twin_signal(
-    kind: SignalKind, place: str, unit: str, measured: FloatArray, simulated: FloatArray, free: FloatArray | None
-) -> TwinSignal:
-    """The errors of a signal (n,); free: of the twin without friction."""
-    scale = max(float(np.std(measured)), 1e-300)
-    error, without = (
-        math.nan if each is None else float(np.sqrt(np.mean((measured - each) ** 2))) / scale
-        for each in (simulated, free)
-    )
-    return TwinSignal(kind, place, unit, measured, simulated, np.zeros(0) if free is None else free, error, without)
 
 
 def describe_run(run: TwinRun) -> str:
@@ -275,19 +255,12 @@ def describe_run(run: TwinRun) -> str:
     if run.lost:
         return f"Simulated forwards on {run.log}, driven by its {_DRIVES[run.drive]}, the twin is lost: {run.lost}."
     held = f", held on the log by a loop of {run.held_hz:.2g} Hz" if run.held_hz else ""
-    parts = []
-    for kind in (MOTION, TORQUE, LINK):
-        if signals := run.of(kind):
-            without = [s.error_without_friction for s in signals if math.isfinite(s.error_without_friction)]
-            ends = f" (without friction {_spread(without)})" if without else ""
-            parts.append(f"{kind} {_spread([s.error for s in signals])}{ends}")
-    text = (
+    errors = {kind: [signal.error for signal in run.of(kind)] for kind in (MOTION, TORQUE, LINK)}
+    parts = [f"{kind} {_spread(own)}" for kind, own in errors.items() if own]
+    return (
         f"Simulated forwards over {run.seconds:.3g} s of {run.log}, driven by its {_DRIVES[run.drive]}{held}, the twin "
         f"is off by (rms error over rms signal): {'; '.join(parts)}."
     )
-    if run.lost_without_friction:
-        text += f" Without friction it is lost: {run.lost_without_friction}."
-    return text
 
 
 def _spread(errors: Sequence[float]) -> str:
@@ -339,25 +312,15 @@ class Driven:
 
 def run_along(
     empty: TwinRun, robot: Robot, start: Configuration, spec: ModelSpec, driven_by: Callable[[TwinPlant], Driven],
-    compared: Callable[[TwinPlant, Trajectory, Trajectory | None], Iterable[TwinSignal]],
+    compared: Callable[[TwinPlant, Trajectory], Iterable[TwinSignal]],
 ) -> TwinRun:  # fmt: skip
-    """The run of a robot along a log, with and without its friction, or why it is lost.
-
-    empty: the run without its results, at the rate of the log's samples.  driven_by: of the robot without friction.
-    compared: signals of the robot, its trajectory, and that without friction, if there is one.
-    """
+    """The run of a robot along a log, or why it is lost; empty: without its results, at the rate of the samples."""
     try:
-        free, full = (TwinPlant.of(each, empty.rate_hz, start, spec) for each in (without_friction(robot), robot))
-        driven = driven_by(free)
-        moved = full.moved(driven)
+        plant = TwinPlant.of(robot, empty.rate_hz, start, spec)
+        moved = plant.moved(driven_by(plant))
     except (DataError, StudyError) as error:
         return replace(empty, lost=str(error))
-    without, lost = None, ""
-    try:
-        without = free.moved(driven)
-    except DataError as error:
-        lost = str(error)
-    return replace(empty, signals=tuple(compared(full, moved, without)), lost_without_friction=lost)
+    return replace(empty, signals=tuple(compared(plant, moved)))
 
 
 @dataclass(frozen=True)

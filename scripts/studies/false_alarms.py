@@ -66,7 +66,7 @@ from elastid.recorded.rig import RecordedRig
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.study import load
-from elastid.validation.agreement import cost_p, explain_cost, validate
+from elastid.validation.agreement import explain_cost, validate
 
 RIG_EVERY = 10
 # Sets of each period count, grid, wander, step and encoder, at least, of 300.
@@ -131,7 +131,7 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
         if result.status != "converged":
             codes[f"status-{result.status}"] = result.message
         modelled = FittedRobot.of(result, robot, responses).responses
-        judged = validate(responses, modelled, (), cost_p(result))
+        judged = validate(responses, modelled, ())
         if cost := explain_cost(result, responses, judged.fitted):
             is_beyond = "times the noise" in cost and ", smaller than" not in cost and "and show no" not in cost
             codes |= {"excess-of-cost": cost} if is_beyond else {}

@@ -228,7 +228,7 @@ def test_the_summary_keeps_its_form(finished: Path) -> None:
     assert list(summary["modes"][0]) == ["configuration", "frequency_hz", "damping_ratio"]
     # f = sqrt(k (1/J + 1/I)) / 2 pi
     assert summary["modes"][0]["frequency_hz"][0] == pytest.approx(np.sqrt(60 * 2e3) / (2 * np.pi), rel=0.01)
-    assert list(summary["frf_error"][0]) == ["configuration", "rms_log_db", "phase_rms_deg", "inside_2sigma"]
+    assert list(summary["frf_error"][0]) == ["configuration", "rms_log_db", "phase_rms_deg", "rms_sigma"]
 
 
 def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from elastid.app import cli
 from elastid.response import Response
 from elastid.store.measured import read_responses
 from elastid.study import load
-from elastid.validation.results import resonances
+from elastid.validation.agreement import resonances
 
 ROOT = Path(__file__).parents[2]
 EMPS_STUDY = ROOT / "configs" / "real" / "emps_response.yml"

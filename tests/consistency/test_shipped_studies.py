@@ -15,7 +15,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.store.measured import read_responses
 from elastid.store.results import read_fit
 from elastid.study import load
-from elastid.validation.results import resonances
+from elastid.validation.agreement import resonances
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"

@@ -20,7 +20,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from elastid.validation.compare import ComparedVariant, RefitTask, refit
+from elastid.validation.comparison import ComparedVariant, RefitTask, refit
 
 FREQ = np.linspace(2, 50, 40)
 POSTURES = ((0.3, 0.2), (0.9, -0.6), (-0.5, 1.0))

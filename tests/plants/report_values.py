@@ -14,8 +14,7 @@ from elastid.record import Configuration
 from elastid.report.content import ReportContent
 from elastid.report.modes import ModeRow
 from elastid.response import Covariance, Response
-from elastid.validation.agreement import validate
-from elastid.validation.results import Fold, Replay
+from elastid.validation.agreement import Fold, validate
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 
@@ -132,27 +131,6 @@ def modes(configuration="c1"):
     )
 
 
-def replays(configuration="c1", seed=0):
-    """Two records of two outputs, the model a tenth too small."""
-    measured = np.random.default_rng(seed).standard_normal((400, 2))
-    fit = np.array([[90.0, 89.5], [88.0, 91.0]])
-    return Replay(
-        configuration,
-        ("r1", "r2"),
-        ("place 1", "place 2"),
-        "acceleration",
-        ("rad/s^2", "m/s^2"),
-        (2.0, 60.0),
-        fit,
-        np.array([[99.0, 98.0], [99.5, 97.0]]),
-        "r2",
-        250.0,
-        True,
-        measured,
-        0.9 * measured,
-    )
-
-
 def full_content():
     """A report of everything."""
     content = report_content(modes=(modes("c1"), modes("c2")))
@@ -160,8 +138,6 @@ def full_content():
     validation = replace(
         content.validation,
         cost="The cost is what the noise alone would leave.",
-        replays=(replays("c1"), replays("c2", 1)),
-        replayed="Replayed, the model explains 90 %.",
         folds=(Fold("c1", 1.21, 0.5, 2.5), Fold("c2", math.nan, math.nan, math.nan, "no start led anywhere")),
         folded="Left out in turn, 0.5 dB.",
     )

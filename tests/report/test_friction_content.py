@@ -13,7 +13,7 @@ from plants.taken_friction import LEVELS, STDS, taken_friction
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.result import FrictionResult
 from elastid.nonlinear.friction import friction_rows
-from elastid.validation.twin import TORQUE, TwinFindings, TwinRun, twin_signal
+from elastid.validation.twin import TORQUE, TwinFindings, TwinRun, TwinSignal
 
 
 def test_sliding_friction_is_the_sum_of_its_levels_with_their_covariance() -> None:
@@ -43,7 +43,7 @@ def test_numbers_are_good_as_far_as_a_twin_with_them_moves_as_its_log(error: flo
     """One whose torque is 15 % off, or that is lost, is said in the first sentence."""
     t = np.arange(500) / 100
     torque = np.sin(2 * np.pi * t)
-    signal = twin_signal(TORQUE, "motor 1", "N*m", torque, torque + error * np.cos(2 * np.pi * t), None)
+    signal = TwinSignal(TORQUE, "motor 1", "N*m", torque, torque + error * np.cos(2 * np.pi * t))
     run = TwinRun("log a", "torque", 0.5, 5.0, 100.0, (signal,))
     content = replace(friction_content(), twin=TwinFindings((), (run,)))
     said = content.questions[0][1][0]

@@ -8,8 +8,8 @@ import pytest
 from elastid.fit.intervals import Profile
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.store.checkpoint import Checkpoint
+from elastid.validation.agreement import Fold
 from elastid.validation.comparison import Refit
-from elastid.validation.results import Fold
 
 START = LocalOptimum(np.array([0.1, np.pi]), np.array([1 / 3, -1e-300]), np.inf, 7, False, "none")
 PROFILE = Profile("k_1", (-np.inf, 0.3))

@@ -15,9 +15,8 @@ from elastid.model.formulation import EXACT
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.study import load_robot
-from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit
-from elastid.validation.comparison import Comparison, Refit
-from elastid.validation.results import Fold
+from elastid.validation.agreement import Fold
+from elastid.validation.comparison import ComparedVariant, Comparison, Refit, RefitTask, held, rank, refit
 
 CONFIGURATIONS = ("a", "b", "c", "d")
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from plants.two_mass import FREQ_HZ, response, two_mass
 
-from elastid.validation.agreement import agreement
+from elastid.validation.agreement import Fold, agreement
 from elastid.validation.comparison import (
     ComparedModel,
     Refit,
@@ -21,7 +21,6 @@ from elastid.validation.comparison import (
     generalises,
     search,
 )
-from elastid.validation.results import Fold
 
 FINE = Fold("c1", 1.0, 0.5, 2.0)
 

@@ -60,9 +60,7 @@ def noise_share(record: Record, signal: np.ndarray, std: float) -> float:
     return float(std * np.sqrt(2 * inside.sum() / PERIOD) / np.std(np.fft.irfft(spectrum, PERIOD)))
 
 
-def test_the_true_twin_is_off_by_the_noise_and_without_friction_by_far_more(
-    measured: tuple[SimulatedRig, Record],
-) -> None:
+def test_the_true_twin_is_off_by_the_noise(measured: tuple[SimulatedRig, Record]) -> None:
     """Motions by what the noise of the torque moves, held on the log by a slow loop."""
     _, record = measured
     (run,) = elastic_runs(record, FittedTwin(arm(), 0.0, EXACT), BAND_HZ)
@@ -72,9 +70,6 @@ def test_the_true_twin_is_off_by_the_noise_and_without_friction_by_far_more(
     assert errors(run)[MOTION] < 5 * expected
     assert errors(run)[LINK] < 5 * expected
     assert run.held_hz == pytest.approx(0.4)
-    motion = run.of(MOTION)[0]
-    assert motion.error_without_friction > 10 * motion.error
-    assert "without friction" in describe_run(run)
 
 
 def test_a_motor_that_is_not_in_the_log_is_held(measured: tuple[SimulatedRig, Record]) -> None:
@@ -98,7 +93,6 @@ def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
     twin = FittedTwin(bristly, 0.0, EXACT)
     (periodic,) = elastic_runs(record, twin, BAND_HZ)
     assert errors(periodic)[MOTION] < 0.02
-    assert periodic.of(MOTION)[0].error_without_friction > 10 * errors(periodic)[MOTION]
     (once,) = elastic_runs(replace(record, is_periodic=False, period_samples=record.n_samples), twin, BAND_HZ)
     assert once.seconds == record.n_samples / RATE_HZ
     # Speed and deflection of the link are not in the log, and what they begin with fades slowly.

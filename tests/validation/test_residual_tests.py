@@ -13,23 +13,12 @@ from elastid.response import Response
 from elastid.validation.residual_tests import (
     FALSE_ALARM,
     exceeds_by_chance,
-    falls_short_by_chance,
-    inside_expected,
     power_over_noise,
     together,
     white_by_chance,
     whitening,
     without_shifts,
 )
-
-
-@pytest.mark.parametrize("dof", [1, 5, math.inf])
-def test_the_expected_share_inside_two_sigma_is_that_of_a_true_model(dof):
-    """1 - (1 + 4/nu)^-nu equals the share in 200 000 draws of noise over its estimated sigma."""
-    rng = np.random.default_rng(1)
-    variance = np.ones(200_000) if math.isinf(dof) else rng.gamma(dof, 1 / dof, 200_000)
-    share = np.mean(np.abs(circular(rng, 200_000)) ** 2 <= 4 * variance)
-    assert inside_expected(dof) == pytest.approx(share, abs=0.003)
 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.7])
@@ -64,8 +53,8 @@ def test_power_is_beyond_chance_as_often_as_the_test_says():
     rng = np.random.default_rng(2)
     ratio = rng.chisquare(300, 400) / 300 / (rng.chisquare(600, 400) / 600)
     dof = 2 / (2 / 300 + 2 / 600)
-    for test in (exceeds_by_chance, falls_short_by_chance):
-        assert np.mean([test(one, dof) < 0.05 for one in ratio]) == pytest.approx(0.05, abs=0.03)
+    for ratios in (ratio, 1 / ratio):
+        assert np.mean([exceeds_by_chance(one, dof) < 0.05 for one in ratios]) == pytest.approx(0.05, abs=0.03)
     assert math.isnan(exceeds_by_chance(2.0, 0.0))
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.two_mass import FREQ_HZ, circular, two_mass
 
-from elastid.validation.results import paired_resonances, resonances
+from elastid.validation.agreement import paired_resonances, resonances
 
 
 @given(

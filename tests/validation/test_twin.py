@@ -10,7 +10,7 @@ from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_twin import friction_balances
-from elastid.validation.twin import DRY, GRAVITY, INERTIA, VISCOUS, describe_balance, torque_balance
+from elastid.validation.twin import DRY, GRAVITY, INERTIA, MOTION, VISCOUS, TwinSignal, describe_balance, torque_balance
 
 RATE_HZ, N = 200.0, 2000
 J, VISCOUS_COEFFICIENT, COULOMB, COS = 12.0, 30.0, 8.0, 25.0
@@ -84,3 +84,11 @@ def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left()
     assert found.left_without_friction == pytest.approx(0.502, abs=0.003)
     assert all(band.shares[0] > 0.97 for band in found.bands if band.low_hz >= 2.5)
     assert all(band.left < 0.005 for band in found.bands)
+
+
+def test_the_error_of_a_signal_is_over_the_signal_about_its_mean() -> None:
+    """10 % off at 6 Hz, all of 20 Hz missing."""
+    t = np.arange(N) / RATE_HZ
+    slow, middle, fast = (a * np.sin(2 * np.pi * f * t) for a, f in ((4.0, 3.0), (2.0, 6.0), (1.0, 20.0)))
+    signal = TwinSignal(MOTION, "motor 1", "rad", slow + middle + fast + 7.0, slow + 0.9 * middle + 7.0)
+    assert signal.error == pytest.approx(np.sqrt((0.2**2 + 1) / 21))

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
-from typing import TypeAlias
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings
@@ -19,7 +17,7 @@ from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.frf.spec import EstimatorSpec
-from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.nonlinear.take_out import net_records, shaft_couplings
@@ -28,13 +26,10 @@ from elastid.store.measured import read_configurations, read_friction, read_reco
 from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.study import Study
 from elastid.validation import elastic_twin
-from elastid.validation.agreement import cost_p, explain_cost
+from elastid.validation.agreement import Fold, Validation, explain_cost
 from elastid.validation.agreement import validate as validate_responses
-from elastid.validation.compare import ComparedVariant, RefitTask, refit
-from elastid.validation.comparison import describe_folds, divide, gather_folds
-from elastid.validation.elastic_twin import describe_replays, replay
+from elastid.validation.comparison import ComparedVariant, RefitTask, describe_folds, divide, gather_folds, refit
 from elastid.validation.predicted import PredictedResponse, predict_response
-from elastid.validation.results import Fold, Replay, Validation
 from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
 
 
@@ -61,7 +56,7 @@ class Validated:
 def validate(study: Study, work: Work) -> Artefacts:
     """validation.h5 and validation.json: prediction errors of the fitted model, on left-out configurations if any.
 
-    Without records, which may not be kept, nothing is replayed.
+    Without records, which may not be kept, nothing is simulated.
     """
     responses, result = read_responses(work.sources["estimate"]), read_fit(work.sources["fit"])
     fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
@@ -69,10 +64,10 @@ def validate(study: Study, work: Work) -> Artefacts:
     own = Validated(study, fitted, read_friction(work.sources["estimate"]), gears)
     unfinished, records = work.checkpoint(), work.sources.get("measure")
     if records is None and study.experiment.responses is None:
-        work.console.say("validate: records.h5 is not there as it was measured; nothing is replayed in time")
+        work.console.say("validate: records.h5 is not there as it was measured; nothing is simulated in time")
     with work.execution(unfinished) as execution:
-        replays, twin = replayed_in_time(own, records, work.console, execution)
-        judged = _validation(own, replays, execution)
+        twin = in_time(own, records, work.console, execution)
+        judged = _validation(own, execution)
     at_tool = at_tool_predicted(own, tool_responses(study.validation.tool, study, work.base))
     tapped = at_tool_predicted(own, tool_responses(study.tool, study, work.base), is_fitted=True)
     judged = replace(judged, predictions=(*_left_out_predicted(own), *at_tool, *tapped))
@@ -82,7 +77,7 @@ def validate(study: Study, work: Work) -> Artefacts:
         console.say(f"validate: {judged.verdict}")
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
-        further = [judged.folded, judged.cost, judged.replayed]
+        further = [judged.folded, judged.cost]
         if balances:
             further.append(describe_balance(max(balances, key=lambda balance: balance.left)))
         for words in filter(None, (*further, *twin.run_words)):
@@ -97,30 +92,25 @@ def validate(study: Study, work: Work) -> Artefacts:
     )
 
 
-def replayed_in_time(
-    own: Validated, records: Path | None, console: Console, execution: Execution
-) -> tuple[tuple[Replay, ...], TwinFindings]:
-    """The records through the fitted robot, its torques part by part, and its motion; nothing without records."""
+def in_time(own: Validated, records: Path | None, console: Console, execution: Execution) -> TwinFindings:
+    """The torques of the fitted robot part by part, and its motion along a record; nothing without records."""
     if records is None:
-        return (), NO_TWIN
-    in_time = _records_in_time(own, records, console, execution)
-    balances = tuple(balance for _, of_motors in in_time for balance in of_motors)
-    return tuple(each for each, _ in in_time), TwinFindings(balances, _twin_runs(own, records))
+        return NO_TWIN
+    return TwinFindings(_balances(own, records, console, execution), _twin_runs(own, records))
 
 
-def _validation(own: Validated, replays: tuple[Replay, ...], execution: Execution) -> Validation:
+def _validation(own: Validated, execution: Execution) -> Validation:
     """Prediction errors and the reasons for the cost."""
     left_out, responses, result = own.left_out, own.responses, own.fitted.result
     modelled = own.fitted.responses
     measured = [response.configuration.name for response in responses]
     shifts = {name: own.fitted.response_shifts(name) for name in left_out if name in measured}
-    judged = validate_responses(responses, modelled, left_out, cost_p(result), shifts)
+    judged = validate_responses(responses, modelled, left_out, shifts)
     pairs = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
     folds = _folds(own, [Ghat for Ghat, _ in pairs], execution)
     cost = explain_cost(result, [Ghat for Ghat, _ in pairs], judged.fitted)
-    replayed = describe_replays(replays) if replays else ""
     folded = describe_folds(folds, judged.fitted) if folds else ""
-    return replace(judged, cost=cost, replays=replays, replayed=replayed, folds=folds, folded=folded)
+    return replace(judged, cost=cost, folds=folds, folded=folded)
 
 
 def _left_out_predicted(own: Validated) -> tuple[PredictedResponse, ...]:
@@ -156,47 +146,35 @@ def _folds(own: Validated, responses: Sequence[Response], execution: Execution) 
     return gather_folds(parts, execution.resumed(partial(refit, responses), tasks, names))
 
 
-# The records of one configuration replayed, and the torque of each motor in the first of them.
-_InTime: TypeAlias = tuple[Replay, tuple[TorqueBalance, ...]]
-# Configuration, its linear model with numbers (n_theta,), the parts of its torque or None, and lines (F,) in Hz.
-_Model: TypeAlias = tuple[str, LinearModel, FloatArray, elastic_twin.ModelParts | None, FloatArray]
+def _balances(own: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
+    """The torque of each motor in the first record of every configuration of records.h5.
 
-
-def _records_in_time(own: Validated, path: Path, console: Console, execution: Execution) -> list[_InTime]:
-    """Replay of every configuration of records.h5; each process has a few records in memory at a time.
-
-    The torque is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
+    It is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
     """
-    fitted, names = own.fitted, read_configurations(path)
+    fitted, names, E = own.fitted, read_configurations(path), shaft_couplings(own.study.robot)
     try:
         rigid = elastic_twin.rigid_linearisation(fitted, own.study.model)
     except StudyError as error:
         console.say(f"validate: the torque is not divided into parts: {error}")
-        rigid = None
+        return ()
     models = [
-        (
-            *(name, fitted.at(name), fitted.theta_of(name)),
-            *(None if rigid is None else elastic_twin.model_parts(fitted, rigid, name), response.freq_hz),
-        )
+        (parts, response)
         for response in fitted.measured
         if (name := response.configuration.name) in names
+        and (parts := elastic_twin.model_parts(fitted, rigid, name)) is not None
     ]
-    E = shaft_couplings(own.study.robot)
-    return execution.ordered(partial(_in_time, path, own.friction, E, own.study.estimator), models)
+    of_each = execution.ordered(partial(_balanced, path, own.friction, E, own.study.estimator), models)
+    return tuple(balance for of_motors in of_each for balance in of_motors)
 
 
-def _in_time(
-    path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec, model: _Model
-) -> _InTime:
-    configuration, linear, theta, parts, freq_hz = model
-    records = read_records(path, configuration)
-    first = next(records)
-    nets = net_records(chain([first], records), friction, E)
-    net = next(nets)
-    balances = () if parts is None else elastic_twin.elastic_balances(first, net, parts, freq_hz, spec)
-    every = chain([net], nets)
-    band_hz = float(freq_hz[0]), float(freq_hz[-1])
-    return replay(every, linear, theta, band_hz, spec), balances
+def _balanced(
+    path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec,
+    model: tuple[elastic_twin.ModelParts, Response],
+) -> tuple[TorqueBalance, ...]:  # fmt: skip
+    parts, response = model
+    first = next(read_records(path, response.configuration.name))
+    net = next(net_records([first], friction, E))
+    return elastic_twin.elastic_balances(first, net, parts, response.freq_hz, spec)
 
 
 def _twin_runs(own: Validated, path: Path) -> tuple[TwinRun, ...]:

@@ -104,7 +104,7 @@ def _response(
     quality = measured.quality
     arrays = {"G": measured.G, "model": None if modelled is None else modelled.G, "std": std}
     for name, covariance in (("noise", measured.noise), ("total", measured.total)):
-        arrays[name] = None if covariance is None else smoothed_std(measured, covariance)[0]
+        arrays[name] = None if covariance is None else smoothed_std(measured, covariance)
     arrays["coherence"] = None if quality is None else quality.coherence
     return {
         "title": configuration_title(measured, measured.configuration.name in left_out),

@@ -9,7 +9,6 @@ import numpy as np
 from plants.friction_study import friction_content, friction_result
 from plants.report_values import TRUTH, fit_result, lines_of, pair
 
-from elastid.base.arrays import FloatArray
 from elastid.report.content import parameter_rows
 from elastid.report.figures.fit import forest, identifiability, quality_figure, torque_balance_figure
 from elastid.report.page.page import rendered
@@ -27,8 +26,8 @@ from elastid.validation.twin import (
     TorqueBalance,
     TwinFindings,
     TwinRun,
+    TwinSignal,
     torque_balance,
-    twin_signal,
 )
 
 
@@ -147,13 +146,13 @@ def test_lines_are_the_torques_and_below_them_what_is_left_by_octave() -> None:
 
 
 def run() -> TwinRun:
-    """Motion, torque and link of a motor, and those of another; without friction only the motion of the first."""
+    """Motion, torque and link of a motor, and those of another."""
     t = np.arange(1000) / 200.0
     slow, fast = np.sin(2 * np.pi * 3 * t), np.sin(2 * np.pi * 20 * t)
-    rows: list[tuple[SignalKind, str, FloatArray | None]] = [
-        (MOTION, "motor 1", 0.5 * slow), (TORQUE, "motor 1", None), (LINK, "joint 1", None), (TORQUE, "motor 2", None),
+    rows: list[tuple[SignalKind, str]] = [
+        (MOTION, "motor 1"), (TORQUE, "motor 1"), (LINK, "joint 1"), (TORQUE, "motor 2"),
     ]  # fmt: skip
-    signals = tuple(twin_signal(kind, place, "N*m", slow + 0.1 * fast, slow, free) for kind, place, free in rows)
+    signals = tuple(TwinSignal(*row, "N*m", slow + 0.1 * fast, slow) for row in rows)
     return TwinRun("log", "torque", 0.5, 5.0, 200.0, signals)
 
 
