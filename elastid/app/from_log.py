@@ -25,7 +25,6 @@ from elastid.recorded.channel_guess import (
     guess_by_name,
     guess_log,
     is_clock,
-    rate_by_motions,
     signals_of,
 )
 from elastid.recorded.files.formats import opened_log
@@ -76,8 +75,6 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         is_text = isinstance(log, TextLog)
         clock, signals = _clock(log), signals_of(log, MAX_SAMPLES)
     signals = [(g, x) for g, x in signals if g.name != clock.name and not (is_time(g.name) and is_clock(x))]
-    if clock.rate_hz is None and (rate_hz := rate_by_motions(signals)):
-        clock = Clock(float(f"{rate_hz:.4g}"), "velocities are the derivatives of positions at it")
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None:
         raise DataError("records/channels", _no_guess([each for each, _ in signals]), first)
