@@ -181,9 +181,12 @@ def torque_relation(u: FloatArray, y: FloatArray, order: int, rate_hz: float, tu
 
     turns: the joint turns, so that gravity may change with its angle.
     """
-    width = WIDTHS[1]
-    if len(u) <= 20 * width or np.ptp(u) == 0:
-        return TorqueRelation()
+    widths = [width for width in WIDTHS if len(u) > 20 * width and np.ptp(u) > 0]
+    results = (_relation_at(u, y, order, rate_hz, width, turns) for width in widths)
+    return max(results, key=lambda result: result.explained, default=TorqueRelation())
+
+
+def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool) -> TorqueRelation:
     torque = derivative(u, 0, rate_hz, width)
     v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
     columns = [a, v, np.sign(v), np.ones_like(a)]
