@@ -19,7 +19,7 @@ from elastid.nonlinear.friction import friction_rows
 from elastid.recorded.files.formats import is_log, naming, opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, described_format, guess_format
-from elastid.recorded.repair.time_stamps import TimeSteps, even_grid
+from elastid.recorded.repair.time_stamps import even_grid, steps_in_words
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.table import HOW_TO_SAVE, is_universal_file
 from elastid.report.content import gear_line, gear_table
@@ -79,7 +79,7 @@ def _rise(start: NDArray[Any]) -> str:
     grid = even_grid(time_s)
     if grid is not None and len(grid[0]) == grid[0][-1] + 1:
         return f"rises evenly: {grid[1]:.6g} Hz if it is the time in s"
-    return f"rises unevenly: {TimeSteps.of(time_s)}, if it is the time in s; a study resamples where `time` names it"
+    return f"rises unevenly: {steps_in_words(time_s)}, if it is the time in s; a study resamples where `time` names it"
 
 
 # Of a number behind its value.

@@ -75,42 +75,28 @@ def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
 
 def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[FloatArray, tuple[Note, ...]]:
     """The signal (n,) in SI on the link side, and a note if an angle was unwrapped."""
-    turns = 0
+    factor, turns = _own_side_factor(channel, robot), 0
     if channel.quantity == "position":
-        values, turns = _counted_on(values)
-    note = Note(UNWRAPPED, f"{turns} starts of its counter were taken out of {channel.name_in_file}")
-    signal = values * _own_side_factor(channel, robot) + channel.offset
-    if channel.quantity == "position" and not robot.slides(channel.at) and not turns:
-        known = np.isfinite(signal)
-        jumps = np.abs(np.diff(signal[known]))
-        wraps = jumps > np.pi
-        # A jump within 1 rad of a whole turn is an encoder that starts again.
-        if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < 1.0):
-            signal[known], turns = np.unwrap(signal[known]), int(wraps.sum())
-            note = Note(UNWRAPPED, f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}")
-    return signal * _gear_factor(channel, robot), (note,) if turns else ()
+        values, turns = _unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
+    note = Note(UNWRAPPED, f"{turns} starts of its counter or turn were taken out of {channel.name_in_file}")
+    return (values * factor + channel.offset) * _gear_factor(channel, robot), (note,) if turns else ()
 
 
-def _counted_on(values: FloatArray) -> tuple[FloatArray, int]:
-    """Counts (n,) of a counter of k bits without its jumps by 2^k, and their number; other values as they are.
-
-    A counter's are whole and within 2^k, and jump by nearly all of it; without the jumps they go on as elsewhere.
-    """
+def _unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
+    """Values (n,) without their jumps by nearly a turn, or by the 2^k of a counter of whole numbers, and the number."""
     known = np.isfinite(values)
-    counts = values[known]
-    span = float(np.ptp(counts)) if counts.size else 0.0
-    steps = np.abs(np.diff(counts))
-    # The shortest counter, of 8 bits, starts again near its ends.
-    if span < (2**8 - 2**4) or steps.max(initial=0.0) < 0.8 * span or np.any(counts != np.round(counts)):
+    x = values[known]
+    span = float(np.ptp(x)) if x.size else 0.0
+    # The shortest counter has 8 bits, and starts again near its ends.
+    is_counter = span >= 2**8 - 2**4 and np.all(x == np.round(x))
+    steps, whole = np.abs(np.diff(x)), 2.0 ** math.ceil(math.log2(span + 1)) if is_counter else turn
+    usual = float(np.max(steps, initial=0.0, where=steps < whole / 2))
+    jumps = steps[steps >= whole / 2]
+    if not jumps.size or usual > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
         return values, 0
-    whole = 2.0 ** math.ceil(math.log2(span + 1))
-    jumps = steps > whole / 2
-    usual = float(steps[~jumps].max(initial=0.0))
-    if usual > whole / 4 or np.any(whole - steps[jumps] > 2 * usual + 1):
-        return values, 0
-    result = values.copy()
-    result[known] = np.unwrap(counts, period=whole)
-    return result, int(jumps.sum())
+    result = values.astype(np.float64)
+    result[known] = np.unwrap(x, period=whole)
+    return result, jumps.size
 
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
