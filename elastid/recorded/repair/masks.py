@@ -86,7 +86,10 @@ class MaskLimits:
     # Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
     min_clipped_share: float = 0.002
     max_clipped_share: float = 0.05
-    max_rounding: float = 2.0  # steps of rounding by which a rounded signal comes to where it turns, at most
+    # A rounded signal that turns exceeds its limit by so many steps of rounding at most, by a parabola through at least
+    # so many samples on each side.
+    max_rounding: float = 2.0
+    min_side_samples: int = 3
     equal_tolerance: float = 1e-9  # values this close, as a part of the span, are equal
 
 
@@ -323,12 +326,19 @@ def _at_limit(x: FloatArray) -> BoolArray:
 
 
 def _dwells(x: FloatArray, at_limit: BoolArray) -> BoolArray:
-    """Flags (n,) of the runs in which a rounded signal turns: it comes to them, or leaves, by a step of rounding."""
+    """Flags (n,) of the runs in which a rounded signal turns: a parabola through the neighbours explains the limit."""
     gaps = np.diff(np.sort(x))
-    rounding = float(np.min(gaps, initial=np.inf, where=gaps > LIMITS.equal_tolerance * float(np.ptp(x))))
-    steps, dwells = np.abs(np.diff(x, prepend=x[:1], append=x[-1:])), np.zeros(len(x), dtype=np.bool_)
+    gaps = gaps[gaps > LIMITS.equal_tolerance * float(np.ptp(x))]
+    rounding = float(gaps.min()) if gaps.size else 0.0
+    dwells = np.zeros(len(x), dtype=np.bool_)
     for start, end in runs(at_limit):
-        dwells[start:end] = min(steps[start], steps[end]) <= LIMITS.max_rounding * rounding
+        reach = max(LIMITS.min_side_samples, int(end - start))
+        sides = np.r_[max(0, start - reach) : start, end : min(len(x), end + reach)]
+        if len(sides) < 2 * reach:
+            continue
+        t = (sides - (start + end - 1) / 2) / reach
+        peak = np.linalg.lstsq(np.vander(t, 3), x[sides] - x[start], rcond=None)[0][2]
+        dwells[start:end] = abs(peak) <= LIMITS.max_rounding * rounding
     return dwells
 
 
