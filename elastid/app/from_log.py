@@ -86,8 +86,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess.is_motion:
-        heat = [(each, x) for each, x in signals if each.quantity == "temperature"]
-        content = [*_head("friction", first), *_study(guess, robot, clock, heat=heat), text, *_files(paths)]
+        content = [*_head("friction", first), *_study(guess, robot, clock), text, *_files(paths)]
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = {joint.torque.key for joint in guess.joints}
     period = _period(np.stack([x for g, x in signals if g.key in driving], axis=1))
@@ -173,12 +172,8 @@ def _study(
     clock: Clock,
     configurations: Sequence[str] = (),
     period: Sequence[str] = (),
-    heat: Sequence[tuple[ChannelGuess, FloatArray]] = (),
 ) -> Iterator[str]:
-    """A study down to its channels; configurations, period: its lines.
-
-    heat: signals (n,) that are named as temperatures, believed where there is one for each joint.
-    """
+    """A study down to its channels; configurations, period: its lines."""
     names = [joint.name for joint in robot.driven] if robot is not None else []
     if guess.is_motion and robot is None:
         names = [str(i + 1) for i in range(len(guess.joints))]
@@ -199,9 +194,6 @@ def _study(
     for name, joint in zip(names, guess.joints, strict=True):
         yield _channel("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
         yield _channel("y", f"motor {name}", joint.motion)
-    for name, (sensor, x) in zip(names, heat if len(heat) == len(names) else (), strict=False):
-        # No machine is at 200 degC.
-        yield _channel("t", f"joint {name}", replace(sensor, unit="K" if np.median(x) > 200.0 else "degC"))
     for other in () if guess.is_motion else guess.further:
         yield f"      # {one_line(other.name)}: where it belongs to a joint or a frame, {{role: y, at: joint 1, ...}}"
 
