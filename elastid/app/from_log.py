@@ -8,35 +8,38 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from elastid.app.logs_of_robot import MAX_SAMPLES, angles_of, in_order_of, realisations_of, states_of
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line
+from elastid.base.units import TABLE, of_translation
+from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import (
     ChannelGuess,
+    JointGuess,
     LogGuess,
     guess_by_name,
     guess_log,
     is_clock,
-    rate_by_motions,
     signals_of,
 )
-from elastid.recorded.files.formats import opened_log
+from elastid.recorded.files.formats import opened_log, values_of
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.repair.periodicity import find_period, repetition
 from elastid.recorded.repair.time_stamps import CLOCK, even_grid
 from elastid.recorded.responses.table import is_universal_file, uff_places
-from elastid.robot import Robot
+from elastid.robot import Joint, Robot
 from elastid.study.checks.recorded import TIME_UNITS, is_time, time_of
 
+_MAX_SAMPLES = 1 << 18  # that are read of each log
+_MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
@@ -74,10 +77,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
-        clock, signals = _clock(log), signals_of(log, MAX_SAMPLES)
+        clock, signals = _clock(log), signals_of(log, _MAX_SAMPLES)
     signals = [(g, x) for g, x in signals if g.name != clock.name and not (is_time(g.name) and is_clock(x))]
-    if clock.rate_hz is None and (rate_hz := rate_by_motions(signals)):
-        clock = Clock(float(f"{rate_hz:.4g}"), "velocities are the derivatives of positions at it")
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None:
         raise DataError("records/channels", _no_guess([each for each, _ in signals]), first)
@@ -85,13 +86,12 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess.is_motion:
-        heat = [(each, x) for each, x in signals if each.quantity == "temperature"]
-        content = [*_head("friction", first), *_study(guess, robot, clock, heat=heat), text, *_files(paths)]
+        content = [*_head("friction", first), *_study(guess, robot, clock), text, *_files(paths)]
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = {joint.torque.key for joint in guess.joints}
     period = _period(np.stack([x for g, x in signals if g.key in driving], axis=1))
     names, configurations = _configurations(logs, form, guess, robot)
-    files = _files(paths, names, realisations_of(logs, form, guess.joints, period[0]))
+    files = _files(paths, names)
     content = [*_head("responses" if robot is None else "elasticity", first)]
     content += [*_study(guess, robot, clock, configurations, period), text, *files]
     if robot is not None:
@@ -172,12 +172,8 @@ def _study(
     clock: Clock,
     configurations: Sequence[str] = (),
     period: Sequence[str] = (),
-    heat: Sequence[tuple[ChannelGuess, FloatArray]] = (),
 ) -> Iterator[str]:
-    """A study down to its channels; configurations, period: its lines.
-
-    heat: signals (n,) that are named as temperatures, believed where there is one for each joint.
-    """
+    """A study down to its channels; configurations, period: its lines."""
     names = [joint.name for joint in robot.driven] if robot is not None else []
     if guess.is_motion and robot is None:
         names = [str(i + 1) for i in range(len(guess.joints))]
@@ -198,9 +194,6 @@ def _study(
     for name, joint in zip(names, guess.joints, strict=True):
         yield _channel("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
         yield _channel("y", f"motor {name}", joint.motion)
-    for name, (sensor, x) in zip(names, heat if len(heat) == len(names) else (), strict=False):
-        # No machine is at 200 degC.
-        yield _channel("t", f"joint {name}", replace(sensor, unit="K" if np.median(x) > 200.0 else "degC"))
     for other in () if guess.is_motion else guess.further:
         yield f"      # {one_line(other.name)}: where it belongs to a joint or a frame, {{role: y, at: joint 1, ...}}"
 
@@ -267,12 +260,12 @@ def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> 
     return f"      - {{{', '.join(keys)}}} # guessed: {one_line(why)}"
 
 
-def _files(paths: Sequence[str], states: Sequence[str] = (), realisations: Sequence[int] = ()) -> Iterator[str]:
+def _files(paths: Sequence[str], states: Sequence[str] = ()) -> Iterator[str]:
     """states: the configuration of each log, none of a study of friction."""
-    why = "each of an excitation of its own" if len(set(realisations)) > 1 else "all hold periods of one excitation"
-    yield "    files:" + (f" # guessed: {why}" if states and len(paths) > 1 else "")
+    why = " # guessed: each of an excitation of its own; one realisation for further periods of the same"
+    yield "    files:" + (why if states and len(paths) > 1 else "")
     for i, path in enumerate(paths):
-        of_structure = f", configuration: {states[i]}, realisation: {realisations[i]}" if states else ""
+        of_structure = f", configuration: {states[i]}, realisation: {i}" if states else ""
         yield f"      - {{path: {_quoted(path)}{of_structure}}}"
 
 
@@ -298,3 +291,80 @@ def _robot(guess: LogGuess) -> Iterator[str]:
 def _quoted(text: str) -> str:
     """A text as YAML has it: plain, or in JSON's quotes, which are YAML's too."""
     return text if re.fullmatch(r"[A-Za-z]\w*([. ]\w+)*", text) else json.dumps(text, ensure_ascii=False)
+
+
+def in_order_of(robot: Robot, guess: LogGuess, values: Mapping[tuple[str, int | None], FloatArray]) -> LogGuess:
+    """The guess with its joints in the order of the robot's driven ones; DataError where they are not as many.
+
+    values: signals (n,) of the log by name and column.
+    """
+    names, joints = [joint.name for joint in robot.driven], guess.joints
+    if len(joints) != len(names):
+        raise DataError(
+            "records/channels",
+            f"the logs have torque and motion of {len(joints)} joint{'s' if len(joints) != 1 else ''} "
+            f"({', '.join(joint.torque.name for joint in joints)}), and robot {robot.name} drives {len(names)} "
+            f"({', '.join(names)}); log all of them, or drive in the robot's file those that were logged",
+        )
+    by_name = {name: joint for name in names for joint in joints if _is_of(name, joint)}
+    labels = [joint.torque.parts[1].lower() for joint in joints]
+    order = {label: [*map(int, label.split())] for label in labels if re.fullmatch(r"[\d ]+", label)}
+    if len({joint.torque.key for joint in by_name.values()}) == len(names):
+        ordered, why = [by_name[name] for name in names], "name"
+    elif len(order) == len(names):
+        ordered, why = [joints[i] for i in sorted(range(len(names)), key=lambda i: order[labels[i]])], "number"
+    else:
+        ordered, why = list(joints), "place in the robot's file"
+    at = [_at(*pair, why, values) for pair in zip(robot.driven, ordered, strict=True)]
+    if any(joint.motion.unit == "deg" for joint in at):  # one unit for all
+        is_open = [joint.motion.unit == "rad" and "assumed" in joint.motion.why for joint in at]
+        at = [replace(j, motion=replace(j.motion, unit="deg")) if o else j for j, o in zip(at, is_open, strict=True)]
+    return replace(guess, joints=tuple(at))
+
+
+def _is_of(name: str, joint: JointGuess) -> bool:
+    """True if the channel of its torque has the name of a joint in it, as a word."""
+    return re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", joint.torque.name, re.IGNORECASE) is not None
+
+
+def _at(joint: Joint, guess: JointGuess, why: str, values: Mapping[tuple[str, int | None], FloatArray]) -> JointGuess:
+    """The guess at a joint of the robot, in units of a translation where that slides, in deg where rad leave limits."""
+    torque, motion = (
+        replace(each, why=f"{each.why}; of {joint.name} by its {why}") for each in (guess.torque, guess.motion)
+    )
+    if joint.slides and torque.quantity == "torque":
+        torque = replace(torque, quantity="force", unit="N")
+    if joint.slides and TABLE[motion.unit][0].startswith("rad"):
+        motion = replace(motion, unit=of_translation(TABLE[motion.unit][0]))
+    elif not joint.slides and "assumed" in motion.why:
+        motion = replace(motion, unit=QUANTITY_UNIT[motion.quantity])
+    if not joint.slides and motion.quantity == "position" and "assumed" in motion.why:
+        x, (low, high) = values[motion.key], joint.limits.angle
+        if np.min(x) < low - _MIN_TURN or np.max(x) > high + _MIN_TURN:
+            motion = replace(motion, unit="deg", why=f"deg, since rad leave the limits of {joint.name}")
+    return replace(guess, torque=torque, motion=motion)
+
+
+def states_of(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> tuple[list[int], str]:
+    """The state of the structure in each log, by the angles of its joints, and why."""
+    motions = [*(j.motion for j in guess.joints), *guess.further]
+    seen, states = list[FloatArray](), list[int]()
+    for path in logs:
+        mean, scatter = angles_of(path, form, motions)
+        there = [k for k, other in enumerate(seen) if np.all(np.abs(mean - other) < max(_MIN_TURN, 5 * scatter))]
+        states.append(there[0] if there else len(seen))
+        seen += [] if there else [mean]
+    return states, "the joints stand at other angles" if len(seen) > 1 else "all logs are of one state of the structure"
+
+
+def angles_of(path: Path, form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> tuple[FloatArray, float]:
+    """Mean positions (n,) in a log, in SI, 0 of motions without one; their largest std."""
+    known = [i for i, motion in enumerate(motions) if motion.quantity == "position"]
+    ys = [ChannelSpec("y", "any", motions[i].name, motions[i].column, quantity="position") for i in known]
+    mean, scatter = np.zeros(len(motions)), 0.0
+    with opened_log(path, form) as log:
+        signals = values_of(log, ys, 0, _MAX_SAMPLES).T if ys else np.zeros((0, 1))
+    for i, x in zip(known, signals, strict=True):
+        si = motions[i].sign * motions[i].scale * TABLE[motions[i].unit][1] * x
+        mean[i], scatter = np.nanmean(si), max(scatter, float(np.nanstd(si)))
+    return mean, scatter

@@ -12,23 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.base.arrays import FloatArray, shown_values, value_range
-from elastid.base.display import Display, columns, value_cells
+from elastid.base.display import columns
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.nonlinear.friction import friction_rows
 from elastid.recorded.files.formats import is_log, naming, opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, described_format, guess_format
-from elastid.recorded.repair.time_stamps import TimeSteps, even_grid
+from elastid.recorded.repair.time_stamps import even_grid, steps_in_words
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.table import HOW_TO_SAVE, is_universal_file
-from elastid.report.content import gear_line, gear_table
 from elastid.store.artefacts import kind_of
 from elastid.store.files import is_as_written, is_intact
-from elastid.store.friction_study import FRICTION, read_friction_result
-from elastid.store.measured import read_friction
 from elastid.store.reading import described as described_artefact
-from elastid.store.results import GEARS, read_fit, read_gears
 from elastid.study.robots import yaml_text
 
 
@@ -79,11 +74,9 @@ def _rise(start: NDArray[Any]) -> str:
     grid = even_grid(time_s)
     if grid is not None and len(grid[0]) == grid[0][-1] + 1:
         return f"rises evenly: {grid[1]:.6g} Hz if it is the time in s"
-    return f"rises unevenly: {TimeSteps.of(time_s)}, if it is the time in s; a study resamples where `time` names it"
+    return f"rises unevenly: {steps_in_words(time_s)}, if it is the time in s; a study resamples where `time` names it"
 
 
-# Of a number behind its value.
-KNOWN = ("std", "95 % interval", "unit")
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest", "")
 # Files of a run folder that hold no signals.
 _WITHOUT_SIGNALS = (".html", ".png", ".svg", ".yml")
@@ -108,8 +101,8 @@ def described(path: Path) -> str:
 def _lines(path: Path) -> list[str]:
     if path.is_dir():
         return _log_lines(path)
-    if (kind := kind_of(path)) is not None:
-        return [described_artefact(path), *_numbers(path, kind)]
+    if kind_of(path) is not None:
+        return [described_artefact(path)]
     if path.suffix.lower() == ".json":
         return [f"{path}:", *_json_lines(path)]
     if path.suffix.lower() in _WITHOUT_SIGNALS and is_as_written(path):
@@ -154,30 +147,6 @@ def _other(array: Any) -> str:
         return shown_values(np.asarray(array.read()))
     except DataError as error:
         return str(error)
-
-
-def _numbers(path: Path, kind: str) -> Iterator[str]:
-    """Numbers of a result in tables, whole."""
-    if kind == "fit":
-        yield from _whole(read_fit(path).display)
-    if kind == FRICTION:
-        yield from _whole(read_friction_result(path).display)
-    if kind == "frf" and (friction := read_friction(path)) is not None:
-        cells = [
-            (row.place, *value_cells(row.level, row.std, row.interval), row.unit)
-            for row in friction_rows(friction)
-            if row.level is not None and row.std is not None and row.interval is not None
-        ]
-        yield from _whole(Display("friction taken out of the torque, link side", ("motor", "F_c", *KNOWN), cells))
-        yield from (f"  {note}" for note in friction.notes if note.code != "nonlinear/friction-taken-out")
-    if kind == GEARS and (gears := read_gears(path)) is not None:
-        yield from (*([] if gears.refused else columns(gear_table(gears))), gear_line(gears))
-
-
-def _whole(display: Display) -> list[str]:
-    """Title and all rows of a display that has any."""
-    lines = (display.title, *columns([display.headings, *display.rows]))
-    return [f"  {line}" for line in lines if display.rows]
 
 
 def _json_lines(path: Path) -> list[str]:

@@ -7,7 +7,6 @@ torques and motion are compared with those of the logs.
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -87,16 +86,6 @@ def _result_of(run: Run, source: Path, name: str) -> Path:
     path = source / name if source.is_dir() else source
     if not path.is_file():
         kind = "friction" if run.study.friction is not None else "elasticity"
-        elastic = path.with_name("fit.h5")
-        robot = shlex.quote(f"robot={elastic.parent.absolute()}/identified_robot.yml")
-        if kind == "friction" and elastic.is_file():
-            raise StudyError(
-                "predict/mismatch",
-                f"it is a fit of elasticity, which has no dry friction to predict motions with; take "
-                f"its springs and inertias as the robot of this study (--set {robot}) and identify friction from one "
-                "log to predict another",
-                f"--with {source}",
-            )
         raise StudyError(
             "files/missing",
             f"{path.name} is not there; the study identifies {kind}: name the run folder of another study of {kind}",

@@ -323,11 +323,7 @@ def carry_out(run: Run, name: str) -> None:
     own = run.path(name)
     replaced = list(run.overwritten(name).values())
     if artefacts.error is not None and own.name not in artefacts.files:
-        # What an interrupted stage leaves does not stand beside an older result, which would be kept with it.
-        if run.is_current(name):
-            artefacts.report(run.console)
-            raise artefacts.error
-        replaced.append(own)
+        replaced.append(own)  # what a failed stage leaves does not stand beside an older result
     for result in replaced:
         result.unlink(missing_ok=True)
     if name in ("fit", "gears") and not run.is_current("validate"):
@@ -336,8 +332,7 @@ def carry_out(run: Run, name: str) -> None:
         # A link in place of a file is replaced, one in place of a folder refused.
         path = run.folder / file if Path(file).suffix else own_path(run.folder, file)
         write(path, run.stamps[name])
-    if not isinstance(artefacts.error, KeyboardInterrupt):
-        shutil.rmtree(run.partial(name), ignore_errors=True)
+    shutil.rmtree(run.partial(name), ignore_errors=True)
     artefacts.report(run.console)
     if artefacts.error is not None:
         raise artefacts.error

@@ -14,8 +14,6 @@ import numpy as np
 from elastid.app.run import Write, text
 from elastid.base.errors import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.fit.parameter_choice import choose
-from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import FittedModel
@@ -28,7 +26,6 @@ from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.kinds import SCHEMA, json_value
-from elastid.study import Study
 from elastid.validation.agreement import Agreement, Validation
 from elastid.validation.twin import NO_PREDICTION, NO_TWIN, BandBalance, Prediction, TorqueBalance, TwinFindings
 
@@ -140,22 +137,6 @@ def summary(
         "warnings": [str(group) for group in grouped(every)],
         "notes": listed(every),
     }
-
-
-def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
-    """summary.json of a fit that was stopped: where the best of the starts that were done ended, without intervals."""
-    message = f"interrupted after {len(ends)} of {study.fit.starts} starts; run the fit again to resume it"
-    best = failure(study.name, study.fit.starts, message)
-    if not ends:
-        return best | {"status": "interrupted"}
-    parameters = choose(study.seeded_fit, study.as_robot(), tuple(study.experiment.configurations))
-    values, x_start = parameters.as_dict(ends[0].x), parameters.as_dict()
-    unknown = {"std": None, "interval95": [None, None]}
-    rows = {
-        p.name: {"value": values[p.name], **unknown, "unit": p.unit, "at_bound": False, "start": x_start[p.name]}
-        for p in parameters.free
-    }
-    return best | {"status": "interrupted", "cost": json_value(ends[0].cost), "parameters": rows}
 
 
 def validation_summary(name: str, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:

@@ -48,7 +48,7 @@ from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh_all, with_floor
 from elastid.fit.release import release
 from elastid.fit.result import Result
-from elastid.fit.solve.solvers import Interrupted, multistart, spread
+from elastid.fit.solve.solvers import multistart, spread
 from elastid.fit.spec import FitSpec
 from elastid.fit.tolerances import has_tolerances, ratio_within
 from elastid.model.formulation import EXACT
@@ -77,7 +77,7 @@ def identify(
     (`placed_tests`), whose deflections count as residuals, too.
     Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
     a parameter without effect, where every start fails, or where the best robot finds no rest
-    between its end and its start; Interrupted, with the starts that were done, on Ctrl-C once the search has begun.
+    between its end and its start.
     """
     execution = execution or Execution()
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
@@ -98,8 +98,6 @@ def identify(
             fit_parameters(responses, robot, spec, model=model)  # raises its own where load tests are not to blame
             text = f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
             raise FitError("fit/loads", text) from None
-    except KeyboardInterrupt:
-        raise Interrupted(starts) from None
     # A gross fault bends the numbers of the file, too, and is named less surely from there.
     return identify(
         responses, replace(robot, tolerances=None), spec, model=model, execution=execution, hypotheses=hypotheses,

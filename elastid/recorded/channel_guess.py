@@ -1,8 +1,11 @@
-"""Guesses of the channels of a log: quantity and unit by name, joint by what names share, sign by the power.
+r"""Channels of a log: guessed by names, units and the motions of one joint, and doubted where these contradict a study.
 
-Signals whose names say nothing are what the others lack.
+Signals whose names say nothing are those that the others lack. Motions are compared as derivatives of one Gaussian,
+:math:`x^{(k)} = (G_s * x)^{(k)}`, at several widths s: :math:`b = g\, a^{(k)}`. The sign of a torque is that with which
 
-Names of channels: the quantity, unit and joint that they say, and channels that a study states otherwise.
+.. math:: u = J a + f v + F_c\,\mathrm{sgn}(v) + o + c_1 \cos q + c_2 \sin q, \qquad J > 0, \quad f v^2 + F_c |v| > 0.
+
+Only what cannot be otherwise is doubted: relations that agree to a few per cent, off by a known factor.
 """
 
 from __future__ import annotations
@@ -11,25 +14,20 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
-from elastid.base.units import TABLE, of_translation, usual_spelling
-from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec
-from elastid.recorded.evidence import (
-    MIN_CORRELATION,
-    TorqueRelation,
-    motion_relations,
-    torque_relation,
-    travel,
-    velocities,
-)
+from elastid.base.units import TABLE, of_translation, units_of, usual_spelling
+from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
 from elastid.recorded.files.formats import values_of
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
+from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
 from elastid.recorded.repair.time_stamps import even_grid
+from elastid.robot import Joint, Robot
 
 DRIVES = ("torque", "force", "current", "voltage")
 # In the order in which they are tried: the spelling of a unit within a name, its quantity, and the unit of a study.
@@ -125,77 +123,102 @@ def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess
     return ChannelGuess(name, column, "", "", rank, "nothing in its name")
 
 
+# Widths of the Gaussian in samples: the band up to a tenth of the rate, a fortieth, and a hundred-sixtieth.
+WIDTHS = (2.0, 8.0, 32.0)
+# Correlation of a derivative with the signal that is it.
+MIN_CORRELATION = 0.98
+# Share of a torque that the motion of its joint explains, at least.
+MIN_EXPLAINED = 0.75
+
+
 @dataclass(frozen=True)
-class Doubt:
-    """A doubt about a channel, by its place in the study's list, None for the rate of all; key: that is at fault."""
+class MotionRelation:
+    """b = gain a^(order) of two motions, and the correlation of both sides, with the sign of the gain."""
 
-    channel: int | None
-    key: str
-    text: str
-
-
-def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
-    """One signal as torque and motion, torques and motions that are exchanged, joints that are, units unlike all."""
-    guesses = [guess_by_name(c.channel, c.column) for c in channels]
-    for i, channel in enumerate(channels):
-        for other in channels[:i]:
-            is_one = (channel.channel, channel.column) == (other.channel, other.column)
-            if is_one and channel.is_motion != other.is_motion and "t" not in (channel.role, other.role):
-                text = f"{channel.name_in_file} is the {other.quantity} at {other.at}, and cannot be the"
-                key = "channel" if channel.channel else "column"
-                yield Doubt(i, key, f"{text} {channel.quantity} at {channel.at}, too")
-        yield from _by_name(i, channel, guesses, channels)
-    families: dict[tuple[str, str, str], list[int]] = {}
-    for i, (channel, guess) in enumerate(zip(channels, guesses, strict=True)):
-        if re.search(r"\d", channel.channel) and not re.fullmatch(r"column \d+", channel.channel):
-            families.setdefault((guess.parts[0], channel.quantity, channel.role), []).append(i)
-    for members in families.values():
-        yield from _of_a_family(members, [guesses[i].parts[1] for i in members], channels)
+    order: int
+    gain: float
+    correlation: float
 
 
-def _by_name(
-    i: int, channel: ChannelSpec, guesses: Sequence[ChannelGuess], channels: Sequence[ChannelSpec]
-) -> Iterator[Doubt]:
-    """A torque and a motion that are called as each other, and a unit that its heading states otherwise."""
-    guess, has_word = guesses[i], re.search(r"[a-z]{2}", channel.channel, re.IGNORECASE) is not None
-    taken = [g.name for g, c in zip(guesses, channels, strict=True) if c.role == "y" and g.quantity in DRIVES]
-    taken = [name for name in taken if re.search(r"[a-z]{2}", name, re.IGNORECASE)]
-    if channel.role == "u" and has_word and guess.quantity in MOTIONS and taken:
-        text = f"{guess.name} is a {guess.quantity} by its name, and {taken[0]}, stated as a motion, a torque"
-        yield Doubt(i, "channel", f"{text}: exchange them")
-    unit = channel.unit or QUANTITY_UNIT[channel.quantity]
-    in_brackets = re.search(r"[\[(][^\])]+[\])]\s*$", channel.channel) is not None and guess.unit in TABLE
-    is_other = TABLE.get(unit) != TABLE.get(guess.unit) and channel.scale == 1 == guess.scale
-    if in_brackets and channel.role == "y" and guess.quantity in MOTIONS and is_other:
-        key = "unit" if guess.quantity == channel.quantity else "quantity"
-        text = f"the heading {guess.name} says {guess.quantity} in {guess.unit}"
-        yield Doubt(i, key, f"{text}, and not {channel.quantity} in {unit}")
+@dataclass(frozen=True)
+class TorqueRelation:
+    """The share of the variance of a torque that the motion of one joint explains, with the inertia J.
+
+    is_against_motion: with J negative or power out of friction, neither contradicted by the other.
+    """
+
+    explained: float = 0.0
+    inertia: float = 0.0
+    is_against_motion: bool = False
 
 
-def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
-    """Doubts on signals whose names differ by a number: one in another unit than all, two that are exchanged."""
-    units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
-    sizes = [TABLE.get(unit, ("", 1.0)) for unit in units]
-    for place, i in enumerate(members):
-        others = {size for j, size in enumerate(sizes) if j != place}
-        is_odd = len(others) == 1 and sizes[place] not in others and sizes[place][0] == sizes[place - 1][0]
-        if len(members) > 2 and is_odd:
-            j = 0 if place else 1
-            text = f"{channels[i].name_in_file} is stated in {units[place]}, {channels[members[j]].name_in_file}"
-            yield Doubt(i, "unit", f"{text} and the others in {units[j]}; a log has one unit for all joints")
-    own = [re.sub(r"\D", "", channels[i].at) for i in members]
-    if len(members) > 1 and sorted(own) == sorted(labels) and len({*own}) == len(own):
-        for i, label, number in zip(members, labels, own, strict=True):
-            if label != number:
-                text = f"{channels[i].name_in_file} has number {label} in its name and is at {channels[i].at}"
-                yield Doubt(i, "at", f"{text}; check the order of the channels")
+def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> FloatArray:
+    """The derivative (n - 12 width,) of a signal (n,), smoothed by a Gaussian of a width in samples; -1: integral."""
+    omega = 2 * np.pi * np.fft.rfftfreq(len(x))
+    gain = (1j * np.append(1.0, omega[1:])) ** order * np.exp(-((width * omega) ** 2) / 2)
+    gain[0] = order == 0  # an integral has no mean
+    margin = int(6 * width)  # a jump from the last sample to the first has no effect beyond
+    return np.asarray(np.fft.irfft(np.fft.rfft(x) * gain, len(x))[margin:-margin] * rate_hz**order)
+
+
+def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> Iterator[MotionRelation]:
+    """The relations of order -2 to 2 of two motions (n,), each at the width where both sides agree best."""
+    for order in range(-2, 3):
+        # Positions drift and keep offsets, so that velocities are compared.
+        common = 1 if order == 0 else 0
+        pairs = [
+            (derivative(a, common + max(order, 0), rate_hz, s), derivative(b, common + max(-order, 0), rate_hz, s))
+            for s in WIDTHS
+            if len(a) > 20 * s
+        ]
+        results = [(correlation(x, y), float(np.std(y)) / max(float(np.std(x)), 1e-300)) for x, y in pairs]
+        rho, size = max(results, key=lambda result: abs(result[0]), default=(0.0, 0.0))
+        yield MotionRelation(order, float(np.sign(rho)) * size, rho)
+
+
+def torque_relation(u: FloatArray, y: FloatArray, order: int, rate_hz: float, turns: bool = True) -> TorqueRelation:
+    """How the motion y (n,), a derivative of the position of the given order, explains the torque u (n,).
+
+    turns: the joint turns, so that gravity may change with its angle.
+    """
+    widths = [width for width in WIDTHS if len(u) > 20 * width and np.ptp(u) > 0]
+    results = (_relation_at(u, y, order, rate_hz, width, turns) for width in widths)
+    return max(results, key=lambda result: result.explained, default=TorqueRelation())
+
+
+def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool) -> TorqueRelation:
+    torque = derivative(u, 0, rate_hz, width)
+    v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
+    columns = [a, v, np.sign(v), np.ones_like(a)]
+    q = derivative(y, -order, rate_hz, width) if turns and order < 2 else np.zeros(1)
+    if np.ptp(q) > 0.3:  # from so many rad on gravity changes as a cosine
+        columns += [np.cos(q), np.sin(q)]
+    A, torque = np.stack(columns, axis=1)[:: int(width / 2)], torque[:: int(width / 2)]
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    theta = np.linalg.lstsq(A / size, torque, rcond=1e-9)[0] / size
+    explained = 1 - float(np.var(torque - A @ theta) / np.var(torque))
+    parts = (A[:, 0] * theta[0], A[:, 1:3] @ theta[1:3])
+    signs = (np.sign(theta[0]), np.sign(np.mean(parts[1] * A[:, 1])))
+    shares = [float(s * abs(np.cov(part, torque)[0, 1]) / np.var(torque)) for s, part in zip(signs, parts, strict=True)]
+    is_against = explained > MIN_EXPLAINED and min(shares) < -0.3 and max(shares) < 0.1
+    return TorqueRelation(explained, float(theta[0]), is_against)
+
+
+def travel(x: FloatArray) -> float:
+    """The range of a signal (n,), single spikes left out."""
+    return float(np.percentile(x, 99.9) - np.percentile(x, 0.1))
+
+
+def correlation(x: FloatArray, y: FloatArray) -> float:
+    """Correlation of two signals (n,); 0 where one is still."""
+    x, y = x - x.mean(), y - y.mean()
+    size = float(np.linalg.norm(x) * np.linalg.norm(y))
+    return float(x @ y) / size if size > 0 else 0.0
 
 
 # Of a clock: steps that differ from their median by more are none, and the share of them that may.
 _MAX_STEP, _MAX_UNEVEN_SHARE = 1.0, 0.02
-_MAX_SAMPLES = 1 << 14  # that suffice to tell signals apart
 _MIN_SAMPLES = 100  # of a log
-_MAX_RATE_SPREAD = 1.02  # of the rates that pairs of positions and velocities show
 _MIN_KNOWN_SHARE = 2 / 3  # of a signal's samples, the others missing
 _MAX_LEFT_BY_GRAVITY = 0.7  # of what is left of a torque without it
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
@@ -255,13 +278,6 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
             if len(known) > _MIN_KNOWN_SHARE * len(x) and np.ptp(x[known]) > 0:
                 result.append((guess_by_name(name, number, units), np.interp(np.arange(len(x)), known, x[known])))
     return result
-
-
-def rate_by_motions(signals: Sequence[tuple[ChannelGuess, FloatArray]]) -> float | None:
-    """The rate in Hz at which velocities are the derivatives of positions, None where none of signals (n,) are."""
-    si = [x[: 2 * _MAX_SAMPLES] * TABLE[guess.unit][1] if guess.unit in TABLE else x for guess, x in signals]
-    rates = [rate for _, rate in velocities(si).values()]
-    return float(np.median(rates)) if rates and max(rates) < _MAX_RATE_SPREAD * min(rates) else None
 
 
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:
@@ -357,3 +373,203 @@ def _median_hz(x: FloatArray, rate_hz: float) -> float:
     """The frequency below which half of the power of a signal (n,) is."""
     power = np.cumsum(np.abs(np.fft.rfft(x - x.mean())) ** 2)
     return float(np.searchsorted(power, 0.5 * power[-1]) * rate_hz / len(x))
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A doubt about a channel, by its place in the study's list, None for the rate of all; key: that is at fault."""
+
+    channel: int | None
+    key: str
+    text: str
+
+
+def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
+    """One signal as torque and motion, torques and motions that are exchanged, joints that are, units unlike all."""
+    guesses = [guess_by_name(c.channel, c.column) for c in channels]
+    torques = [g.name for g, c in zip(guesses, channels, strict=True) if c.role == "y" and g.quantity in DRIVES]
+    families: dict[tuple[str, str, str], list[int]] = {}
+    for i, (channel, guess) in enumerate(zip(channels, guesses, strict=True)):
+        for other in channels[:i]:
+            is_one = (channel.channel, channel.column) == (other.channel, other.column)
+            if is_one and channel.is_motion != other.is_motion and "t" not in (channel.role, other.role):
+                text = f"{channel.name_in_file} is the {other.quantity} at {other.at}, and cannot be the"
+                key = "channel" if channel.channel else "column"
+                yield Doubt(i, key, f"{text} {channel.quantity} at {channel.at}, too")
+        words = [n for n in (guess.name, *torques) if re.search(r"[a-z]{2}", n, re.IGNORECASE)]
+        if channel.role == "u" and guess.quantity in MOTIONS and words[:1] == [guess.name] and words[1:]:
+            text = f"{guess.name} is a {guess.quantity} by its name, and {words[1]}, stated as a motion, a torque"
+            yield Doubt(i, "channel", f"{text}: exchange them")
+        unit = channel.unit or QUANTITY_UNIT[channel.quantity]
+        in_brackets = re.search(r"[\[(][^\])]+[\])]\s*$", channel.channel) is not None and guess.unit in TABLE
+        is_other = TABLE.get(unit) != TABLE.get(guess.unit) and channel.scale == 1 == guess.scale
+        if in_brackets and channel.role == "y" and guess.quantity in MOTIONS and is_other:
+            key = "unit" if guess.quantity == channel.quantity else "quantity"
+            text = f"the heading {guess.name} says {guess.quantity} in {guess.unit}"
+            yield Doubt(i, key, f"{text}, and not {channel.quantity} in {unit}")
+        if re.search(r"\d", channel.channel) and not re.fullmatch(r"column \d+", channel.channel):
+            families.setdefault((guess.parts[0], channel.quantity, channel.role), []).append(i)
+    for members in families.values():
+        yield from _of_a_family(members, [guesses[i].parts[1] for i in members], channels)
+
+
+def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
+    """Doubts on signals whose names differ by a number: one in another unit than all, two that are exchanged."""
+    units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
+    sizes = [TABLE.get(unit, ("", 1.0)) for unit in units]
+    usual, count = Counter(sizes).most_common(1)[0]
+    own = [re.sub(r"\D", "", channels[i].at) for i in members]
+    are_numbered = sorted(own) == sorted(labels) and len({*own}) == len(own)
+    for i, unit, size, label, number in zip(members, units, sizes, labels, own, strict=True):
+        name = channels[i].name_in_file
+        if size != usual and size[0] == usual[0] and count == len(members) - 1 > 1:
+            text = f"{name} is stated in {unit}, {channels[members[sizes.index(usual)]].name_in_file} and the others in"
+            yield Doubt(i, "unit", f"{text} {units[sizes.index(usual)]}; a log has one unit for all joints")
+        if are_numbered and label != number:
+            text = f"{name} has number {label} in its name and is at {channels[i].at}"
+            yield Doubt(i, "at", f"{text}; check the order of the channels")
+
+
+@dataclass(frozen=True)
+class DoubtLimits:
+    """Limits of doubts about channels.  150 clean logs raise none (scripts/studies/results.csv)."""
+
+    max_stated_correlation: float = 0.5  # of one motion with another as the quantity that is stated
+    # |log| of a gain that is as stated, and of its distance from a known factor.
+    max_gain: float = 0.3
+    max_factor: float = 0.1
+    max_play: float = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
+    max_turns: float = 4.0  # that no joint behind a gear makes
+    min_samples: int = 200
+
+
+LIMITS = DoubtLimits()
+_UNUSUAL = ("arcmin", "arcsec", "mrad", "rev")  # that no log has, unless it says so
+
+
+@dataclass(frozen=True)
+class JointSignals:
+    """Torque and motions of one joint in SI, link side, as a study reads them; places of channels in its list."""
+
+    joint: Joint
+    ratio: float
+    rate_hz: float
+    torque: int | None
+    motions: tuple[int, ...]
+    channels: Sequence[ChannelSpec]
+    signals: FloatArray
+
+    def order(self, i: int) -> int:
+        """The derivative of the position that a motion is, as stated."""
+        return MOTIONS.index(self.channels[i].quantity)
+
+    def named(self, i: int) -> str:
+        """Quantity and name of a motion."""
+        return f"{self.channels[i].quantity} {self.channels[i].name_in_file}"
+
+    def factors(self, i: int) -> list[tuple[float, str]]:
+        """Factors by which the signal is too large where its unit or side is another one, with the keys to give."""
+        channel, unit = self.channels[i], QUANTITY_UNIT[self.channels[i].quantity]
+        dimension = of_translation(unit) if self.joint.slides and channel.side == "link" else unit
+        stated = TABLE[channel.unit or dimension][1]
+        is_named = channel.unit in TABLE and channel.unit == guess_by_name(channel.channel, channel.column).unit
+        others = () if is_named else (unit for unit in units_of(dimension) if unit not in _UNUSUAL)
+        units = [(stated / TABLE[unit][1], f"unit: {unit}") for unit in others if TABLE[unit][1] != stated]
+        # A motor turns further than its joint, with less torque.
+        ratio = abs(self.ratio) ** (1 if (channel.side == "link") == channel.is_motion else -1)
+        side = "side: motor" if channel.side == "link" else "side: link"
+        return [(ratio, side), *units] if abs(np.log(ratio)) > LIMITS.max_gain else units
+
+
+def channel_doubts(
+    channels: Sequence[ChannelSpec], values: FloatArray, rate_hz: float, robot: Places
+) -> Iterator[Doubt]:
+    """Doubts about channels of one rate from the values (n, c) of a log, as they stand in the file."""
+    constant = dict(value_refusals(channels, list(values.T)))
+    yield from (Doubt(i, "channel", f"{channels[i].name_in_file} {text}") for i, text in constant.items())
+    by_names = list(doubts_by_names(channels))
+    yield from by_names
+    if by_names or constant or len(values) < LIMITS.min_samples or not isinstance(robot, Robot):
+        return
+    known, rows = [np.isfinite(x) for x in values.T], np.arange(len(values))
+    whole = [np.interp(rows, rows[k], x[k]) for x, k in zip(values.T, known, strict=True)]
+    si = [x * link_side_factor(c, robot) for x, c in zip(whole, channels, strict=True)]
+    signals, joints = np.stack(si, axis=1) @ to_joints(channels, robot).T, []
+    for joint in robot.driven:
+        ours = [i for i, c in enumerate(channels) if c.at in (f"motor {joint.name}", f"joint {joint.name}")]
+        torque = next((i for i in ours if channels[i].role == "u"), None)
+        motions = tuple(i for i in ours if channels[i].role == "y")
+        joints.append(JointSignals(joint, robot.ratio(joint.name), rate_hz, torque, motions, channels, signals))
+    too_far = [doubt for joint in joints for doubt in _travels(joint)]
+    yield from too_far or (doubt for joint in joints for doubt in _motions(joint))
+
+
+def _travels(joint: JointSignals) -> Iterator[Doubt]:
+    """Positions that no joint has: far beyond its limits, or so many turns behind a gear."""
+    limits = joint.joint.limits.angle
+    for i in [i for i in joint.motions if joint.order(i) == 0]:
+        moved, most = travel(joint.signals[:, i]), limits[1] - limits[0]
+        if not np.isfinite(most):
+            most = np.inf if joint.joint.slides or abs(joint.ratio) < LIMITS.max_turns else 2 * np.pi * LIMITS.max_turns
+        if moved > 1.2 * most:
+            fitting = [text for factor, text in joint.factors(i) if factor > 1 and moved / factor < most]
+            text = (
+                f"joint {joint.joint.name} would travel {moved:.4g} {joint.joint.unit}, more than the {most:.4g} that "
+                f"it can; its sensor seems to have {' or '.join(fitting) or 'another unit'}"
+            )
+            yield Doubt(i, "side" if fitting == ["side: motor"] else "unit", text)
+
+
+def _motions(joint: JointSignals) -> Iterator[Doubt]:
+    """Motions of one joint that contradict each other in quantity, unit or sign; else its torque and its motion."""
+    is_consistent = False
+    for a, b in combinations(sorted(joint.motions, key=joint.order), 2):
+        relations = {r.order: r for r in motion_relations(joint.signals[:, a], joint.signals[:, b], joint.rate_hz)}
+        stated = relations[joint.order(b) - joint.order(a)]
+        best = max(relations.values(), key=lambda relation: abs(relation.correlation))
+        gain, order = abs(stated.gain), joint.order(a) + best.order
+        if abs(stated.correlation) < LIMITS.max_stated_correlation and abs(best.correlation) > MIN_CORRELATION:
+            i, k = (b, order) if 0 <= order < len(MOTIONS) else (a, joint.order(b) - best.order)
+            text = f"{joint.named(b)} is proportional to the derivative of order {best.order} of {joint.named(a)}"
+            yield Doubt(
+                i, "quantity", f"{text}; {joint.channels[i].name_in_file} seems to be quantity: {MOTIONS[k % 3]}"
+            )
+            return
+        if abs(stated.correlation) < MIN_CORRELATION:
+            continue
+        if abs(np.log(gain)) > LIMITS.max_gain:
+            yield from _of_gain(joint, a, b, gain, stated.order)
+            return
+        if stated.gain < 0:
+            i = next((i for i in (a, b) if _is_against(joint, i)), b)
+            text = f"{joint.named(a)} and {joint.named(b)} of joint {joint.joint.name} have opposite signs"
+            yield Doubt(i, "sign", f"{text}; give one of them sign: -1")
+            return
+        is_consistent = True
+    for i in joint.motions[:1]:
+        if _is_against(joint, i):
+            text = f"torque {joint.channels[joint.torque or 0].name_in_file} and {joint.named(i)} have opposite signs"
+            text += ": inertia or friction would be negative; give one of them sign: -1"
+            yield Doubt(joint.torque if is_consistent else i, "sign", text)
+
+
+def _is_against(joint: JointSignals, i: int) -> bool:
+    """True if the torque of the joint and a motion of it have opposite signs."""
+    if joint.torque is None:
+        return False
+    u, y = joint.signals[:, joint.torque], joint.signals[:, i]
+    return torque_relation(u, y, joint.order(i), joint.rate_hz, not joint.joint.slides).is_against_motion
+
+
+def _of_gain(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[Doubt]:
+    """Another unit or side of one of two motions; another gear, or another rate."""
+    text = f"{joint.named(b)} is {gain:.4g} times what {joint.named(a)} makes it"
+    factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
+    fitting = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= LIMITS.max_factor]
+    for i, keys in sorted(fitting, key=lambda each: not each[1].startswith("side"))[:1]:
+        yield Doubt(i, keys.partition(":")[0], f"{text}: {keys} would make both agree")
+    if not fitting and order == 0 and abs(np.log(gain)) > LIMITS.max_play:
+        what = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
+        yield Doubt(b, "scale", f"{text}: check {what}, and unit and scale of both")
+    elif not fitting and order > 0:
+        yield Doubt(None, "rate_hz", f"{text}: the rate seems to be {gain ** (1 / order) * joint.rate_hz:.4g} Hz")

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Sequence
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +21,14 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.recorded import RecordedSpec
+from elastid.recorded.repair import blocks
+from elastid.recorded.repair.time_stamps import CLOCK
 
 UNWRAPPED = "records/unwrapped"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
 MAX_COMPUTABLE = 1e60
+# Sine of the angle between two signals without their means, up to which they are one but for rounding.
+MAX_DIFFERENCE = 1e-9
 
 
 def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterator[tuple[int, str, str]]:
@@ -70,42 +75,28 @@ def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
 
 def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[FloatArray, tuple[Note, ...]]:
     """The signal (n,) in SI on the link side, and a note if an angle was unwrapped."""
-    turns = 0
+    factor, turns = _own_side_factor(channel, robot), 0
     if channel.quantity == "position":
-        values, turns = _counted_on(values)
-    note = Note(UNWRAPPED, f"{turns} starts of its counter were taken out of {channel.name_in_file}")
-    signal = values * _own_side_factor(channel, robot) + channel.offset
-    if channel.quantity == "position" and not robot.slides(channel.at) and not turns:
-        known = np.isfinite(signal)
-        jumps = np.abs(np.diff(signal[known]))
-        wraps = jumps > np.pi
-        # A jump within 1 rad of a whole turn is an encoder that starts again.
-        if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < 1.0):
-            signal[known], turns = np.unwrap(signal[known]), int(wraps.sum())
-            note = Note(UNWRAPPED, f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}")
-    return signal * _gear_factor(channel, robot), (note,) if turns else ()
+        values, turns = _unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
+    note = Note(UNWRAPPED, f"{turns} starts of its counter or turn were taken out of {channel.name_in_file}")
+    return (values * factor + channel.offset) * _gear_factor(channel, robot), (note,) if turns else ()
 
 
-def _counted_on(values: FloatArray) -> tuple[FloatArray, int]:
-    """Counts (n,) of a counter of k bits without its jumps by 2^k, and their number; other values as they are.
-
-    A counter's are whole and within 2^k, and jump by nearly all of it; without the jumps they go on as elsewhere.
-    """
+def _unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
+    """Values (n,) without their jumps by nearly a turn, or by the 2^k of a counter of whole numbers, and the number."""
     known = np.isfinite(values)
-    counts = values[known]
-    span = float(np.ptp(counts)) if counts.size else 0.0
-    steps = np.abs(np.diff(counts))
-    # The shortest counter, of 8 bits, starts again near its ends.
-    if span < (2**8 - 2**4) or steps.max(initial=0.0) < 0.8 * span or np.any(counts != np.round(counts)):
+    x = values[known]
+    span = float(np.ptp(x)) if x.size else 0.0
+    # The shortest counter has 8 bits, and starts again near its ends.
+    is_counter = span >= 2**8 - 2**4 and np.all(x == np.round(x))
+    steps, whole = np.abs(np.diff(x)), 2.0 ** math.ceil(math.log2(span + 1)) if is_counter else turn
+    usual = float(np.max(steps, initial=0.0, where=steps < whole / 2))
+    jumps = steps[steps >= whole / 2]
+    if not jumps.size or usual > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
         return values, 0
-    whole = 2.0 ** math.ceil(math.log2(span + 1))
-    jumps = steps > whole / 2
-    usual = float(steps[~jumps].max(initial=0.0))
-    if usual > whole / 4 or np.any(whole - steps[jumps] > 2 * usual + 1):
-        return values, 0
-    result = values.copy()
-    result[known] = np.unwrap(counts, period=whole)
-    return result, int(jumps.sum())
+    result = values.astype(np.float64)
+    result[known] = np.unwrap(x, period=whole)
+    return result, jumps.size
 
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
@@ -155,6 +146,59 @@ def value_refusals(
             yield i, f"reaches {largest:.3g}, which no sensor gives; check its name, and how missing values are written"
         elif np.ptp(values) == 0 and channel.role not in resting:
             yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples; check its sensor and its name"
+
+
+def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, where: str) -> list[Note]:
+    """Notes on torques of signals (n, c) that are no measured ones: the command twice, mirrored, or another motor's.
+
+    N: samples of the period, None without one.
+    """
+    notes, u = list[Note](), {c.at: i for i, c in enumerate(channels) if c.role == "u"}
+    for channel, r in zip(channels, signals.T, strict=True):
+        if channel.role != "r":
+            continue
+        place, acting = channel.at, signals[:, u[channel.at]]
+        if np.ptp(r) > 0 and np.array_equal(r, acting):
+            text = (
+                f"u at {place} equals r to the last bit: the command was logged twice, so that feedback, the drive's "
+                "limits and its delay are not in u; log the torque that acts, or leave the channel of role r out if "
+                "nothing feeds back"
+            )
+            notes.append(Note("records/same-signal", text, where))
+        elif (rho := _at_once(r, acting, N)) <= -CLOCK.min_correlation:
+            text = (
+                f"u at {place} moves against r (correlation {rho:.2f}): the motor is mirrored or one of the two "
+                "channels has the other sign; give that channel sign: -1"
+            )
+            notes.append(Note("records/torque", text, where))
+    moving = signals - signals.mean(axis=0)
+    size = np.linalg.norm(moving, axis=0)
+    known = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and size[i] > 0]
+    for a, b in combinations(known, 2):
+        factor = moving[:, a] @ moving[:, b] / size[a] ** 2
+        is_one = np.linalg.norm(moving[:, b] - factor * moving[:, a]) <= MAX_DIFFERENCE * size[b]
+        if channels[a].role == channels[b].role and is_one:
+            text = (
+                f"{channels[b].full_name} holds the samples of {channels[a].full_name}: one of the two is not the "
+                "signal of its motor; check channel and column in the study, and the wiring of the logger"
+            )
+            notes.append(Note("records/same-signal", text, where))
+    return notes
+
+
+def _at_once(r: FloatArray, u: FloatArray, N: int | None) -> float:
+    """The correlation of r and u (n,), each line with the power that r has there.
+
+    Feedback makes u largest where it turns the phase most.
+    """
+    if N is None:
+        first, second = (np.concatenate([x - x.mean(), np.zeros(len(x))]) for x in (r, u))
+    else:
+        first, second = (blocks(x, N).mean(axis=0) for x in (r, u))
+    R, U = (np.fft.rfft(x)[1:] for x in (first, second))
+    power, turned = np.abs(R) ** 2, R.conj() * U
+    cosine = np.divide(turned.real, np.abs(turned), out=np.zeros_like(power), where=turned != 0)
+    return float(power @ cosine / max(power.sum(), 1e-300))
 
 
 def _own_side_factor(channel: ChannelSpec, robot: Places) -> float:

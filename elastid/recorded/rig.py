@@ -31,12 +31,12 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
-from elastid.recorded.evidence import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, is_single, naming, rows_of
 from elastid.recorded.link_side import (
     UNWRAPPED,
     channel_refusals,
     disturbances,
+    drive_notes,
     hold_samples,
     link_side_factor,
     to_joints,
@@ -155,7 +155,7 @@ class RecordedRig:
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
         notes = [replace(note, place=where) for note in gathered.notes]
         notes += [finding.note(where) for finding in findings]
-        notes += [*drive_notes(channels, signals, N, where), *same_signal_notes(channels, signals, where)]
+        notes += drive_notes(channels, signals, N, where)
         if N is not None:
             n = len(gathered.signals)
             lost = int(n * N / (gathered.period or N)) - len(signals)

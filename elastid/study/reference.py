@@ -214,18 +214,23 @@ def explain(asked: str) -> str:
     Names that a study chooses and numbers of entries may be given or left out: experiment.recorded.files[0].samples.
     """
     if "/" in asked:
-        return _of_code(asked)
-    keys = list(_matching(asked))
-    if not keys:
+        if asked not in CODES:
+            text = f"no error or note has the code {asked}; {did_you_mean(asked, CODES)}"
+            raise StudyError("study/unknown-key", text)
+        return f"{asked}\n  {CODES[asked]}"
+    keys = {key.path: key for key in every_key()}
+    steps, wanted = {path: _steps(path) for path in keys}, _steps(asked)
+    if any(_agree(each[: len(wanted)], wanted) and each[len(wanted) - 1] == "<name>" for each in steps.values()):
+        wanted = wanted[:-1]  # of a name the mapping that holds it
+    exact = [key for path, key in keys.items() if _agree(steps[path], wanted)]
+    found = exact or [key for path, key in keys.items() if _agree(steps[path][-len(wanted) :], wanted)]
+    if not found:
+        names = {".".join(each[-n:]): ".".join(each) for each in reversed(steps.values()) for n in (len(each), 1)}
+        close = get_close_matches(".".join(wanted), names, n=1)
+        nearest = f"did you mean '{names[close[0]]}'?" if close else f"there are {', '.join(names_in(Study))}"
         owner = "a fleet" if asked.startswith("fleet.") else "a study"
-        raise StudyError("study/unknown-key", f"{owner} has no key {asked}; {_nearest(asked)}")
-    return "\n\n".join(_explanation(key) for key in keys)
-
-
-def _of_code(asked: str) -> str:
-    if asked not in CODES:
-        raise StudyError("study/unknown-key", f"no error or note has the code {asked}; {did_you_mean(asked, CODES)}")
-    return f"{asked}\n  {CODES[asked]}"
+        raise StudyError("study/unknown-key", f"{owner} has no key {asked}; {nearest}")
+    return "\n\n".join(map(_explanation, found))
 
 
 def overview() -> str:
@@ -281,36 +286,8 @@ def every_key() -> Iterator[StudyKey]:
     yield from keys_below(FleetSpec, "fleet.")
 
 
-def _matching(asked: str) -> Iterator[StudyKey]:
-    """The keys of that path, or else those whose path ends so, each path once; of a name the mapping that holds it."""
-    keys = {key.path: key for key in every_key()}.values()
-    wanted = _steps(asked)
-    if any(_begins(_steps(key.path), wanted) and _steps(key.path)[len(wanted) - 1] == "<name>" for key in keys):
-        wanted = wanted[:-1]
-    exact = [key for key in keys if _agree(_steps(key.path), wanted)]
-    yield from exact or (key for key in keys if _agree(_steps(key.path)[-len(wanted) :], wanted))
-
-
-def _nearest(asked: str) -> str:
-    """The end of a message: the nearest key where the path stops to exist, or of a single word the nearest of all."""
-    steps, paths = _steps(asked), [_steps(key.path) for key in every_key()]
-    known = max(range(len(steps)), key=lambda n: (any(_begins(path, steps[:n]) for path in paths), n))
-    siblings = dict.fromkeys(path[known] for path in paths if _begins(path, steps[:known]))
-    parent = "".join(f"{step}." for step in steps[:known])
-    close = get_close_matches(steps[known], siblings, n=1)
-    if close or len(steps) > 1:
-        return did_you_mean(parent + steps[known], [parent + name for name in ([*close] or siblings)])
-    ends = {path[-1]: ".".join(path) for path in reversed(paths)}
-    close = get_close_matches(asked, ends, n=1)
-    return f"did you mean '{ends[close[0]]}'?" if close else f"there are {', '.join(siblings)}"
-
-
 def _steps(path: str) -> list[str]:
     return re.sub(r"\[\d*\]", "", path).split(".")
-
-
-def _begins(path: list[str], steps: list[str]) -> bool:
-    return len(path) > len(steps) and _agree(path[: len(steps)], steps)
 
 
 def _agree(steps: list[str], wanted: list[str]) -> bool:

@@ -49,18 +49,6 @@ def test_a_motion_becomes_a_study_of_friction_that_runs(motion: Path, tmp_path: 
         assert numbers[f"f_m{k}"] == pytest.approx(5, rel=0.01)
 
 
-def test_temperatures_of_the_joints_are_channels_of_them(motion: Path, tmp_path: Path) -> None:
-    """One for each joint, in K by its size; the hold of a command stands as a comment."""
-    head, *rows = motion.read_text().splitlines()
-    warm = [f"{row};{30 + 0.001 * i:.3f};{310 - 0.001 * i:.3f}" for i, row in enumerate(rows)]
-    motion.write_text("\n".join([f"{head};Temp 1;Temp 2", *warm]) + "\n")
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(motion)]) == 0
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
-    heat = [c for c in study.experiment.as_recorded().channels if c.role == "t"]
-    assert [(c.at, c.channel, c.unit) for c in heat] == [("joint 1", "Temp 1", "degC"), ("joint 2", "Temp 2", "K")]
-    assert "# hold: zero-order" in (tmp_path / "new" / "study.yml").read_text()
-
-
 def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two accelerometers alone; with the hammer's column the same log becomes a study."""
     a = np.random.default_rng(0).normal(size=(400, 3))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -82,30 +81,10 @@ def test_what_cannot_be_predicted_is_refused(
     assert command("predict", study, "--with", tmp_path / "nowhere", "--run", tmp_path / "run") == 2
     assert "the study identifies friction: name the run folder of another study of friction" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
-    (tmp_path / "fit.h5").touch()
-    assert command("predict", study, "--with", tmp_path, "--run", tmp_path / "run") == 2
-    assert f"(--set robot={tmp_path}/identified_robot.yml)" in capsys.readouterr().err
-    (tmp_path / "fit.h5").unlink()
     assert cli.run_command(["new", str(tmp_path / "elastic")]) == 0
     capsys.readouterr()
     assert command("predict", tmp_path / "elastic" / "study.yml", "--with", tmp_path) == 2
     assert "the study identifies elasticity" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_a_fitted_elastic_robot_becomes_the_robot_of_a_study_of_friction(
-    tiny: Path, study_of: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """As the refusal of a fit of elasticity advises: its spring is in the twin of logs that two commands predict."""
-    assert command("run", tiny, "--run", tmp_path / "elastic", "--jobs", "1") == 0
-    first, second = study_of("a", 1, 12.0), study_of("b", 2, 12.0)
-    assert command("predict", second, "--with", tmp_path / "elastic", "--run", tmp_path / "b") == 2
-    advice = re.search(r"--set (robot=\S+identified_robot.yml)", capsys.readouterr().err)
-    assert advice is not None
-    robot = ("--set", advice[1])
-    assert command("run", first, "--run", tmp_path / "a", *robot) in (0, 3)
-    assert command("predict", second, "--with", tmp_path / "a", "--run", tmp_path / "b", *robot) == 0
-    assert json.loads((tmp_path / "b" / "prediction.json").read_text(encoding="utf-8"))["torque"]
 
 
 TWO_AXES = """

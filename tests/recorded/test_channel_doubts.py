@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.channel_doubts import channel_doubts
+from elastid.recorded.channel_guess import channel_doubts
 from elastid.robot import Body, Joint, Limits, Motor, Robot
 
 RATE, RATIO = 500.0, 50.0

@@ -10,13 +10,12 @@ from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.stages.estimate import tool_responses
 from elastid.app.stages.measure import tests_of
-from elastid.app.summaries import as_json, failure, interrupted, modes_of, summary
+from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.errors import FitError, MisfitError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import AT_TOOL
 from elastid.fit.result import Result
-from elastid.fit.solve.solvers import Interrupted
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
@@ -42,15 +41,11 @@ def fit(study: Study, work: Work) -> Artefacts:
         for G in tool_responses(study.tool, study, work.base)
         if G.configuration.name not in left_out
     ]
-    unfinished = work.checkpoint()
     try:
-        with work.execution(unfinished) as execution:
+        with work.execution(work.checkpoint()) as execution:
             result = identify([*fitted, *tapped], robot, spec, model=study.model, execution=execution, loads=tests)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
-    except Interrupted as stop:
-        words = f"fit: stopped, {unfinished.words or 'nothing'} kept"
-        return Artefacts({"summary.json": as_json(interrupted(study, stop.ends))}, lambda c: c.say(words), stop)
     result = replace(result, notes=(*result.notes, *(note for response in tapped for note in response.notes)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     agreements = [

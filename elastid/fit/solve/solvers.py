@@ -26,10 +26,10 @@ first order: a response is nearly linear in a damping of little effect, whose st
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy.linalg import eigh
@@ -262,14 +262,6 @@ def spread(parameters: Parameters, starts: int, factor: float, seed: int) -> Flo
     return np.vstack([parameters.x, np.clip(parameters.x + step, lower, upper)])
 
 
-class Interrupted(KeyboardInterrupt):
-    """Ctrl-C in the middle of many starts or after them; ends: of those that did not fail, best first."""
-
-    def __init__(self, ends: Iterable[LocalOptimum]) -> None:
-        self.ends = tuple(sorted((end for end in ends if math.isfinite(end.cost)), key=lambda end: end.cost))
-        super().__init__(f"interrupted after {len(self.ends)} starts")
-
-
 def multistart(
     problems: Sequence[LeastSquares],
     starts: FloatArray,
@@ -281,11 +273,11 @@ def multistart(
     Every start is solved roughly; of those that can still reach the best cost one in each place is then solved finely,
     and the others end where they are, with a message. The same under any execution; for several processes the problems
     must pickle.
-    Raises FitError where none succeeds, Interrupted on Ctrl-C.
+    Raises FitError where none succeeds.
     """
     execution = execution or Execution()
     begin = partial(_begin, tuple(problems), method)
-    rough = _solved(begin, {f"start-{i}": x for i, x in enumerate(starts)}, execution)
+    rough = execution.resumed(begin, list(starts), [f"start-{i}" for i in range(len(starts))])
     best = min(end.cost for end in rough)
     if not np.isfinite(best):
         raise FitError("fit/no-start", f"all {len(rough)} starts failed; the first with: {rough[0].message}")
@@ -294,10 +286,7 @@ def multistart(
     hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or (not end.converged and end.cost <= 30 * best)]
     polish, leader = partial(_polish, problems[-1], method), _leaders(problems[-1], rough, hopeful)
     leaders = list(dict.fromkeys(leader.values()))
-    try:
-        polished = _solved(polish, {f"polished-{i}": rough[i] for i in leaders}, execution.quiet)
-    except Interrupted:
-        raise Interrupted(rough) from None
+    polished = execution.quiet.resumed(polish, [rough[i] for i in leaders], [f"polished-{i}" for i in leaders])
     of_leader = dict(zip(leaders, polished, strict=True))
     ends = dict(enumerate(rough))
     for i, first in leader.items():
@@ -326,16 +315,6 @@ def _leaders(problem: LeastSquares, rough: Sequence[LocalOptimum], hopeful: Sequ
 def _deviation(cost: float, problem: LeastSquares) -> float:
     """Rise of V at one standard deviation from its minimum."""
     return max(1.0, cost / max(problem.dof, 1))
-
-
-def _solved(
-    function: Callable[[Any], LocalOptimum], items: Mapping[str, Any], execution: Execution
-) -> list[LocalOptimum]:
-    """function of each item in order; on Ctrl-C what is done is kept in the exception."""
-    try:
-        return execution.resumed(function, list(items.values()), list(items))
-    except KeyboardInterrupt:
-        raise Interrupted(execution.checkpoint[name] for name in items if name in execution.checkpoint) from None
 
 
 def _begin(problems: tuple[LeastSquares, ...], method: SolverName, x_start: FloatArray) -> LocalOptimum:

@@ -237,28 +237,11 @@ _DAMPING = 1e-3
 ALIKE = 10
 
 
-@dataclass(frozen=True)
-class TimeSteps:
-    """Steps in s from one time stamp to the next, gaps among them, and the mean rate."""
-
-    shortest: float
-    median: float
-    longest: float
-    mean_hz: float
-
-    @classmethod
-    def of(cls, time_s: FloatArray) -> TimeSteps:
-        """Steps of stamps (n,) that rise."""
-        steps = np.diff(time_s)
-        mean_hz = len(steps) / float(time_s[-1] - time_s[0])
-        return cls(float(steps.min()), float(np.median(steps)), float(steps.max()), mean_hz)
-
-    def __str__(self) -> str:
-        """All four in words."""
-        return (
-            f"steps of {1e3 * self.shortest:.6g} to {1e3 * self.longest:.6g} ms, median {1e3 * self.median:.6g} ms, "
-            f"mean rate {self.mean_hz:.6g} Hz"
-        )
+def steps_in_words(time_s: FloatArray) -> str:
+    """The shortest, median and longest step from one of some stamps (n,) to the next, and the mean rate, in words."""
+    shortest, median, longest = (f"{1e3 * f(np.diff(time_s)):.6g}" for f in (np.min, np.median, np.max))
+    mean_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+    return f"steps of {shortest} to {longest} ms, median {median} ms, mean rate {mean_hz:.6g} Hz"
 
 
 def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
@@ -271,31 +254,12 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
     if median > 0:
         candidates.append(np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / median), 1).astype(np.int64))]))
     rounding = CLOCK.max_rounding * _resolution(time_s)
-    candidates.append(_rows_between_gaps(time_s, float(np.median(rounding))))
     for rows in candidates:
         step, start = np.polyfit(rows.astype(np.float64), time_s, 1)
         allowed = np.maximum(CLOCK.max_deviation * step, rounding)
         if step > 0 and np.all(np.abs(time_s - start - step * rows) <= allowed):
             return rows, 1 / float(step)
     return None
-
-
-def _rows_between_gaps(time_s: FloatArray, rounding: float) -> IntArray:
-    """Rows of stamps (n,) that are rounded to more than a sample, all of which are there but in long steps."""
-    steps, n = np.diff(time_s), len(time_s)
-    mean = float(np.mean(steps[steps <= np.quantile(steps, 0.98)]))
-    part = np.concatenate([[0], np.cumsum(steps > CLOCK.min_gap * mean + 2 * rounding)])
-    rows = np.arange(n)
-    if part[-1] == 0 or part[-1] > n // 10:
-        return rows
-    # One step for all parts, by regression within them.
-    count = np.bincount(part)
-    t, i = time_s - (np.bincount(part, time_s) / count)[part], rows - (np.bincount(part, rows) / count)[part]
-    step = float(t @ i / max(i @ i, 1.0))
-    if step <= 0:
-        return rows
-    begin = np.bincount(part, time_s - step * rows) / count
-    return np.asarray(rows + np.round((begin - begin[0]) / step).astype(np.int64)[part])
 
 
 def _resolution(time_s: FloatArray) -> FloatArray:
@@ -328,12 +292,11 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
             "records/clock", "its time does not rise; name another channel as time, or leave time out", log.where
         )
     time_s = time_s - time_s[0]
-    steps = TimeSteps.of(time_s)
-    if not 1 / CLOCK.max_ratio < steps.mean_hz / rate_hz < CLOCK.max_ratio:
+    if not 1 / CLOCK.max_ratio < (len(time_s) - 1) / (time_s[-1] * rate_hz) < CLOCK.max_ratio:
         after = log.time_of(int(np.argmax(np.diff(time_s))))
         raise DataError(
             "records/clock",
-            f"its {len(time_s)} time stamps have {steps}, the longest after {after}, and rate_hz is "
+            f"its {len(time_s)} time stamps have {steps_in_words(time_s)}, the longest after {after}, and rate_hz is "
             f"{rate_hz:g}; give the time in s, correct rate_hz, or cut a jump off with samples",
             log.where,
         )
@@ -343,7 +306,7 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
         if abs(own_hz / rate_hz - 1) <= CLOCK.max_error:
             return _with_gaps(signals, rows, log)
         time_s = rows / own_hz
-    return _at_instants(time_s, signals, rate_hz, log, steps)
+    return _at_instants(time_s, signals, rate_hz, log)
 
 
 def _with_gaps(signals: FloatArray, rows: IntArray, log: Log) -> Repaired:
@@ -359,10 +322,10 @@ def _gaps(lost: int, gaps: IntArray, log: Log) -> Finding:
     return Finding(GAPS, lost, text)
 
 
-def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log, steps: TimeSteps) -> Repaired:
+def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> Repaired:
     """Resampled from instants (n,) in s, the first of which is 0."""
-    own = np.diff(time_s)
-    gaps = np.flatnonzero(own > CLOCK.min_gap * steps.median)
+    own, steps = np.diff(time_s), steps_in_words(time_s)
+    gaps = np.flatnonzero(own > CLOCK.min_gap * np.median(own))
     of_knots = np.delete(own, gaps)
     row = min(8, len(of_knots))  # steps, whose mean no knots are closer than
     knot_hz = 1 / float(np.convolve(of_knots, np.full(row, 1 / row), mode="valid").max())

@@ -17,8 +17,7 @@ from elastid.base.errors import ElastidError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
-from elastid.recorded.channel_doubts import channel_doubts
-from elastid.recorded.channel_guess import Doubt
+from elastid.recorded.channel_guess import Doubt, channel_doubts
 from elastid.recorded.files.formats import is_log, opened_log, values_of
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.log import Log as OpenLog
