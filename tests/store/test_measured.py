@@ -216,7 +216,6 @@ def test_the_friction_taken_out_comes_back_to_the_last_bit(tmp_path, shapes) -> 
         np.full((3, 2), 0.1),
         np.array([0.02, 1.0]),
         np.array([0.2, 0.3]),
-        np.array([30.0, 30.0, 28.0]),
         (Note("nonlinear/friction-left", "no friction", "motor 2", "information"),),
     )
     write_responses(tmp_path / "frf.h5", (), STAMP, friction)
