@@ -4,20 +4,18 @@ r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift, o
           J_l \ddot q_l + g + b = k (q_m - q_l) + d (\dot q_m - \dot q_l)
 
 on one side of the gear: LuGre's bristles z, the torque g of gravity as a model has it, its slow error b, and w, noise
-of the torque that is correlated in time. Without a spring both inertias move as one. The followed numbers are constants
-that drift: ln F_c, with F_s / F_c and sigma_0 held; ln f, or one of each direction; b.
-
-One sample of the filter is a CasADi function:
+of the torque that is correlated in time (ripple, cogging, cables; taken for white, it makes bands far too narrow). The
+followed numbers are constants that drift: ln F_c, with F_s / F_c and sigma_0 held; ln f, or one of each direction; b.
+A sample of the filter is a CasADi function,
 
 .. math::
    x^- = a(x, u, g), \quad P^- = F P F^T + Q, \qquad
    K = P^- h / S, \quad S = h^T P^- h + R, \quad e = y - h^T x^-, \\
-   x^+ = x^- + K e, \qquad P^+ = (I - K h^T) P^- (I - K h^T)^T + K R K^T
+   x^+ = x^- + K e, \qquad P^+ = (I - K h^T) P^- (I - K h^T)^T + K R K^T \text{ (Joseph)},
 
-with F the Jacobian of a and h that of the measured angle; the update is Joseph's, which keeps P positive. Numbers c
-that the filter holds (F_s / F_c, Stribeck velocity, inertia, stiffness, gravity) are wrong by some percent, and its
-bands have that: they are consider parameters (Schmidt, Advances in Control Systems 3, 1966), never updated, with cross
-covariance Sigma in units of their standard deviations sigma,
+F the Jacobian of a, h that of the measured angle. Numbers c that the filter holds (F_s / F_c, Stribeck velocity,
+inertia, stiffness, gravity) are wrong by some percent, and its bands have that: they are consider parameters (Schmidt,
+Advances in Control Systems 3, 1966), never updated, with cross covariance Sigma over their standard deviations sigma,
 
 .. math::
    \Sigma^- = F \Sigma + \frac{\partial a}{\partial c} \mathrm{diag}(\sigma), \qquad
@@ -38,16 +36,11 @@ Before a band is believed the innovations are tested,
 
 (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) NIS does
 not see errors of the model that the followed numbers take up: within some seconds a number moves by no more than noise
-and drift allow, where its band does not hold that.
+and drift allow, where its band does not hold that. Between two motions angle, velocity and bristle start again, while
+the followed numbers continue, their covariance grown by the drift of the time between. Noise of torque and angle has
+the largest likelihood of the innovations (Mehra, IEEE Trans. Automatic Control 15(2), 1970),
 
-Between two motions the joint stands somewhere: angle, velocity and bristle start again, while the followed numbers
-continue, their covariance grown by the drift of the time between. Noise of torque and angle has the largest likelihood
-of the innovations over the logarithms of its standard deviations,
-
-.. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma)
-
-(Mehra, IEEE Trans. Automatic Control 15(2), 1970, has the idea). The state w carries the torque noise of a real axis
-that is correlated in time (ripple, cogging, cables): taken for white, it makes bands far too narrow.
+.. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma).
 """
 
 from __future__ import annotations
@@ -55,6 +48,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -221,8 +215,7 @@ def _symmetric(A: ca.SX) -> ca.SX:
 
 # A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
 COUNT_OVER_STD, MOVING = math.sqrt(12), 0.2
-# Samples that one call of the compiled loop takes, and lags of the autocorrelation.
-PIECE, LAGS = 1000, 50
+LAGS = 50  # of the autocorrelation
 # Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.
 PRIOR = {"Fc": 0.3, "f": 0.5, "f+": 0.5, "f-": 0.5, "offset": 0.5}
 
@@ -238,12 +231,6 @@ class JointSamples:
     load: FloatArray
     angle: FloatArray
     start_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not all(np.all(np.isfinite(part)) for part in (self.torque, self.load, self.angle)):
-            raise DataError(
-                "filter/record", "a filter's samples have NaN or infinite values; mend the gaps of the log first"
-            )
 
     def moves(self, count: float) -> BoolArray:
         """True (n,) where the angle moves by MOVING counts a sample, so that rounding is noise."""
@@ -304,13 +291,13 @@ class KalmanFilter:
 
     def __init__(self, joint: FollowedJoint, rate_hz: float) -> None:
         self.joint, self.rate_hz = joint, rate_hz
-        self._step = filter_step(joint, rate_hz)
-        self._loop = self._step.mapaccum("filter", PIECE, 2)
+        step = filter_step(joint, rate_hz)
+        self._loop = cache(lambda n: step.mapaccum("filter", n, 2))
 
     def run(self, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
         """The track over motions, at rest where one begins; the pause before it makes friction less certain."""
         joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
-        given = ca.repmat(ca.DM(noise.vector(joint, self.rate_hz)), 1, PIECE)
+        given = noise.vector(joint, self.rate_hz)[:, None]
         drift = np.array([noise.drift.get(name, 0.0) for name in joint.followed])
         parts, times, followed = list[tuple[FloatArray, ...]](), list[FloatArray](), slice(n_x - p, n_x)
         for motion in motions:
@@ -320,13 +307,9 @@ class KalmanFilter:
                 x[followed], P[followed] = own[-1, followed], covariance[-1, followed]
                 P[followed, : n_x - p] = 0.0
                 P[followed, followed] += np.diag(drift**2 * pause_s)
-            for first in range(0, len(motion.angle), PIECE):
-                rows = [part[None, first : first + PIECE] for part in (motion.torque, motion.load, motion.angle)]
-                count = rows[0].size
-                loop = self._loop if count == PIECE else self._step.mapaccum("rest", count, 2)
-                states, spread, e, S = (np.asarray(part.full()) for part in loop(x, P, *rows, given[:, :count]))
-                parts.append((states.T, spread.reshape(n_x, count, -1).transpose(1, 0, 2), e[0], S[0]))
-                x, P = parts[-1][0][-1], parts[-1][1][-1]
+            n, rows = len(motion.angle), [part[None] for part in (motion.torque, motion.load, motion.angle)]
+            states, spread, e, S = (part.full() for part in self._loop(n)(x, P, *rows, np.tile(given, n)))
+            parts.append((states.T, spread.reshape(n_x, n, -1).transpose(1, 0, 2), e[0], S[0]))
             times.append(motion.start_s + np.arange(1, len(motion.angle) + 1) / self.rate_hz)
         x, P, e, S = (np.concatenate(part) for part in zip(*parts, strict=True))
         ignored = [n_x + i for i, name in enumerate(joint.held) if name not in WEIGHED]
@@ -420,9 +403,8 @@ def unknown(track: Track) -> BoolArray:
 def estimate_noise(kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, settled_s: float) -> FilterNoise:
     """The most likely noise over samples that move (Track.moves); of angle and bristle's slip at least as guessed.
 
-    The bristle's slip is found as well: what other frictions than LuGre's need would stand for noise of the torque, and
-    put F_c off by 4 to 18 % where a joint slips by about z_s in a sample. A fast motion would have it at nothing, and
-    innovations of a slow one would then be four times as large as expected.
+    Without the bristle's slip other frictions than LuGre's put F_c off by 4 to 18 % where a joint slips by about z_s in
+    a sample.
     """
     names = ["angle", "torque", "slip", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
     judged = most(samples.moves(COUNT_OVER_STD * guess.angle)).copy()
@@ -472,8 +454,7 @@ class FollowedFriction:
     @property
     def verdict(self) -> str:
         """Verdict whether the bands are to be believed."""
-        is_doubted = bool(self.consistency.doubts)
-        return "the bands are too narrow, as the warnings say" if is_doubted else "no test doubts the bands"
+        return "no test doubts the bands" if not self.consistency.doubts else "the bands are too narrow (see warnings)"
 
 
 def follow(
@@ -491,8 +472,7 @@ def follow(
     if duration_s <= settle_s + LAGS / rate_hz:
         raise DataError(
             "filter/record",
-            f"its motions last {duration_s:.3g} s and the filter settles in {settle_s:g} s; record "
-            "longer, or give filter.settle",
+            f"motions of {duration_s:.3g} s end before it settles ({settle_s:g} s): record longer or give filter.settle",
             f"joint {name}",
         )
     kalman, noise = KalmanFilter(joint, rate_hz), guess
@@ -503,16 +483,14 @@ def follow(
         noise = estimate_noise(kalman, stretch, guess, min(settle_s, 1.0))
     track = kalman.run(motions, noise)
     judged = consistency(track, settle_s)
-    n = len(track.innovation)
-    step = max(1, n // 2000)  # a result keeps so many points
+    step = max(1, (n := len(track.innovation)) // 2000)  # a result keeps so many points
     ends = np.arange(n % step + step - 1, n, step)
     mean_nis = track.nis[n % step :].reshape(-1, step).mean(axis=1)
     values, low, high = (
         np.stack([track.values(each, stds)[ends] for each in joint.followed], axis=1)
         for stds in (0.0, -QUANTILE_95, QUANTILE_95)
     )
-    place = f"joint {name}"
-    notes = tuple(_notes(place, track, judged))
+    notes = tuple(_notes(f"joint {name}", track, judged))
     return FollowedFriction(
         name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
         judged, noise, joint, rate_hz, notes,
@@ -521,20 +499,10 @@ def follow(
 
 def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> FollowedJoint:
     """A joint whose held numbers are known as far as a study has identified them, else as is usual (TOLERANCES)."""
-    known = dict(joint.tolerances)
-    if identified.static is not None:
-        numbers = identified.static.intervals
-        for name, held in (("stiction", "stiction_ratio"), ("stribeck_velocity", "stribeck_velocity")):
-            if name in numbers:
-                known[held] = float(np.hypot(known[held], numbers[name][1] / numbers[name][0]))
-    shared = identified.shared
-    if "inertia" in shared:
-        value, std = shared["inertia"]
-        own = joint.motor_inertia + joint.link_inertia
-        # Inertias and the spring of a robot's file are usual ones; an identified inertia may also contradict them.
-        known["inertia"] = float(np.hypot(known["inertia"], own / value - 1)) if joint.stiffness > 0 else std / value
-    gravity = np.array([shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared])
-    if gravity.size:
+    known, shared = dict(joint.tolerances), identified.shared
+    if "inertia" in shared and not joint.stiffness > 0:  # of an elastic one those of the robot's file are taken
+        known["inertia"] = shared["inertia"][1] / shared["inertia"][0]
+    if gravity := [shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared]:
         size, std = np.linalg.norm(gravity, axis=0).tolist()
         known["gravity"] = std / max(size, 1e-300)
     return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in known.items()})

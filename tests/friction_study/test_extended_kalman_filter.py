@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.extended_kalman_filter import (
@@ -87,12 +86,6 @@ def test_noise_is_found_from_innovations() -> None:
     assert found.slip == pytest.approx(NOISE.slip)
 
 
-def test_samples_with_gaps_are_refused() -> None:
-    """By name."""
-    with refused("filter/record"):
-        JointSamples(np.array([0.0, np.nan]), np.zeros(2), np.zeros(2))
-
-
 def test_a_rigid_joint_has_no_stiffness_to_hold() -> None:
     rigid = FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
     assert rigid.held == ("inertia", "gravity")
@@ -169,7 +162,7 @@ def test_a_band_holds_stiction_that_falls_with_warmth() -> None:
 
 
 def test_what_a_study_has_identified_narrows_the_bands() -> None:
-    """Inertia to 0.5 % and gravity to 1 % of a rigid joint; an identified inertia 5 % off an elastic one widens it."""
+    """Inertia to 0.5 % and gravity to 1 % of a rigid joint."""
     one = np.ones(1)
     levels = Levels("motor 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one)
     shared = {"inertia": (2.0, 0.01), "gravity.cos": (3.0, 0.03), "gravity.sin": (4.0, 0.04)}
@@ -178,8 +171,6 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     known = with_tolerances(rigid, identified).tolerances
     assert known["inertia"] == pytest.approx(0.005)
     assert known["gravity"] == pytest.approx(0.01)
-    elastic = replace(FOLLOWED, motor_inertia=0.9, link_inertia=1.2)
-    assert with_tolerances(elastic, identified).tolerances["inertia"] == pytest.approx(np.hypot(0.02, 0.05))
 
 
 TRACK_HZ, N, STD = 200.0, 8000, 0.02
