@@ -472,7 +472,7 @@ def follow(
     if duration_s <= settle_s + LAGS / rate_hz:
         raise DataError(
             "filter/record",
-            f"motions of {duration_s:.3g} s end before it settles ({settle_s:g} s): record longer or give filter.settle",
+            f"motions of {duration_s:.3g} s end before it settles ({settle_s:g} s): log longer, or give filter.settle",
             f"joint {name}",
         )
     kalman, noise = KalmanFilter(joint, rate_hz), guess

@@ -77,15 +77,11 @@ def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
     if np.any(np.diff(log.time_s) <= 0) or not np.any(log.power > 0) or not is_measured:
         text = "it takes times that increase, power that is positive, and readings of a thermometer or test passes"
         raise DataError("friction/warm-up", f"{text}; correct the log's clock and signs, or log them", "warm-up")
-    _, counts = np.unique(np.round(warm_up.test_speed, 9), return_counts=True)
-    is_course = len(counts) > 0 and counts.min() > 4  # more levels than a parabola has numbers
-    problem = _Problem(warm_up, has_readings, has_series=is_course or not has_readings)
+    problem = _Problem(warm_up, has_readings, has_series=len(warm_up.level) > 0)
     single = problem.fit()
     double = replace(problem, nodes=2).fit(float(single.time_constants[0]))
-    pays = double.dof > 0 and (
-        chance_of_terms(single.cost, double.cost, single.dof - double.dof, double.dof) < FALSE_ALARM
-    )
-    return double if pays else single
+    chance = chance_of_terms(single.cost, double.cost, single.dof - double.dof, max(double.dof, 1))
+    return double if double.dof > 0 and chance < FALSE_ALARM else single
 
 
 @dataclass(frozen=True)
@@ -145,9 +141,12 @@ class _Problem:
         log = self.warm_up.log
         span = float(log.time_s[-1] - log.time_s[0])
         lead = float(np.log(max(log.power.mean(), 1e-3) / 20.0))  # h such that the mean power warms by 20 K
-        share = (0.0, 1.2)  # a little above 1 stands for further nodes on the way to a thermometer
         bounds = {"constant": (np.log(span / 200), np.log(5.0 * span)), "ratio": (np.log(1e-3), np.log(0.9))}
-        bounds |= {"share": share, "level_share": share, "h": (lead - 10, lead + 10), "start": (-10.0, 10.0)}
+        # A share a little above 1 stands for further nodes on the way to a thermometer.
+        bounds |= dict.fromkeys(("share", "level_share"), (0.0, 1.2)) | {
+            "h": (lead - 10, lead + 10),
+            "start": (-10, 10),
+        }
         low, high = np.array([bounds[name] for name in self.names]).T
         slowest = (0.05 * span, 0.2 * span, 0.6 * span) if constant is None else (constant,)
         starts = [
@@ -158,11 +157,10 @@ class _Problem:
         within = [np.array([float(start[name]) for name in self.names]) for start in starts]
         ends = [end for end in minimise(self.residual, within, bounds=(low, high)) if np.isfinite(end.cost)]
         if not ends:
-            text = "no start leads to an optimum; check its levels and temperatures"
-            raise FitError("friction/warm-up", text, "warm-up")
+            raise FitError("friction/warm-up", "no start leads to an optimum; check levels and temperatures", "warm-up")
         end = min(ends, key=lambda end: end.cost)
         constants, shares, level_shares, h, _ = self.parts(end.x)
-        eliminated = self.series(constants, level_shares).shape[1] if self.has_series else 0
+        eliminated = np.linalg.matrix_rank(self.series(constants, level_shares)) if self.has_series else 0
         pick = np.array([[float(name == row) for name in self.names] for row in ("h", "constant", "ratio")])
         pick[2] += pick[1]  # ln T_2 = ln T_1 + ln ratio
         log_std = np.sqrt(np.diag(pick @ np.nan_to_num(end.covariance, posinf=1e12) @ pick.T))[: 1 + self.nodes]
@@ -174,12 +172,13 @@ def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note
     """A note where a warm-up ended before its slowest time constant was known."""
     std, constant = float(model.log_std[1]), float(model.time_constants[0])  # of the slowest
     seconds = float(np.ptp(warm_up.log.time_s))
+    if std < MAX_LOG_STD and constant < seconds:
+        return ()
     text = (
         f"{seconds / 60:.3g} min show a time constant of {constant / 60:.3g} min to {std:.0%} only, so that the final "
         "temperature is extrapolated: log two to three time constants, or a pause in which the joint cools"
     )
-    is_known = std < MAX_LOG_STD and constant < seconds
-    return () if is_known else (Note("friction/warm-up", text, place),)
+    return (Note("friction/warm-up", text, place),)
 
 
 def _heat(log: WarmUpLog, constants: FloatArray, shares: FloatArray) -> FloatArray:
