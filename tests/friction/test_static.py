@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import casadi as ca
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.friction.static import SLIDING_VELOCITY, Conditions, Curve, Tustin, columns, phi_1
+from elastid.friction.static import LINEAR, SLIDING_VELOCITY, Conditions, Curve, Tustin, columns, phi_1, slopes
 
 
 def test_the_growing_part_is_quadratic_and_viscous() -> None:
@@ -70,3 +71,30 @@ def test_stiction_of_a_load_fades_at_its_own_velocity_or_at_that_of_the_joint(
     loaded = Conditions(v, np.zeros(3), L, np.full(3, np.nan))
     found = columns(loaded, ("load.stiction",), {"stribeck_velocity": 0.1, "exponent": 2.0, **own}, 25.0)
     np.testing.assert_allclose(found[:, 0], L * np.exp(-((v / fading) ** 2)))
+
+
+ETA = {"stribeck_velocity": 0.1, "exponent": 1.3, "temperature.stribeck_velocity": 2e-3, "temperature.decay": 20.0}
+NUMBERS = dict(zip(LINEAR, (3.0, 5.0, 4.0, 2.0, 0.1, 0.3, -0.02, -0.03, 1.5, 0.4, 0.2), strict=True))
+
+
+def closed_form(c: Conditions, eta: Mapping[str, float]) -> np.ndarray:
+    """s tau_f (n,) of NUMBERS, a temperature that is not known being T_0 = 25."""
+    (F_c, F_s, f, a2, mu_c, mu_s, T_c, T_s, T_f, D_c, D_f), v = NUMBERS.values(), c.speed
+    theta = np.where(np.isnan(c.temperature), 0.0, c.temperature - 25.0)
+    nu = eta["stribeck_velocity"] + eta["temperature.stribeck_velocity"] * theta
+    e, e_L = (np.exp(-((v / x) ** eta["exponent"])) for x in (nu, eta.get("load.stribeck_velocity", nu)))
+    warm = theta * (T_c + (T_s * e)) + T_f * v * np.expm1(-theta / eta["temperature.decay"])
+    by_load = c.load * (mu_c + (mu_s - mu_c) * e_L)
+    return F_c + (F_s - F_c) * e + f * v + a2 * v**2 + by_load + warm + c.direction * (D_c + D_f * v)
+
+
+@pytest.mark.parametrize("eta", [ETA, ETA | {"load.stribeck_velocity": 0.3}])
+def test_the_columns_of_a_law_are_its_closed_form_and_its_slopes_their_differences(eta: dict[str, float]) -> None:
+    rng = np.random.default_rng(1)
+    warm = np.where(np.arange(30) % 5, rng.uniform(20, 60, 30), np.nan)
+    c = Conditions(rng.uniform(0.01, 1, 30), rng.choice([-1.0, 0, 1], 30), rng.uniform(0, 20, 30), warm)
+    np.testing.assert_allclose(columns(c, LINEAR, eta, 25.0) @ [*NUMBERS.values()], closed_form(c, eta), rtol=1e-12)
+    for name, slope in zip(eta, slopes(c, NUMBERS, tuple(eta), eta, 25.0).T, strict=True):
+        h = 1e-5 * eta[name]
+        up, down = (closed_form(c, eta | {name: eta[name] + step}) for step in (h, -h))
+        np.testing.assert_allclose(slope, (up - down) / (2 * h), rtol=1e-5, atol=1e-6 * np.abs(slope).max())
