@@ -21,12 +21,10 @@ Advances in Control Systems 3, 1966), never updated, with cross covariance Sigma
    \Sigma^- = F \Sigma + \frac{\partial a}{\partial c} \mathrm{diag}(\sigma), \qquad
    P^- = F (P - \Sigma \Sigma^T) F^T + \Sigma^- \Sigma^{-T} + Q, \qquad \Sigma^+ = (I - K h^T) \Sigma^-
 
-F_s / F_c and its velocity have a share in the gain, so that what is learnt near stops weighs less. The others have
-none (P without their part makes K and S): their errors show in the innovations, and a gain that expects them lags.
-
-Q has the noise of the torques, through the step's own Jacobian, the drift of the followed numbers, and the slip of the
-bristle: (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps does not take its bristle for
-certain, while one that slides by more than z_s in a sample has it at its end.
+They have no share in the gain (P without their part makes K and S): their errors show in the innovations, and a gain
+that expects them lags. Q has the noise of the torques, through the step's own Jacobian, the drift of the followed
+numbers, and the slip of the bristle, (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps
+does not take its bristle for certain, one that slides by more than z_s in a sample has it at its end.
 
 Before a band is believed the innovations are tested,
 
@@ -68,8 +66,6 @@ from elastid.simulation.dynamics import runge_kutta_step
 TOLERANCES: Mapping[str, float] = {
     "stiction_ratio": 0.08, "stribeck_velocity": 0.3, "inertia": 0.02, "stiffness": 0.05, "gravity": 0.1
 }  # fmt: skip
-# Those that have a share in the gain.
-WEIGHED = ("stiction_ratio", "stribeck_velocity")
 
 
 @dataclass(frozen=True)
@@ -105,8 +101,9 @@ class FollowedJoint:
     @property
     def held(self) -> tuple[str, ...]:
         """The numbers that the filter holds, with a tolerance, in order."""
-        absent = (() if self.stiffness > 0 else ("stiffness",)) + (() if self.stribeck_velocity > 0 else WEIGHED)
-        return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and name not in absent)
+        is_there = dict.fromkeys(("stiction_ratio", "stribeck_velocity"), self.stribeck_velocity > 0)
+        is_there["stiffness"] = self.stiffness > 0
+        return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and is_there.get(name, True))
 
     def step(self, rate_hz: float) -> ca.Function:
         """(x (n,), c (m,), u, g) -> x (n,) a sample later: a Runge-Kutta step and the bristle's exact update.
@@ -194,8 +191,7 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     own |= {name: noise[4 + i] for i, name in enumerate(joint.followed)}
     Q = noise[1] * by_u @ by_u.T + ca.diag(ca.vertcat(*(own.get(name, 0.0) for name in joint.states)))
     spread = _symmetric(spread + Q)
-    ignored = cross[:, [i for i, name in enumerate(joint.held) if name not in WEIGHED]]
-    towards = spread[:, 0] - ignored @ ignored[0, :].T
+    towards = spread[:, 0] - cross @ cross[0, :].T
     S = towards[0] + noise[0]
     gain = towards / S
     e = y - predicted[0]
@@ -245,7 +241,7 @@ class Track:
     """A filter over n samples: states (n, n_x), their std (n, n_x), covariance of the followed numbers (n, p, p).
 
     innovation, variance (n,): error of the predicted angle, and the variance that the filter expected. This and the
-    covariance are without the errors of held numbers that have no share in the gain; std has all.
+    covariance are without the errors of held numbers; std has them.
     drift (p,): of the followed numbers, in a root second.  time_s (n,): from the first motion.  moves (n,): as of
     `JointSamples`.
     """
@@ -312,8 +308,7 @@ class KalmanFilter:
             parts.append((states.T, spread.reshape(n_x, n, -1).transpose(1, 0, 2), e[0], S[0]))
             times.append(motion.start_s + np.arange(1, len(motion.angle) + 1) / self.rate_hz)
         x, P, e, S = (np.concatenate(part) for part in zip(*parts, strict=True))
-        ignored = [n_x + i for i, name in enumerate(joint.held) if name not in WEIGHED]
-        cross = P[:, followed, ignored] if ignored else np.zeros((len(e), p, 0))
+        cross = P[:, followed, n_x:]
         covariance = P[:, followed, followed] - cross @ cross.transpose(0, 2, 1)
         std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
         moves = np.concatenate([motion.moves(COUNT_OVER_STD * noise.angle) for motion in motions])
