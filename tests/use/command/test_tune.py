@@ -18,14 +18,12 @@ HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it b
 
 @pytest.mark.slow
 def test_limits_of_torque_hold_on_draws_with_their_feedback() -> None:
-    """Where torque is short the tool leaves its path, and a message says where and in which time it need not."""
+    """Where torque is short the tool leaves its path, and a message says where."""
     tuned = tune_move(given(torque=420.0), move(0.5), "arm")
     assert np.all(tuned.most <= 420.0)
     assert np.all(np.abs(tuned.torque) <= 420.0)
     assert tuned.planned.max() > 1e-3
     assert "leaves its path by" in tuned.advice
-    seconds = float(tuned.advice.rpartition("--time ")[2])
-    assert tune_move(given(torque=420.0, draws=0), move(seconds * 1.01), "arm").planned.max() <= 1e-3
 
 
 @pytest.mark.slow
