@@ -116,10 +116,8 @@ def design_friction(
 ) -> FrictionPlan:
     """The plan of a study of `joints`, one after the other.
 
-    Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass, and for a
-    part of the law that is asked for and that these experiments cannot identify.
+    Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass.
     """
-    _check_law(spec)
     parts, end_s = list[FrictionPlan](), 0.0
     for number, joint in enumerate(joints):
         parts.append(_planned(spec, joint, experiment, robot, (seed, number), end_s))
@@ -164,31 +162,6 @@ def _planned(
         motions, warm_ups = (*motions, *tests), (warm_up,)
     known, unknown = (_known(axis, design),), tuple(_unknown(spec, axis, design))
     return FrictionPlan(spec.rate_hz, motions, (design,), end_s, warm_ups, known, unknown)
-
-
-def _check_law(spec: FrictionSpec) -> None:
-    if spec.law.presliding == "lugre" and spec.presliding is not None:
-        raise StudyError(
-            "friction/plan",
-            "lugre, and slow loops (friction.presliding) do not identify the damping of "
-            "bristles; give friction.at_rest, which identifies stiffness and damping, and leave out "
-            "friction.presliding, or take law.presliding: maxwell_slip",
-            "friction.law.presliding",
-        )
-    if spec.law.temperature == "yes" and spec.warm_up is None:
-        raise StudyError(
-            "friction/plan",
-            "yes, and all passes have one temperature; two give a slope, three or more, over "
-            "20 K and up, the decay of viscous friction: give friction.warm_up, or auto",
-            "friction.law.temperature",
-        )
-    if spec.law.load == "yes" and len(spec.loads) < 2:
-        raise StudyError(
-            "friction/plan",
-            "yes, and there is one load; two give a slope, three a "
-            "Stribeck velocity of the load's own: give friction.loads (postures or payloads), or auto",
-            "friction.law.load",
-        )
 
 
 def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:

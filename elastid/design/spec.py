@@ -97,27 +97,6 @@ class GuessSpec:
 
 
 @section
-class LevelSpec:
-    """The disturbances of the responses; without it the noise of the simulated rig."""
-
-    # fmt: off
-    distortion: Annotated[float, Key("Nonlinear distortion (friction above all) that comes on top, as the standard "
-        "deviation of G relative to |G| in one realisation.", "0.03 to 0.1 from the report of an earlier measurement; "
-        "without it many realisations seem as good as many periods.", least=0)] = 0.0
-    absolute: Annotated[float | None, Key("Standard deviation of G in one realisation, in its unit, in place of the "
-        "rig's.", "for a sensor whose noise is flat in the response's own unit, when no noise of the rig is "
-        "stated.", above=0)] = None
-    frf: Annotated[str, Key("Earlier measurement, its frf.h5 or run folder, with the same excitation, periods and "
-        "realisations, whose variances are expected again in place of the rig's noise.", "the most truthful, where the "
-        "robot has been measured once with the same excitation.")] = ""
-    # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.absolute is not None and self.frf:
-            raise ValueError("give absolute or frf, not both")
-
-
-@section
 class DesignSpec:
     """Choice of configurations in addition to those of experiment.configurations, for the smallest intervals of the
     parameters.
@@ -143,9 +122,10 @@ class DesignSpec:
     robust: Annotated[GuessSpec | None, Key("Robustness against wrong nominal parameters (default: none).", "give {} "
         "where the robot's numbers may be wrong by half or more; choosing takes as many times longer as there are "
         "guesses.")] = None
-    noise: Annotated[LevelSpec, Key("Noise expected in the responses.", "for a real robot, whose distortion by "
-        "friction outweighs sensor noise; without it predicted intervals are those of the simulated "
-        "rig.")] = LevelSpec()
+    distortion: Annotated[float, Key("Nonlinear distortion (friction above all) that is expected on top of the "
+        "rig's noise, as the standard deviation of G relative to |G| in one realisation.", "0.03 to 0.1 from the "
+        "report of an earlier measurement; without it many realisations seem as good as many periods, and predicted "
+        "intervals are those of the simulated rig.", least=0)] = 0.0
     measured: Annotated[tuple[str, ...], Key("Earlier measurements, run folders or frf.h5 files; the choice adds to "
         "their information about the parameters that their fit found.", "for a robot that is measured once more: "
         "postures then go to what the first session left uncertain.")] = ()

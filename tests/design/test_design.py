@@ -19,7 +19,7 @@ from elastid.app.console import forecast_table
 from elastid.design.design import design, with_friction_damping
 from elastid.design.problem import DesignProblem
 from elastid.design.prospect import friction_level
-from elastid.design.spec import CandidateSpec, DesignSpec, GuessSpec, LevelSpec
+from elastid.design.spec import CandidateSpec, DesignSpec, GuessSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
@@ -180,26 +180,6 @@ def test_robust_choices_hang_on_the_seed_alone_and_differ_from_the_nominal_one()
         np.testing.assert_array_equal(a.angles, b.angles)
 
 
-@pytest.mark.slow
-def test_noise_levels_may_be_stated_or_taken_from_an_earlier_measurement() -> None:
-    """Twice the absolute level, twice the standard deviations; the level of a measurement gives those of the rig."""
-    home = replace(PROBLEM.experiment, configurations={"home": (0.0, 0.9)})
-    problem = replace(_with(candidates=CandidateSpec(given={"a": (0.1, 0.9)}), count=1), experiment=home)
-    assert problem.design is not None
-
-    def forecasted(**level: object) -> np.ndarray:
-        assert problem.design is not None
-        spec = replace(problem.design, noise=LevelSpec(**level))  # type: ignore[arg-type]
-        fit = replace(problem.fit, weights=WeightSpec(floor=0.0))
-        return design(replace(problem, design=spec, fit=fit)).forecast.std
-
-    np.testing.assert_allclose(forecasted(absolute=2e-3), 2 * forecasted(absolute=1e-3), rtol=0.2)
-    assert np.all(forecasted(distortion=0.05) > forecasted())
-    plan = design(replace(problem, design=None)).plan
-    like = design(replace(problem, like=tuple(_measured(problem, plan, 5)))).forecast.std
-    np.testing.assert_allclose(like, design(problem).forecast.std, rtol=0.4)
-
-
 def test_shares_of_information_add_up() -> None:
     """To one for each parameter."""
     found = design(PROBLEM)
@@ -274,7 +254,7 @@ def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[st
     assert (run / "figures" / "information.png").is_file()
     # The next design adds to this run.
     more = path.with_name("more.yml")
-    more.write_text(path.read_text() + f"  measured: [{run.as_posix()}]\n  noise: {{frf: {run.as_posix()}}}\n")
+    more.write_text(path.read_text() + f"  measured: [{run.as_posix()}]\n  distortion: 0.02\n")
     assert run_command(["run", str(more), "design", "--run", str(tmp_path / "next"), "-q", "--jobs", "1"]) == 0
 
 

@@ -14,7 +14,6 @@ from elastid.experiment.plan.friction import pass_reference
 from elastid.friction_study.spec import (
     AtRestSpec,
     FrictionSpec,
-    LawSpec,
     LoadSpec,
     PassesSpec,
     PreslidingSpec,
@@ -90,11 +89,3 @@ def test_what_cannot_be_done_is_refused_by_name(
 ) -> None:
     with refused("friction/plan", place=f"friction.passes{place}"):
         planned(FrictionSpec(passes=PassesSpec(**passes)), axis(limits), bandwidth_hz)
-
-
-@pytest.mark.parametrize(
-    ("law", "place"), [(LawSpec(temperature="yes"), "law.temperature"), (LawSpec(load="yes"), "law.load")]
-)
-def test_a_part_of_the_law_without_its_conditions_is_refused(law: LawSpec, place: str) -> None:
-    with refused("friction/plan", place=f"friction.{place}"):
-        planned(FrictionSpec(law=law))
