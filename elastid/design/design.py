@@ -84,7 +84,6 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     notes = (
         *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,
-        *_shared_lines(plan),
     )
     expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
     return Design(plan, expected, limit_use)
@@ -157,15 +156,3 @@ def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> tu
         if configuration.name in set(problem.experiment.configurations) - set(problem.left_out):
             known = known + problem.prospect(probe, q).information(configuration, x)
     return problem.prospect(probe, len(probe.configurations) - 1), count, known
-
-
-def _shared_lines(plan: Plan) -> tuple[Note, ...]:
-    E, n_u = plan.R.shape[2], len(plan.inputs)
-    if n_u <= E:
-        return ()
-    text = (
-        f"the expected deviations are an approximation: with {E} of {n_u} experiments in a realisation the inputs "
-        "are separated by neighbouring lines only, and the loss of a local method by that, and by transients, is not "
-        "counted"
-    )
-    return (Note("design/forecast", text),)
