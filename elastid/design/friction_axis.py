@@ -86,7 +86,7 @@ def optimal_speeds(guesses: Sequence[StribeckGuess], lowest: float, highest: flo
         raise DataError("friction/plan", f"{count} passes for the {d} numbers of a Stribeck curve; give {d} or more")
     speeds = np.geomspace(lowest, highest, 200)
     H = np.stack([_information(guess, speeds) for guess in guesses])
-    criterion = DesignCriterion("D", np.eye(d))
+    criterion = DesignCriterion(np.eye(d))
     relaxed = relaxed_design(H, criterion)
     numbers = whole_experiments(H, relaxed.weights, count, criterion)
     reached = criterion.value(np.einsum("q,sqij->sij", numbers / count, H))

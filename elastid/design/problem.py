@@ -98,9 +98,7 @@ class DesignProblem:
     def criterion(self) -> DesignCriterion:
         """The criterion of the section `design`; without it the volume of the ellipsoid of all parameters."""
         design, names = self.design, self.parameters.free_names
-        if design is None:
-            return DesignCriterion("D", interest(names, ()))
-        return DesignCriterion(design.criterion, interest(names, design.parameters))
+        return DesignCriterion(interest(names, () if design is None else design.parameters))
 
     def candidates(self, design: DesignSpec) -> Candidates:
         """The admissible configurations, with room for the carrier and the margin of the limits."""

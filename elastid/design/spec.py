@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
@@ -108,17 +108,11 @@ class DesignSpec:
         "that are too wide; standard deviations fall with the root of the number.")] = None
     robot_time: Annotated[Time | None, Key("Robot time for the chosen configurations, as many as fit in; in place of "
         "count.", "where time is what is limited: an hour on the line; moving between postures is not counted.")] = None
-    periods: Annotated[tuple[int, ...], Key("Numbers of periods to choose from for a robot_time (default: "
-        "experiment.periods).", "give [2, 4, 8] to let short and long measurements compete: long ones pay where noise "
-        "limits, many short ones where friction does.")] = ()
     candidates: Annotated[CandidateSpec, Key("Configurations to choose from.", "more, or given ones, where the robot "
         "stands in a cell; the choice is only as good as what it may choose from.")] = CandidateSpec()
-    criterion: Annotated[Literal["D", "A"], Key("Criterion of optimality of the relative errors: D (volume of the "
-        "confidence ellipsoid) or A (mean variance).", "A where each interval counts by itself; D does not depend on "
-        "how the parameters are scaled or combined, and so is the default.")] = "D"
     parameters: Annotated[tuple[str, ...], Key("Names or patterns such as k_* of the parameters that count (default: "
-        "all that the fit identifies).", "`k_*` where dampings and friction do not matter; the others are still "
-        "unknowns, and cost what they cost.")] = ()
+        "all that the fit identifies); the volume of their confidence ellipsoid is to be the smallest.", "`k_*` where "
+        "dampings and friction do not matter; the others are still unknowns, and cost what they cost.")] = ()
     robust: Annotated[GuessSpec | None, Key("Robustness against wrong nominal parameters (default: none).", "give {} "
         "where the robot's numbers may be wrong by half or more; choosing takes as many times longer as there are "
         "guesses.")] = None
@@ -136,10 +130,6 @@ class DesignSpec:
             raise ValueError("give either count (of configurations) or robot_time (s)")
         if self.count is not None and self.count < 1:
             raise ValueError(f"count is {self.count}; choose at least 1 configuration")
-        if self.periods and self.robot_time is None:
-            raise ValueError("periods are chosen for a robot_time; with count set experiment.periods")
-        if any(number < 2 for number in self.periods):
-            raise ValueError("periods: each must be at least 2 (for the noise level)")
 
 
 def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
@@ -164,9 +154,9 @@ def unit_time_s(excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int,
     return runs * ((periods + experiment.transient_periods) * excitation.period + at_ends)
 
 
-def room(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int, periods: int) -> int:
-    """The number of configurations of so many periods that can be chosen in addition to those given."""
+def room(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int) -> int:
+    """The number of configurations that can be chosen in addition to those given."""
     if spec.robot_time is None:
         return spec.count or 0
-    unit = unit_time_s(excitation, experiment, n_u, periods)
+    unit = unit_time_s(excitation, experiment, n_u, experiment.periods)
     return int(spec.robot_time / unit + 1e-9) - len(experiment.configurations)
