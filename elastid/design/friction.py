@@ -147,9 +147,7 @@ def _planned(
     axis = max(axes, key=lambda axis: axis.holding)
     speeds = _speeds(spec, axis)
     axis.check_speeds(speeds.speed)
-    design = JointPassDesign(
-        joint.name, axis.limits, speeds.speed, speeds.passes.astype(float), speeds.excess, speeds.efficiency
-    )
+    design = JointPassDesign(joint.name, axis.limits, speeds.speed, speeds.passes.astype(float), speeds.efficiency)
     draws = np.random.SeedSequence(seed).spawn(2)
     untimed = (
         *passes_of(passes, loads, postures, design, int(draws[0].generate_state(1)[0])),
@@ -182,7 +180,7 @@ def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
         if not 0 < lowest < highest:
             raise DataError("friction/plan", f"passes from {lowest:.3g} to {highest:.3g} {unit}/s leave no range")
         speeds = np.geomspace(lowest, highest, passes.count)
-        return PassSpeeds(speeds, np.ones(passes.count, np.int64), float("nan"), float("nan"))
+        return PassSpeeds(speeds, np.ones(passes.count, np.int64), float("nan"))
     except DataError as error:
         raise StudyError(
             "friction/plan",

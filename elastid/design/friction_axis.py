@@ -61,12 +61,11 @@ class StribeckGuess:
 class PassSpeeds:
     """speed (n,), lowest first, with the number of passes there and back at each, passes (n,).
 
-    excess: of the shares before they were rounded.  efficiency: of the whole passes, (det M / det M*)^(1 / d).
+    efficiency: of the whole passes, (det M / det M*)^(1 / d).
     """
 
     speed: FloatArray
     passes: IntArray
-    excess: float
     efficiency: float
 
 
@@ -91,7 +90,7 @@ def optimal_speeds(guesses: Sequence[StribeckGuess], lowest: float, highest: flo
     numbers = whole_experiments(H, relaxed.weights, count, criterion)
     reached = criterion.value(np.einsum("q,sqij->sij", numbers / count, H))
     chosen = numbers > 0
-    return PassSpeeds(speeds[chosen], numbers[chosen], relaxed.excess, float(np.exp(float(reached) - relaxed.value)))
+    return PassSpeeds(speeds[chosen], numbers[chosen], float(np.exp(float(reached) - relaxed.value)))
 
 
 def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:

@@ -178,8 +178,7 @@ class Session:
         else:
             problem, known = replace(problem, design=self._design(plans)), Known.before(problem)
             if result is not None:
-                measured = tuple((plan.configurations[0], plan.periods) for plan in plans)
-                known = Known(result.parameters, result.x, result.covariance, measured)
+                known = Known(result.parameters, result.x, result.covariance)
             assert problem.design is not None
             candidates, robots = problem.candidates(problem.design), self._robots(result, step)
             with self._execution(f"plan of x{step}") as execution:
