@@ -16,10 +16,11 @@ from plants.refusals import refused
 
 from elastid.app.cli import run_command
 from elastid.app.console import forecast_table
-from elastid.design.design import design, with_friction_damping
+from elastid.design.design import design, sticking, with_friction_damping
+from elastid.design.forecast import LimitUse
 from elastid.design.problem import DesignProblem
 from elastid.design.prospect import friction_level
-from elastid.design.spec import CandidateSpec, DesignSpec, GuessSpec
+from elastid.design.spec import CandidateSpec, DesignSpec, GuessSpec, interest
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
@@ -32,6 +33,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.response import Response
 from elastid.robot import Tolerances
 from elastid.store.measured import read_forecast, read_plan
+from elastid.study import load
 
 NOISE = NoiseSpec(torque_std=0.3, angle_std=1e-5)
 PROBLEM = DesignProblem(
@@ -310,3 +312,36 @@ def test_the_damping_of_strong_friction_is_that_of_the_motion_that_it_leaves() -
     d = damped.prospect(probe, 0).equivalent_damping(probe.configurations[0], damped.parameters.x)
     viscous = [damped.robot.parameters()[f"fm_{i}"][0] - TWO.parameters()[f"fm_{i}"][0] for i in (1, 2)]
     np.testing.assert_allclose(d, 900 * np.array(viscous), rtol=0.01)
+
+
+@pytest.mark.parametrize(("coulomb", "words"), [(0.02, 0), (0.05, 1), (0.5, 1)])
+def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(tiny: Path, coulomb: float, words: int) -> None:
+    """On the link side: half of it behind a gear of 2; 0.1 Nm rms, in two realisations and two configurations."""
+    study = load(tiny).study
+    assert study.excitation is not None
+    plan = make_plan(study.excitation, study.experiment, study.robot, 0)
+    body = study.robot.bodies[0]
+    joint = body.joints[0]
+    assert joint.motor is not None
+    geared = replace(joint, motor=replace(joint.motor, ratio=-2.0, coulomb=coulomb / 2))
+    robot = replace(study.robot, bodies=(replace(body, joints=(geared,)),))
+    assert [note.code for note in sticking(plan, robot, None)] == words * ["design/sticking-motor"]
+    assert not sticking(plan, robot, CarrierSpec(amplitude=0.1))
+
+
+def test_closest_limit_is_the_one_with_the_largest_share() -> None:
+    peak, limit = np.ones((1, 5, 2)), np.full((1, 5, 2), 10.0)
+    peak[0, 2, 1] = 8.0
+    use = LimitUse(("bent",), ("motor 1", "motor 2"), peak, limit, np.ones((1, 2)), 0.1)
+    assert "80% of a limit (velocity of motor 2 in bent: 8 of 10 rad/s)" in use.closest
+    assert LimitUse(("bent",), ("motor 1",), peak, np.full((1, 5, 2), np.inf), np.ones((1, 2)), 0.1).closest == (
+        "no limits are given"
+    )
+
+
+def test_patterns_select_columns_of_the_identity() -> None:
+    names = ("k_1", "d_1", "k_2")
+    np.testing.assert_array_equal(interest(names, ["k_*"]), np.eye(3)[:, [0, 2]])
+    np.testing.assert_array_equal(interest(names, ()), np.eye(3))
+    with refused("design/goal"):
+        interest(names, ["k_3"])
