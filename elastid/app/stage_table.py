@@ -83,7 +83,7 @@ def files_of(study: Study, folder: Path) -> dict[str, tuple[Path, ...]]:
     of_tool = [tool.responses for tool in (study.tool, study.validation.tool) if tool is not None]
     names += [file.path for each in (study.experiment.responses, *of_tool) if each is not None for file in each.files]
     named: dict[str, tuple[Path, ...]] = {path: (folder / path,) for path in names}
-    for path in () if design is None else filter(None, (*design.measured, design.noise.frf)):
+    for path in () if design is None else design.measured:
         frf = responses_file(folder, path)
         fit = frf.with_name("fit.h5")
         named[path] = (frf, fit) if fit.is_file() else (frf,)

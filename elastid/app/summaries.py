@@ -144,7 +144,7 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
 
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  folds: errors of each
     configuration under the fit to the others; null where there was none, and message says why; an empty list where
-    nothing was left out in turn.  predictions: of left-out configurations and of records at the tool.  verdict, cost
+    nothing was left out in turn.  predictions: of responses at the tool.  verdict, cost
     and folded: the same in words.  torque: shares of the parts of the model.
     twin: errors of the model simulated along a record.
     """

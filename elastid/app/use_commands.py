@@ -79,12 +79,11 @@ def tune(study: Path, **options: Any) -> None:
     help="Robots drawn from the fit, of which 95 % keep the limit.")  # fmt: skip
 @stage_options
 def loops(study: Path, **options: Any) -> None:
-    """Margins of the joint controllers, and gains for the fitted robot: loops.html, loops.csv and a section to paste.
+    """Sensitivity of the joint controllers, and gains for the fitted robot: loops.html, loops.csv, a section to paste.
 
-    Of today's controller, as the study states it, sensitivity peak, bandwidths and margins; the same of records with an
-    injected torque, without a model; and gains of position and velocity, notches and low passes with the largest
-    bandwidth whose sensitivity stays below 6 dB in all postures of the study, and on 95 % of the robots drawn from the
-    fit. The gains are written as the section `controller` of a study, too.
+    Of today's controller, as the study states it, sensitivity peak and bandwidths; and gains of position and velocity,
+    notches and low passes with the largest bandwidth whose sensitivity stays below 6 dB in all postures of the study,
+    and on 95 % of the robots drawn from the fit. The gains are written as the section `controller` of a study, too.
     """
     asked = run_of(study, options)
     from elastid.app.use_fit import loops_study

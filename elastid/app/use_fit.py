@@ -28,7 +28,7 @@ from elastid.report.figures.use import loops_figure, move_figure, workspace_figu
 from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.robot import Robot
 from elastid.store.files import keep_checksums, write_rows, write_text
-from elastid.store.measured import read_friction, read_records
+from elastid.store.measured import read_friction
 from elastid.store.results import write_loops, write_map, write_map_table, write_tune
 from elastid.study.robots import yaml_text
 from elastid.targets.fmu import write_move_fmu
@@ -39,7 +39,6 @@ from elastid.use.compliance import Cut
 from elastid.use.draws import draw_robots, estimated_robot
 from elastid.use.loops.plants import PostureFamily
 from elastid.use.loops.result import Asked, Loops, Today, design_loops
-from elastid.use.loops.sensitivity import MeasuredLoops, measured_loops, refusal
 from elastid.use.map import family_of_map, map_workspace
 from elastid.use.postures import grid_postures, random_postures, read_path
 
@@ -170,7 +169,7 @@ def write_table(path: Path, tuned: TunedMove) -> None:
 
 
 def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) -> None:
-    """Margins of today's joint controllers and gains of the fitted robot; FitError where no gains keep the limit.
+    """Sensitivity of today's joint controllers and gains of the fitted robot; FitError where no gains keep the limit.
 
     rate_hz, delay: None for those of the study.
     """
@@ -188,7 +187,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
         own_delay = 0 if simulated is None else simulated.controller.delay_samples
         asked = Asked(own_delay if delay is None else delay, draws, run.study.seed)
         loops = design_loops(
-            run.study.name, result, family, asked, _today(run, own_hz or hz), _measured(run, family),
+            run.study.name, result, family, asked, _today(run, own_hz or hz),
             lambda words: run.console.detail(f"loops: found {words}"),
         )  # fmt: skip
         files = {
@@ -213,23 +212,6 @@ def _own_rate(run: Run) -> float | None:
     if study.experiment.simulated is not None and study.excitation is not None:
         return study.excitation.rate_hz
     return None if recorded is None or recorded.rate_hz == "unknown" else recorded.known_rate_hz
-
-
-def _measured(run: Run, family: PostureFamily) -> list[MeasuredLoops]:
-    """Loops of each configuration whose records hold an injected torque; a warning where they do not."""
-    if "measure" not in run.stages or not run.path("measure").exists():
-        return []
-    measured = []
-    for name, inertia in zip(family.names, family.inertia, strict=True):
-        records = list(read_records(run.path("measure"), name))
-        if refused := refusal(records):
-            run.console.warn(
-                f"experiment: {refused}, so that today's loops cannot be measured from it; log the torque that is "
-                "added to the controller's, role r, with all motors"
-            )
-            return []
-        measured.append(measured_loops(records, run.study.estimator, inertia))
-    return measured
 
 
 def _today(run: Run, rate_hz: float) -> Today | None:

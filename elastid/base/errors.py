@@ -175,7 +175,6 @@ def grouped(notes: Iterable[Note]) -> tuple[NoteGroup, ...]:
 CODES: Final[Mapping[str, str]] = {
     "compare/variants": "The variants of a comparison leave nothing to compare, or one of them is no model.",
     "design/candidates": "No or too few candidate configurations are admissible: widen limits or candidates.",
-    "design/forecast": "How a forecast of intervals was made, and by how much it may be wrong.",
     "design/goal": "The goal of a design names no parameter of the fit, or no width of an interval.",
     "design/limits": "An excitation had to be lowered, or none fits into the limits of the joints.",
     "design/sticking-motor": "The excitation is too weak to move a motor through its friction: give it more torque.",

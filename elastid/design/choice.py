@@ -181,13 +181,12 @@ def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Choice:
-    """chosen: measured in addition to the configurations given.  periods: of each experiment.
+    """chosen: measured in addition to the configurations given.
 
     efficiency: of the whole experiments, relative to the best possible shares.  n_candidates: admissible ones.
     """
 
     chosen: tuple[ChosenConfiguration, ...]
-    periods: int
     efficiency: float
     n_candidates: int
 
@@ -196,37 +195,30 @@ class Choice:
         """The choice in a sentence."""
         names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in self.chosen)
         return (
-            f"chosen among {self.n_candidates} candidates: {names}, {self.periods} periods each; "
-            f"{100 * self.efficiency:.1f} % of the best possible allocation"
+            f"chosen among {self.n_candidates} candidates: {names}; {100 * self.efficiency:.1f} % of the best "
+            "possible allocation"
         )
 
 
 def choose_configurations(
-    criterion: DesignCriterion,
-    tasks: Sequence[tuple[Prospect, int, FloatArray]],
-    configurations: Sequence[Configuration],
-    x: FloatArray,
-    taken: Sequence[str],
-    execution: Execution,
-) -> Choice:
-    """The best whole experiments among candidate configurations, for the best of the tasks.
+    criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
+    configurations: Sequence[Configuration], x: FloatArray, taken: Sequence[str], execution: Execution,
+) -> Choice:  # fmt: skip
+    """The best whole experiments, `count` in all, among candidate configurations.
 
-    tasks: number of experiments to choose, with their prospect, and the information (S, n_x, n_x) that exists without
-    them (given configurations, earlier measurements, priors).  x (S, n_x): guesses of the parameters.  taken: names
-    that other configurations have.  StudyError where no candidate informs any parameter.
+    elsewhere (S, n_x, n_x): information without them (given configurations, earlier measurements, priors).  x (S, n_x):
+    guesses of the parameters.  taken: names that other configurations have.  StudyError where no candidate informs any
+    parameter.
     """
-    choices: list[tuple[float, Choice]] = []
-    for prospect, count, elsewhere in tasks:
-        H, rows = informations(prospect, configurations, x, execution)
-        seen, ground = visible(criterion, H, elsewhere, prospect.parameters)
-        known = elsewhere + ground
-        shares = relaxed_design(H, seen, known / count)
-        numbers = whole_experiments(H, shares.weights, count, seen, known)
-        value = _value(H, numbers, seen, known)
-        efficiency = math.exp(min(0.0, value - math.log(count) - shares.bound))
-        chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
-        choices.append((value, Choice(chosen, prospect.plan.periods, efficiency, len(rows))))
-    return max(choices, key=lambda choice: choice[0])[1]
+    H, rows = informations(prospect, configurations, x, execution)
+    seen, ground = visible(criterion, H, elsewhere, prospect.parameters)
+    known = elsewhere + ground
+    shares = relaxed_design(H, seen, known / count)
+    numbers = whole_experiments(H, shares.weights, count, seen, known)
+    value = float(seen.value(known + np.einsum("q,sqij->sij", numbers, H)))
+    efficiency = math.exp(min(0.0, value - math.log(count) - shares.bound))
+    chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
+    return Choice(chosen, efficiency, len(rows))
 
 
 def informations(
@@ -286,10 +278,6 @@ def visible(
         )
     ground = (blind * length[:, None]) @ (blind * length[:, None]).T
     return replace(criterion, interest=columns), ground
-
-
-def _value(H: FloatArray, numbers: IntArray, criterion: DesignCriterion, known: FloatArray) -> float:
-    return float(criterion.value(known + np.einsum("q,sqij->sij", numbers, H)))
 
 
 def _named(

@@ -68,7 +68,6 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     choice = None
     if problem.design is not None:
         choice = _choose(settled, problem.design, execution)
-        experiment = replace(experiment, periods=choice.periods)
     chosen = choice.chosen if choice is not None else ()
     spectra = best_spectra_of(settled, experiment, chosen, excitation.torque_rms)
     # Plan and rehearsal take the problem as it was given: the rehearsal has Coulomb friction itself.
@@ -84,7 +83,6 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     notes = (
         *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,
-        *_shared_lines(plan),
     )
     expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
     return Design(plan, expected, limit_use)
@@ -126,14 +124,13 @@ def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
 def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> Choice:
     candidates = problem.candidates(spec)
     x = problem.guesses
-    sections = spec, problem.excitation, problem.experiment, len(problem.robot.driven)
-    counts = {periods: room(*sections, periods) for periods in spec.periods or (problem.experiment.periods,)}
-    tasks = [_task(problem, periods, count, x) for periods, count in counts.items() if count >= 1]
-    if not tasks:
+    sections = problem.excitation, problem.experiment, len(problem.robot.driven)
+    count = room(spec, *sections)
+    if count < 1:
         raise StudyError(
             "design/limits",
             f"no room for a configuration in addition to the {len(problem.experiment.configurations)} given: one takes "
-            f"{unit_time_s(*sections[1:], min(counts)):g} s; give more, or fewer realisations or periods",
+            f"{unit_time_s(*sections, problem.experiment.periods):g} s; give more, or fewer realisations or periods",
             "design.robot_time",
         )
     criterion, n = problem.criterion, len(candidates.configurations)
@@ -145,27 +142,16 @@ def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> C
             + f"; lower count to {n}, give more candidates, or more realisations of each",
         )
     given = tuple(problem.experiment.configurations)
-    return choose_configurations(criterion, tasks, candidates.configurations, x, given, execution)
+    prospect, known = _prospect(problem, x)
+    return choose_configurations(criterion, prospect, count, known, candidates.configurations, x, given, execution)
 
 
-def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> tuple[Prospect, int, FloatArray]:
-    problem = replace(problem, experiment=replace(problem.experiment, periods=periods))
+def _prospect(problem: DesignProblem, x: FloatArray) -> tuple[Prospect, FloatArray]:
+    """The prospect of a candidate, and the information (S, n_x, n_x) of the configurations given."""
     probe = problem.probe(problem.experiment)
     check_line_count(probe.freq_hz, problem.parameters)
     known = problem.prior_information(x)
     for q, configuration in enumerate(probe.configurations):
         if configuration.name in set(problem.experiment.configurations) - set(problem.left_out):
             known = known + problem.prospect(probe, q).information(configuration, x)
-    return problem.prospect(probe, len(probe.configurations) - 1), count, known
-
-
-def _shared_lines(plan: Plan) -> tuple[Note, ...]:
-    E, n_u = plan.R.shape[2], len(plan.inputs)
-    if n_u <= E:
-        return ()
-    text = (
-        f"the expected deviations are an approximation: with {E} of {n_u} experiments in a realisation the inputs "
-        "are separated by neighbouring lines only, and the loss of a local method by that, and by transients, is not "
-        "counted"
-    )
-    return (Note("design/forecast", text),)
+    return problem.prospect(probe, len(probe.configurations) - 1), known

@@ -116,10 +116,8 @@ def design_friction(
 ) -> FrictionPlan:
     """The plan of a study of `joints`, one after the other.
 
-    Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass, and for a
-    part of the law that is asked for and that these experiments cannot identify.
+    Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass.
     """
-    _check_law(spec)
     parts, end_s = list[FrictionPlan](), 0.0
     for number, joint in enumerate(joints):
         parts.append(_planned(spec, joint, experiment, robot, (seed, number), end_s))
@@ -149,9 +147,7 @@ def _planned(
     axis = max(axes, key=lambda axis: axis.holding)
     speeds = _speeds(spec, axis)
     axis.check_speeds(speeds.speed)
-    design = JointPassDesign(
-        joint.name, axis.limits, speeds.speed, speeds.passes.astype(float), speeds.excess, speeds.efficiency
-    )
+    design = JointPassDesign(joint.name, axis.limits, speeds.speed, speeds.passes.astype(float), speeds.efficiency)
     draws = np.random.SeedSequence(seed).spawn(2)
     untimed = (
         *passes_of(passes, loads, postures, design, int(draws[0].generate_state(1)[0])),
@@ -164,31 +160,6 @@ def _planned(
         motions, warm_ups = (*motions, *tests), (warm_up,)
     known, unknown = (_known(axis, design),), tuple(_unknown(spec, axis, design))
     return FrictionPlan(spec.rate_hz, motions, (design,), end_s, warm_ups, known, unknown)
-
-
-def _check_law(spec: FrictionSpec) -> None:
-    if spec.law.presliding == "lugre" and spec.presliding is not None:
-        raise StudyError(
-            "friction/plan",
-            "lugre, and slow loops (friction.presliding) do not identify the damping of "
-            "bristles; give friction.at_rest, which identifies stiffness and damping, and leave out "
-            "friction.presliding, or take law.presliding: maxwell_slip",
-            "friction.law.presliding",
-        )
-    if spec.law.temperature == "yes" and spec.warm_up is None:
-        raise StudyError(
-            "friction/plan",
-            "yes, and all passes have one temperature; two give a slope, three or more, over "
-            "20 K and up, the decay of viscous friction: give friction.warm_up, or auto",
-            "friction.law.temperature",
-        )
-    if spec.law.load == "yes" and len(spec.loads) < 2:
-        raise StudyError(
-            "friction/plan",
-            "yes, and there is one load; two give a slope, three a "
-            "Stribeck velocity of the load's own: give friction.loads (postures or payloads), or auto",
-            "friction.law.load",
-        )
 
 
 def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:
@@ -209,7 +180,7 @@ def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
         if not 0 < lowest < highest:
             raise DataError("friction/plan", f"passes from {lowest:.3g} to {highest:.3g} {unit}/s leave no range")
         speeds = np.geomspace(lowest, highest, passes.count)
-        return PassSpeeds(speeds, np.ones(passes.count, np.int64), float("nan"), float("nan"))
+        return PassSpeeds(speeds, np.ones(passes.count, np.int64), float("nan"))
     except DataError as error:
         raise StudyError(
             "friction/plan",

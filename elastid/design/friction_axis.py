@@ -61,12 +61,11 @@ class StribeckGuess:
 class PassSpeeds:
     """speed (n,), lowest first, with the number of passes there and back at each, passes (n,).
 
-    excess: of the shares before they were rounded.  efficiency: of the whole passes, (det M / det M*)^(1 / d).
+    efficiency: of the whole passes, (det M / det M*)^(1 / d).
     """
 
     speed: FloatArray
     passes: IntArray
-    excess: float
     efficiency: float
 
 
@@ -86,12 +85,12 @@ def optimal_speeds(guesses: Sequence[StribeckGuess], lowest: float, highest: flo
         raise DataError("friction/plan", f"{count} passes for the {d} numbers of a Stribeck curve; give {d} or more")
     speeds = np.geomspace(lowest, highest, 200)
     H = np.stack([_information(guess, speeds) for guess in guesses])
-    criterion = DesignCriterion("D", np.eye(d))
+    criterion = DesignCriterion(np.eye(d))
     relaxed = relaxed_design(H, criterion)
     numbers = whole_experiments(H, relaxed.weights, count, criterion)
     reached = criterion.value(np.einsum("q,sqij->sij", numbers / count, H))
     chosen = numbers > 0
-    return PassSpeeds(speeds[chosen], numbers[chosen], relaxed.excess, float(np.exp(float(reached) - relaxed.value)))
+    return PassSpeeds(speeds[chosen], numbers[chosen], float(np.exp(float(reached) - relaxed.value)))
 
 
 def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:

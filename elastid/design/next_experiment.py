@@ -1,12 +1,11 @@
 r"""The next experiment towards a goal: posture and length of the largest gain for each second of the robot.
 
-.. math:: \Phi(M) = 1 \Big/ \sum_p r_p^2, \qquad \max_{c, P}\ \frac{\Phi(M_0 + \kappa H_{cP}) - \Phi(M_0)}{T_P}
+.. math:: \Phi(M) = 1 \Big/ \sum_p r_p^2, \qquad \max_{c, P}\ \frac{\Phi(M_0 + H_{cP}) - \Phi(M_0)}{T_P}
 
 M_0: the information of the fit so far, H: of a configuration c in P periods, which take T_P; r_p: the part of the goal
 that its interval uses, so that what is reached hardly counts. Phi doubles with twice the information.
-Where one experiment reaches the goal, the shortest such is best. kappa: the information that the experiments so far
-have brought, relative to what was expected. The spectrum is that of the study, with `flat: information` the best one of
-the posture.
+Where one experiment reaches the goal, the shortest such is best. The spectrum is that of the study, with
+`flat: information` the best one of the posture.
 
 .. math:: r_p = \frac{1.96\, \sigma_p}{w_p |p|} \le 1
 
@@ -111,12 +110,11 @@ TRIED = 8  # configurations whose other lengths are compared, and that are tried
 
 @dataclass(frozen=True)
 class Known:
-    """Values and covariance (n_x, n_x) of x so far, and configurations and periods of the experiments behind them."""
+    """Values and covariance (n_x, n_x) of x so far."""
 
     parameters: Parameters
     x: FloatArray
     covariance: FloatArray
-    measured: tuple[tuple[Configuration, int], ...] = ()
 
     @classmethod
     def before(cls, problem: DesignProblem) -> Known:
@@ -226,14 +224,13 @@ def _ranked(
     """Options, the best first: all candidates at the study's length, and the best of them at others."""
     lengths = sorted({2, problem.experiment.periods, 2 * problem.experiment.periods})
     usual = problem.experiment.periods
-    kappa = _yield(problem, known, goal)
 
     def at(periods: int, configurations: Sequence[Configuration]) -> list[_Option]:
         prospect = _prospect(problem, known, periods)
         H, rows = informations(prospect, configurations, known.x[None], execution)
         n_u = len(problem.robot.driven)
         time_s = unit_time_s(problem.excitation, problem.experiment, n_u, periods)
-        places = zip(kappa * H[0], rows.tolist(), strict=True)
+        places = zip(H[0], rows.tolist(), strict=True)
         return [_option(known, goal, own, configurations[i], periods, time_s) for own, i in places]
 
     options = sorted(at(usual, candidates.configurations), key=lambda option: option.order)
@@ -247,20 +244,6 @@ def _prospect(problem: DesignProblem, known: Known, periods: int) -> Prospect:
     problem = replace(problem, experiment=replace(problem.experiment, periods=periods))
     probe = problem.probe(problem.experiment)
     return replace(problem.prospect(probe, len(probe.configurations) - 1), parameters=known.parameters)
-
-
-def _yield(problem: DesignProblem, known: Known, goal: Goal) -> float:
-    """kappa: the goal's parameters are known with kappa times the information that was expected; at most 1."""
-    places = [known.parameters.free_names.index(name) for name in goal.widths]
-    found = known.covariance[np.ix_(places, places)]
-    if not known.measured or not np.isfinite(found).all():
-        return 1.0
-    M = _prior_information(known.parameters)
-    for configuration, periods in known.measured:
-        M = M + _prospect(problem, known, periods).information(configuration, known.x[None])[0]
-    foreseen = np.linalg.inv(M)[np.ix_(places, places)]
-    ratio = np.linalg.slogdet(foreseen)[1] - np.linalg.slogdet(found)[1]
-    return float(min(1.0, np.exp(ratio / len(places))))
 
 
 def _option(

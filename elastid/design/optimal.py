@@ -2,11 +2,11 @@ r"""Optimal design: the shares of candidates of known information in an experime
 
 .. math:: \max_\lambda\ \varphi\Big(M_0 / N + \sum_i \lambda_i H_i\Big), \quad \lambda_i \ge 0, \ \sum_i \lambda_i = 1
 
-phi = ln Phi_p of the information M_S = [(M^-1)_SS]^-1 on the parameters of interest, Phi_p the mean of power -p of its
-eigenvalues, after Kiefer; p = 0 is D, their geometric mean, p = 1 is A, their harmonic mean. Phi is concave and
-homogeneous, so that with g_i = Tr(grad phi H_i) no design is better than phi + ln max g_i; for D g_i = Tr(M^-1 H_i) /
-d. Multiplicative updates lambda_i <- lambda_i g_i^c climb to it. (Silvey, Titterington and Torsney 1978; Pukelsheim,
-Optimal Design of Experiments, chapters 6 and 12, for bound and rounding.)
+phi = ln det(M_S) / s of the information M_S = [(M^-1)_SS]^-1 on the s parameters of interest (D-optimality). Its
+exponential is concave and homogeneous, so that with g_i = Tr(grad phi H_i) no design is better than phi + ln max g_i;
+where all parameters count g_i = Tr(M^-1 H_i) / d. Multiplicative updates lambda_i <- lambda_i g_i^c climb to it.
+(Silvey, Titterington and Torsney 1978; Pukelsheim, Optimal Design of Experiments, chapters 6 and 12, for bound and
+rounding.)
 
 Several information matrices of each candidate, one for each guess of the parameters, are averaged.
 
@@ -34,14 +34,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.fit.problem.least_squares import as_real
-
-Letter: TypeAlias = Literal["D", "A"]
 
 MAX_GAP = 1e-3
 # Updates between two evaluations of all candidates; in between only those that could carry weight are updated.
@@ -50,15 +47,13 @@ UPDATES_PER_ROUND = 25
 
 @dataclass(frozen=True)
 class DesignCriterion:
-    """letter: D or A.  interest (d, s): columns that select the parameters of interest (or combinations of them)."""
+    """D-optimality.  interest (d, s): columns that select the parameters of interest (or combinations of them)."""
 
-    letter: Letter
     interest: FloatArray
 
     def value(self, M: FloatArray) -> FloatArray:
         """phi (...) of information matrices M (S, ..., d, d), the mean over guesses; -inf where one is singular."""
-        variances = np.linalg.eigvalsh(self.interest.T @ self._solved(M)).astype(np.float64)
-        return np.asarray(self._of_variances(variances).mean(axis=0))
+        return np.asarray(self._of_covariance(self.interest.T @ self._solved(M)).mean(axis=0))
 
     def _solved(self, M: FloatArray) -> FloatArray:
         """M^-1 K (..., d, s); a singular M gets huge variances."""
@@ -68,24 +63,17 @@ class DesignCriterion:
         regular = M + ridge[..., None] * np.eye(M.shape[-1])
         return np.asarray(np.linalg.solve(regular, np.broadcast_to(K, (*M.shape[:-2], *K.shape))))
 
-    def _of_variances(self, variances: FloatArray) -> FloatArray:
-        """ln Phi from the eigenvalues (..., s) of (M^-1)_SS; rounding may leave one of a singular M negative."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            is_D = self.letter == "D"
-            phi = -np.mean(np.log(variances), axis=-1) if is_D else -np.log(variances.mean(axis=-1))
-        return np.where(np.isfinite(phi) & (variances > 0).all(axis=-1), phi, -np.inf)
+    def _of_covariance(self, C: FloatArray) -> FloatArray:
+        """-ln det(C) / s of (M^-1)_SS (..., s, s); rounding may leave that of a singular M without a logarithm."""
+        sign, log = np.linalg.slogdet(C)
+        return np.where((sign > 0) & np.isfinite(log), -log / C.shape[-1], -np.inf)
 
     def slope(self, M: FloatArray) -> CriterionSlope:
-        """phi and its gradient at M (S, d, d)."""
-        K = self.interest
+        """phi and its gradient X C^-1 X^T / s at M (S, d, d), X = M^-1 K, C = K^T X."""
         X = self._solved(M)
-        variances, V = np.linalg.eigh(K.T @ X)
-        # grad ln Phi_p = X V diag(share / variance) V^T X^T, share that of each variance to the power p in their sum.
-        power = variances ** (0.0 if self.letter == "D" else 1.0)
-        scale = power / power.sum(axis=1, keepdims=True) / variances
-        XV = X @ V
-        gradient = (XV * scale[:, None, :]) @ np.swapaxes(XV, 1, 2)
-        return CriterionSlope(float(self._of_variances(variances).mean()), gradient / len(M))
+        C = self.interest.T @ X
+        gradient = X @ np.linalg.solve(C, np.swapaxes(X, 1, 2)) / C.shape[-1]
+        return CriterionSlope(float(self._of_covariance(C).mean()), gradient / len(M))
 
 
 @dataclass(frozen=True)
@@ -100,7 +88,7 @@ class CriterionSlope:
 class RelaxedDesign:
     """weights (Q,): the share of each candidate.  value: phi reached.  gap: no design is better by more than this.
 
-    excess: max_i g_i - 1, for D the familiar max_i Tr(M^-1 H_i) / d - 1.
+    excess: max_i g_i - 1.
     """
 
     weights: FloatArray
@@ -145,7 +133,7 @@ def _climb(
     share = np.maximum(share, 1e-3 / len(share))
     share /= share.sum()
     slope = criterion.slope(unpack(share @ packed))
-    power = 1.0 if criterion.letter == "D" else 0.5
+    power = 1.0
     for _ in range(UPDATES_PER_ROUND):
         g = _gains(packed, slope)
         while True:

@@ -14,8 +14,8 @@ from elastid.base.errors import DataError, StudyError
 from elastid.design.choice import Candidates, draw_candidates, visible
 from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion, best_powers, even_powers
-from elastid.design.prospect import ExpectedResponse, Prospect, variance_like
-from elastid.design.spec import DesignSpec, LevelSpec, interest
+from elastid.design.prospect import ExpectedResponse, Prospect
+from elastid.design.spec import DesignSpec, interest
 from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
@@ -46,9 +46,8 @@ class DesignProblem:
     """The sections of a study that a plan depends on, and earlier measurements.
 
     left_out: configurations that the fit does not use.  measured: responses that the choice adds to.  fitted_values:
-    of parameters, from a fit of these.  like: responses whose variance is expected again.  model: of the fit.  typical
-    (F, n_u): spectrum for all configurations until each has its own.  friction: `none` if the estimator leaves that of
-    the motors in the responses.
+    of parameters, from a fit of these.  model: of the fit.  typical (F, n_u): spectrum for all configurations
+    until each has its own.  friction: `none` if the estimator leaves that of the motors in the responses.
     """
 
     robot: Robot
@@ -61,7 +60,6 @@ class DesignProblem:
     left_out: tuple[str, ...] = ()
     measured: tuple[Response, ...] = ()
     fitted_values: tuple[tuple[str, float], ...] = ()
-    like: tuple[Response, ...] = ()
     model: ModelSpec = EXACT
     typical: FloatArray | None = None
     friction: Friction = "none"
@@ -100,9 +98,7 @@ class DesignProblem:
     def criterion(self) -> DesignCriterion:
         """The criterion of the section `design`; without it the volume of the ellipsoid of all parameters."""
         design, names = self.design, self.parameters.free_names
-        if design is None:
-            return DesignCriterion("D", interest(names, ()))
-        return DesignCriterion(design.criterion, interest(names, design.parameters))
+        return DesignCriterion(interest(names, () if design is None else design.parameters))
 
     def candidates(self, design: DesignSpec) -> Candidates:
         """The admissible configurations, with room for the carrier and the margin of the limits."""
@@ -169,14 +165,11 @@ class DesignProblem:
 
     def prospect(self, plan: Plan, q: int) -> Prospect:
         """The measurement of configurations like the q-th of a plan."""
-        spec = self.design.noise if self.design is not None else LevelSpec()
+        distortion = 0.0 if self.design is None else self.design.distortion
         own = replace(plan, configurations=(plan.configurations[q],), R=plan.R[q : q + 1, : plan.realisations[q]])
-        variance = None
-        if self.like:
-            variance = variance_like(self.like, plan.freq_hz, self.outputs, plan.inputs) * self.experiment.realisations
         fixed = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated
         velocity, M = one_period(self.simulated.carrier, plan), self.experiment.realisations
-        return Prospect(*fixed, spec, variance, own, M, velocity, self.friction_is_left)
+        return Prospect(*fixed, distortion, own, M, velocity, self.friction_is_left)
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -18,13 +18,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import digamma
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
 from elastid.base.statistics import mean_of_neighbours
 from elastid.design.optimal import PowerSource
-from elastid.design.spec import LevelSpec
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.hardware import logged_quantity, output_stds
@@ -67,32 +65,6 @@ def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
     return elastic_fit(responses, models, weights, expected[0].parameters, expected[0].fit.criterion)
 
 
-def variance_like(
-    responses: Sequence[Response], freq_hz: FloatArray, outputs: tuple[str, ...], inputs: tuple[str, ...]
-) -> FloatArray:
-    """Variance (F, n_y, n_u) of G: geometric mean over earlier responses, between their lines.
-
-    StudyError where they have other inputs or outputs, or no variance.
-    """
-    logs = []
-    for response in responses:
-        known = response.uncertainty
-        if response.inputs != inputs or response.outputs != outputs or known is None:
-            raise StudyError(
-                "excitation/power",
-                f"configuration {response.configuration.name} was measured from "
-                f"{', '.join(response.inputs)} to {', '.join(response.outputs)}"
-                f"{' without a variance' if known is None else ''}; needed are {', '.join(inputs)} to "
-                f"{', '.join(outputs)} with one",
-                "design.noise.frf",
-            )
-        # The logarithm of a variance from few degrees of freedom lies too low: E ln(v~/v) = psi(dof) - ln dof.
-        shortfall = np.log(known.dof) - digamma(known.dof) if np.isfinite(known.dof) else 0.0
-        log = np.log(np.maximum(known.variance, 1e-300)).reshape(response.n_lines, -1) + shortfall
-        logs.append([np.interp(freq_hz, response.freq_hz, column) for column in log.T])
-    return np.asarray(np.exp(np.mean(logs, axis=0)).T.reshape(len(freq_hz), len(outputs), len(inputs)))
-
-
 def friction_level(
     V: ComplexArray, lines: IntArray, period_samples: int, coulomb: FloatArray, carrier_velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -121,8 +93,8 @@ class Prospect:
     """All that the information of a configuration depends on, but for the configuration; it pickles.
 
     plan: of one configuration, in realisations that stand for all.  realisations: unless others are asked for.  outputs
-    and quantity: what is estimated.  level, variance (F, n_y, n_u) of G: in one realisation, in place of the noise of
-    the rig.  friction_is_left: in the responses, with its damping and its scatter; else TAKEN_OUT of the latter.
+    and quantity: what is estimated.  distortion: std of G over |G| in one realisation.  friction_is_left: in the
+    responses, with its damping and its scatter; else TAKEN_OUT of the latter.
     """
 
     robot: Robot
@@ -132,8 +104,7 @@ class Prospect:
     outputs: tuple[str, ...]
     quantity: Motion
     simulated: SimulatedSpec
-    level: LevelSpec
-    variance: FloatArray | None
+    distortion: float
     plan: Plan
     realisations: int
     carrier_velocity: FloatArray
@@ -171,7 +142,7 @@ class Prospect:
     def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
         """Information by elements one by one, a function of the powers of R; friction scatters as under R.
 
-        StudyError where the level of the noise does not depend on the powers.
+        StudyError without noise.
         """
         M = realisations or self.realisations
         _, G, motion = self._local(configuration, x)
@@ -180,15 +151,15 @@ class Prospect:
         error = _diagonal(self._error(U, G, motion)) / M
         ((_, J),) = expected_fit([expected]).blocks(x)
         used = expected.weights.used
-        if self.level.absolute is not None or self.variance is not None or not np.all(error > 0):
+        if not np.all(error > 0):
             raise StudyError(
                 "excitation/power",
                 "information needs noise whose part in a response falls with the injected power: set "
-                "experiment.simulated.noise and neither design.noise.absolute nor frf, or take another flat",
+                "experiment.simulated.noise, or take another flat",
                 "excitation.flat",
             )
         spread = np.abs(np.linalg.inv(sensitivity)) ** 2
-        fixed = (expected.weights.floor**2 + self.level.distortion**2 / M) * np.abs(G) ** 2
+        fixed = (expected.weights.floor**2 + self.distortion**2 / M) * np.abs(G) ** 2
         return PowerSource(J * np.where(used, expected.weights.sigma, 0.0), error, spread, fixed, used)
 
     def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
@@ -202,18 +173,13 @@ class Prospect:
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
         """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
-        level = self.level
-        distortion = (level.distortion * np.abs(G)) ** 2 / M
-        if self.variance is not None:
-            return Covariance(self.variance / M + distortion, math.inf)
-        if level.absolute is not None:
-            return Covariance(level.absolute**2 / M + distortion, math.inf)
+        distortion = (self.distortion * np.abs(G)) ** 2 / M
         sensitivity, U = self._torques(configuration, motion)
         power = self._power(U, sensitivity)
         left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
         right = self._error(U, G, motion)
         noise = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
-        factors = () if level.distortion > 0 else (left, right)
+        factors = () if self.distortion > 0 else (left, right)
         return Covariance(noise + distortion, math.inf, *factors)
 
     def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
@@ -97,27 +97,6 @@ class GuessSpec:
 
 
 @section
-class LevelSpec:
-    """The disturbances of the responses; without it the noise of the simulated rig."""
-
-    # fmt: off
-    distortion: Annotated[float, Key("Nonlinear distortion (friction above all) that comes on top, as the standard "
-        "deviation of G relative to |G| in one realisation.", "0.03 to 0.1 from the report of an earlier measurement; "
-        "without it many realisations seem as good as many periods.", least=0)] = 0.0
-    absolute: Annotated[float | None, Key("Standard deviation of G in one realisation, in its unit, in place of the "
-        "rig's.", "for a sensor whose noise is flat in the response's own unit, when no noise of the rig is "
-        "stated.", above=0)] = None
-    frf: Annotated[str, Key("Earlier measurement, its frf.h5 or run folder, with the same excitation, periods and "
-        "realisations, whose variances are expected again in place of the rig's noise.", "the most truthful, where the "
-        "robot has been measured once with the same excitation.")] = ""
-    # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.absolute is not None and self.frf:
-            raise ValueError("give absolute or frf, not both")
-
-
-@section
 class DesignSpec:
     """Choice of configurations in addition to those of experiment.configurations, for the smallest intervals of the
     parameters.
@@ -129,23 +108,18 @@ class DesignSpec:
         "that are too wide; standard deviations fall with the root of the number.")] = None
     robot_time: Annotated[Time | None, Key("Robot time for the chosen configurations, as many as fit in; in place of "
         "count.", "where time is what is limited: an hour on the line; moving between postures is not counted.")] = None
-    periods: Annotated[tuple[int, ...], Key("Numbers of periods to choose from for a robot_time (default: "
-        "experiment.periods).", "give [2, 4, 8] to let short and long measurements compete: long ones pay where noise "
-        "limits, many short ones where friction does.")] = ()
     candidates: Annotated[CandidateSpec, Key("Configurations to choose from.", "more, or given ones, where the robot "
         "stands in a cell; the choice is only as good as what it may choose from.")] = CandidateSpec()
-    criterion: Annotated[Literal["D", "A"], Key("Criterion of optimality of the relative errors: D (volume of the "
-        "confidence ellipsoid) or A (mean variance).", "A where each interval counts by itself; D does not depend on "
-        "how the parameters are scaled or combined, and so is the default.")] = "D"
     parameters: Annotated[tuple[str, ...], Key("Names or patterns such as k_* of the parameters that count (default: "
-        "all that the fit identifies).", "`k_*` where dampings and friction do not matter; the others are still "
-        "unknowns, and cost what they cost.")] = ()
+        "all that the fit identifies); the volume of their confidence ellipsoid is to be the smallest.", "`k_*` where "
+        "dampings and friction do not matter; the others are still unknowns, and cost what they cost.")] = ()
     robust: Annotated[GuessSpec | None, Key("Robustness against wrong nominal parameters (default: none).", "give {} "
         "where the robot's numbers may be wrong by half or more; choosing takes as many times longer as there are "
         "guesses.")] = None
-    noise: Annotated[LevelSpec, Key("Noise expected in the responses.", "for a real robot, whose distortion by "
-        "friction outweighs sensor noise; without it predicted intervals are those of the simulated "
-        "rig.")] = LevelSpec()
+    distortion: Annotated[float, Key("Nonlinear distortion (friction above all) that is expected on top of the "
+        "rig's noise, as the standard deviation of G relative to |G| in one realisation.", "0.03 to 0.1 from the "
+        "report of an earlier measurement; without it many realisations seem as good as many periods, and predicted "
+        "intervals are those of the simulated rig.", least=0)] = 0.0
     measured: Annotated[tuple[str, ...], Key("Earlier measurements, run folders or frf.h5 files; the choice adds to "
         "their information about the parameters that their fit found.", "for a robot that is measured once more: "
         "postures then go to what the first session left uncertain.")] = ()
@@ -156,10 +130,6 @@ class DesignSpec:
             raise ValueError("give either count (of configurations) or robot_time (s)")
         if self.count is not None and self.count < 1:
             raise ValueError(f"count is {self.count}; choose at least 1 configuration")
-        if self.periods and self.robot_time is None:
-            raise ValueError("periods are chosen for a robot_time; with count set experiment.periods")
-        if any(number < 2 for number in self.periods):
-            raise ValueError("periods: each must be at least 2 (for the noise level)")
 
 
 def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
@@ -184,9 +154,9 @@ def unit_time_s(excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int,
     return runs * ((periods + experiment.transient_periods) * excitation.period + at_ends)
 
 
-def room(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int, periods: int) -> int:
-    """The number of configurations of so many periods that can be chosen in addition to those given."""
+def room(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int) -> int:
+    """The number of configurations that can be chosen in addition to those given."""
     if spec.robot_time is None:
         return spec.count or 0
-    unit = unit_time_s(excitation, experiment, n_u, periods)
+    unit = unit_time_s(excitation, experiment, n_u, experiment.periods)
     return int(spec.robot_time / unit + 1e-9) - len(experiment.configurations)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.display import Display, degrees, number, percent
 from elastid.report.answer import Answer
 from elastid.report.figures.use import SHOWN
 from elastid.use.command.moves import KINDS
 from elastid.use.command.tune import TunedMove
 from elastid.use.loops.result import Loops, LoopState
-from elastid.use.loops.sensitivity import LIMIT_DB, Margins
+from elastid.use.loops.sensitivity import LIMIT_DB
 from elastid.use.map import WorkspaceMap
 
 # Of the softest postures in a table.
@@ -127,7 +126,7 @@ def answer_of_move(tuned: TunedMove) -> Answer:
 
 
 def answer_of_loops(loops: Loops) -> Answer:
-    """Both controllers in words, what limits the designed one, and all margins."""
+    """Both controllers in words, and what limits the designed one."""
     designed, today = loops.designed, loops.today
     worst = int(np.argmax(designed.peak_db))
     lines = [f"{designed.name}: {_state_words(designed)}."]
@@ -143,7 +142,6 @@ def answer_of_loops(loops: Loops) -> Answer:
         )
         for row, f_B in zip(rows[1:], bandwidth, strict=True)
     ]  # fmt: skip
-    heads = ("axis", "bandwidth in Hz", "gain margin in dB", "phase margin in deg", "delay margin in ms")
     return Answer(
         f"Joint loops of {loops.name}",
         (
@@ -156,14 +154,11 @@ def answer_of_loops(loops: Loops) -> Answer:
                 "Sensitivity", ("controller", "posture", "peak in dB", "95 % of draws", "limited by"),
                 [tuple(row) for row in loops.peak_cells],
             ),
-            Display("What is left to the edge", ("controller", *heads), _margins(loops)),
             Display("Gains", ("axis", "K_p 1/s", "K_v", "T_i s", "low pass Hz", "notches Hz", "bandwidth Hz"), gains),
         ),
         (
             f"Bands: 95 % of {loops.count} robots drawn from the fit, over all postures. Sensitivity: largest singular "
-            "value, torques of the axes compared by their inertias. Dots: measured from the records, without a model. "
-            "Margins: the smallest over the postures, each axis while all others are closed. Below: the section of a "
-            "study, link side, SI.",
+            "value, torques of the axes compared by their inertias. Below: the section of a study, link side, SI.",
         ),
     )  # fmt: skip
 
@@ -181,36 +176,15 @@ def gain_rows(loops: Loops) -> list[list[str | float]]:
     return rows
 
 
-def _margins(loops: Loops) -> list[tuple[str, ...]]:
-    """Cells of each axis of each controller, the smallest over the postures, then as measured."""
-    known: list[tuple[str, tuple[str, ...], FloatArray | None, Margins]] = [
-        (state.name, state.axes, state.bandwidth_hz, state.margins) for state in loops.states
-    ]
-    known += [(f"measured, {own.configuration}", own.axes, None, own.margins) for own in loops.measured]
-    rows = []
-    for name, axes, bandwidth_hz, own in known:
-        for i, axis in enumerate(axes):
-            numbers = [np.nan if bandwidth_hz is None else bandwidth_hz[:, i].min()]
-            numbers += [20 * np.log10(own.rise[:, i].min()), np.degrees(own.phase[:, i].min())]
-            cells = (number(float(each), 3) for each in (*numbers, 1e3 * own.delay[:, i].min()))
-            rows.append((name, axis, *cells))
-    return rows
-
-
 def unstable(state: LoopState) -> list[str]:
     """The postures in which a loop is unstable."""
     return [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]
 
 
 def _state_words(state: LoopState) -> str:
-    """Stability, bandwidths, peak and margins over all postures."""
+    """Stability, bandwidths and peak over all postures."""
     if lost := unstable(state):
         return f"unstable in posture {', '.join(lost)}"
     least = state.bandwidth_hz.min(axis=0)
     each = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))
-    rise, phase = 20 * np.log10(state.margins.rise.min()), np.degrees(state.margins.phase.min())
-    gain = f"{rise:.3g} dB" if np.isfinite(rise) else "infinite"
-    return (
-        f"bandwidth in Hz {each}; sensitivity peak {number(float(state.peak_db.max()), 3)} dB; gain margin {gain}, "
-        f"phase margin {phase:.3g} deg, delay margin {1e3 * state.margins.delay.min():.3g} ms"
-    )
+    return f"bandwidth in Hz {each}; sensitivity peak {number(float(state.peak_db.max()), 3)} dB"

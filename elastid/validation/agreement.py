@@ -217,7 +217,7 @@ class Validation:
     """The agreement of every configuration, in the order measured, and the verdict on the model in one sentence.
 
     cost: explanation of the cost of the fit, in words.  folds: cross-validation, where asked for; folded: its summary.
-    predictions: of left-out configurations and of records at the tool, by `Result.at`.
+    predictions: of responses at the tool, by `Result.at`.
     """
 
     configurations: tuple[Agreement, ...] = labelled(entry="configuration")
@@ -241,11 +241,6 @@ class Validation:
         ]  # fmt: skip
         headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / sigma")
         return Display(f"Validation: {self.verdict}", headings, rows)
-
-    @property
-    def at_tool(self) -> tuple[PredictedResponse, ...]:
-        """The predictions of forces and torques at frames."""
-        return tuple(each for each in self.predictions if each.measured.inputs[0].startswith(("force ", "torque ")))
 
     @property
     def fitted(self) -> tuple[Agreement, ...]:

@@ -106,23 +106,17 @@ class ComparedModel:
 
 @dataclass(frozen=True)
 class Trial:
-    """A model tried in a step: `coordinates` become free or rigid, which leaves `elastic` ones and n_free parameters.
+    """A model tried in a step: `coordinates` become free or rigid, which leaves `elastic` ones.
 
-    before, after: misfit of left-out configurations, mean.  change, standard_error: after - before, paired over the
-    configurations.  criterion: change of QAIC.  NaN where one of both has no fit.  taken: true if the search continues
-    from it.
+    before, after: misfit of left-out configurations, mean.  taken: true if the search continues from it.
     """
 
     step: int
     becomes: Literal["free", "rigid"]
     coordinates: tuple[str, ...]
     elastic: Elastic
-    n_free: int
     before: float
     after: float
-    change: float
-    standard_error: float
-    criterion: float
     taken: bool
 
 
@@ -255,23 +249,10 @@ def _chosen(rows: Mapping[Elastic, ComparedModel], now: Elastic, tried: Sequence
 
 
 def _trial(step: int, rows: Mapping[Elastic, ComparedModel], now: Elastic, model: Elastic, taken: bool) -> Trial:
-    before, after = rows[now], rows[model]
     freed = len(model) > len(now)
-    change, standard_error = after.behind(before)
-    both = math.isfinite(before.criterion) and math.isfinite(after.criterion)
-    return Trial(
-        step=step,
-        becomes="free" if freed else "rigid",
-        coordinates=tuple(_others(model, now) if freed else _others(now, model)),
-        elastic=model,
-        n_free=after.n_free,
-        before=before.mean_misfit,
-        after=after.mean_misfit,
-        change=change,
-        standard_error=standard_error,
-        criterion=after.criterion - before.criterion if both else math.nan,
-        taken=taken,
-    )
+    names = tuple(_others(model, now) if freed else _others(now, model))
+    before, after = (rows[each].mean_misfit for each in (now, model))
+    return Trial(step, "free" if freed else "rigid", names, model, before, after, taken)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,6 @@
-r"""Responses that were not fitted next to the prediction of `Result.at`, each with its band.
+"""Responses measured at the tool, by a hammer or an accelerometer, next to the prediction of `Result.at` with its band.
 
-Left-out configurations, of motors, and tool-side records: a hammer or an accelerometer at the tool. The prediction has
-the errors of parameters, of the robot's file and of a misfit; the lags, delays and gains of a measurement of motors, of
-which `at` knows nothing, are those of the fitted model,
-
-.. math:: G = H \cdot G_{at}, \qquad H = G_{fitted} / G_{at}
-
-element by element and line by line.
+The prediction has the errors of parameters, of the robot's file and of a misfit.
 """
 
 from __future__ import annotations
@@ -15,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.base.statistics import LEVEL
 from elastid.fit.posture import Asked, as_configuration
 from elastid.fit.result import Result
@@ -81,12 +75,8 @@ class PredictedResponse:
         )
 
 
-def predict_response(
-    result: Result, measured: Response, modelled: Response | None = None, is_fitted: bool = False
-) -> PredictedResponse:
+def predict_response(result: Result, measured: Response, is_fitted: bool = False) -> PredictedResponse:
     """The prediction of a response, its motors as they were.
-
-    modelled: of the fitted model with the measurement's own dynamics, if it has any.
 
     StudyError for places that the robot lacks, and where it finds no rest.
     """
@@ -95,22 +85,7 @@ def predict_response(
     family = result.family(asked, measured.configuration.name)
     where = as_configuration(measured.configuration, family.robot, ())
     band = family.at(where).response_band(measured.freq_hz, LEVEL)
-    H = np.ones(band.G.shape, complex) if modelled is None else _measuring(modelled.G, band.G)
-    size = np.abs(H)
-    predicted = replace(band.response, G=H * band.G, configuration=measured.configuration)
+    predicted = replace(band.response, configuration=measured.configuration)
     return PredictedResponse(
-        measured,
-        predicted,
-        size * band.std,
-        size * band.pointwise,
-        size * band.simultaneous,
-        motors,
-        band.by,
-        is_fitted,
-    )
-
-
-def _measuring(modelled: ComplexArray, G: ComplexArray) -> ComplexArray:
-    """H (F, n_y, n_u); 1 where an element does not couple."""
-    tiny = np.abs(G) <= 1e-12 * np.abs(G).max(initial=0.0)
-    return np.where(tiny, 1.0, modelled / np.where(tiny, 1.0, G))
+        measured, predicted, band.std, band.pointwise, band.simultaneous, motors, band.by, is_fitted
+    )  # fmt: skip

@@ -14,7 +14,6 @@ from elastid.experiment.plan.friction import pass_reference
 from elastid.friction_study.spec import (
     AtRestSpec,
     FrictionSpec,
-    LawSpec,
     LoadSpec,
     PassesSpec,
     PreslidingSpec,
@@ -29,7 +28,6 @@ def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() 
     (design,) = plan.designs
     assert design.speed[0] < 0.05 * 8.0 / 100
     assert design.speed[-1] > 1.0
-    assert design.excess < 2e-3
     assert design.efficiency > 0.9
     assert {motion.planned.speed for motion in plan.motions if motion.planned} == set(design.speed.tolist())
     for motion in plan.motions:
@@ -90,11 +88,3 @@ def test_what_cannot_be_done_is_refused_by_name(
 ) -> None:
     with refused("friction/plan", place=f"friction.passes{place}"):
         planned(FrictionSpec(passes=PassesSpec(**passes)), axis(limits), bandwidth_hz)
-
-
-@pytest.mark.parametrize(
-    ("law", "place"), [(LawSpec(temperature="yes"), "law.temperature"), (LawSpec(load="yes"), "law.load")]
-)
-def test_a_part_of_the_law_without_its_conditions_is_refused(law: LawSpec, place: str) -> None:
-    with refused("friction/plan", place=f"friction.{place}"):
-        planned(FrictionSpec(law=law))

@@ -34,7 +34,6 @@ def test_five_numbers_take_five_speeds_of_equal_shares() -> None:
     assert groups[0] == pytest.approx(0.03, rel=0.01)
     assert groups[-1] == pytest.approx(250 / 14.4, rel=0.01)
     np.testing.assert_allclose(groups[[2, 4, 6]], [0.5, 1.45, 4.1], rtol=0.25)
-    assert found.excess < 2e-3
     assert found.efficiency > 0.98
 
 

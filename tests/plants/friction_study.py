@@ -93,7 +93,7 @@ def friction_result() -> FrictionResult:
 def friction_plan() -> FrictionPlan:
     """Twelve passes of the elbow at three speeds."""
     limits = PassLimits("joint elbow", (-1.0, 1.0), 2.5, 10.0, TURN, 8.0)
-    design = JointPassDesign("elbow", limits, np.array([0.01, 0.3, 2.0]), np.array([4.0, 3, 5]), 2e-9, 0.987)
+    design = JointPassDesign("elbow", limits, np.array([0.01, 0.3, 2.0]), np.array([4.0, 3, 5]), 0.987)
     return FrictionPlan(1000.0, (), (design,), 141.0, known=("Coulomb friction to 1 %",))
 
 

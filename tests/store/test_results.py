@@ -84,8 +84,8 @@ MODELS = (
     ComparedModel("failed", 0, math.inf, 0, math.inf, np.array([math.nan, 1.0]), math.nan, math.nan, "why"),
 )
 TRIALS = (
-    Trial(1, "free", ("2x",), ("gear 1", "2x"), 4, 2.0, 1.0, -1.0, 0.1, -5.0, True),
-    Trial(2, "rigid", ("gear 1",), ("2x",), 3, 1.0, math.inf, math.nan, math.inf, math.nan, False),
+    Trial(1, "free", ("2x",), ("gear 1", "2x"), 2.0, 1.0, True),
+    Trial(2, "rigid", ("gear 1",), ("2x",), 1.0, math.inf, False),
 )
 
 

@@ -1,24 +1,39 @@
-"""Cross-validation leaves every configuration out once and says whether the parameters depend on single ones."""
+"""Models are ranked by predictions of left-out configurations, each left out once; the search for elastic joints."""
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from plants.measured_robots import responses_of
+from plants.two_axes import ROBOT
 from plants.two_mass import FREQ_HZ, response, two_mass
 
+from elastid.fit.parameter_choice import choose
+from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
+from elastid.model.formulation import EXACT
+from elastid.response import Response
+from elastid.robot import Robot
+from elastid.study import load_robot
 from elastid.validation.agreement import Fold, agreement
 from elastid.validation.comparison import (
     ComparedModel,
+    ComparedVariant,
+    Comparison,
     Refit,
+    RefitTask,
     describe_folds,
     describe_search,
     divide,
     final_model,
     gather_folds,
     generalises,
+    held,
+    rank,
+    refit,
     search,
 )
 
@@ -124,3 +139,111 @@ def test_wherever_a_search_starts_it_finds_what_helps(useful: set[str], start: s
     assert len({(trial.step, trial.elastic) for trial in trials}) == len(trials)
     assert all(name in describe_search(NAMES, trials, first) for name in NAMES)
     assert ("can be rigid" in describe_search(NAMES, trials, first)) == (useful != set(NAMES))
+
+
+CONFIGURATIONS = ("a", "b", "c", "d")
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """Two axes with the further elastic joints 1x and 2x."""
+    path: Path = tmp_path_factory.mktemp("robot") / "robot.yml"
+    path.write_text(ROBOT)
+    return load_robot(path)
+
+
+def compared(robot: Robot, **models: tuple[int, float, tuple[float, ...]]) -> Comparison:
+    """The ranking of models by name: parameters, V of the fit to all and its misfit in each configuration."""
+    refits = [
+        [
+            Refit("converged", "", n, cost, 1000 - n, {}),
+            *(
+                Refit("converged", "", n, cost, 700, {c: Fold(c, m, m, m)})
+                for c, m in zip("abcd", misfit, strict=False)
+            ),
+        ]
+        for n, cost, misfit in models.values()
+    ]
+    return rank(CONFIGURATIONS, [ComparedVariant(name, robot, FitSpec(), EXACT) for name in models], refits)
+
+
+def test_the_model_with_the_smallest_misfit_is_first_and_qaic_is_in_units_of_the_best_fit(robot: Robot) -> None:
+    """c = V / dof of the best fit, here 2: a cost 100 higher with one parameter less is 50 - 2."""
+    found = compared(robot, lean=(4, 2092.0, (3, 3.2, 2.9, 3)), own=(5, 1990.0, (2, 2.1, 1.9, 2)))
+    assert [row.name for row in found.rows] == ["own", "lean"]
+    assert found.rows[0].criterion == 0
+    assert found.rows[1].criterion == pytest.approx(102 / 2 - 2)
+    difference = np.array([1, 1.1, 1.0, 1])
+    assert found.rows[1].behind(found.rows[0]) == pytest.approx((difference.mean(), difference.std(ddof=1) / 2))
+    assert found.rows[1].rms_log_db == pytest.approx(math.sqrt(np.mean(np.array([3, 3.2, 2.9, 3]) ** 2)))
+    worse = math.sqrt(3.025 / 2)
+    assert f"worse by more than the standard error, by a factor {worse:.3g} of the error" in found.verdict
+    assert "own predicts left-out configurations best (1.41 sigma rms)" in found.verdict
+
+
+def test_a_model_within_the_standard_error_cannot_be_distinguished_and_the_simplest_is_named(robot: Robot) -> None:
+    """Better in two configurations, worse in two; or worse by less than a thousandth in all."""
+    for misfit in ((2.2, 1.8, 2.1, 1.95), (2.001,) * 4):
+        verdict = compared(robot, lean=(4, 2000.0, misfit), own=(5, 1990.0, (2.0, 2.0, 2.0, 2.0))).verdict
+        assert "own predicts" in verdict
+        assert "lean cannot be distinguished from it with these data" in verdict
+        assert "The simplest model as good as that is lean, with 4 parameters" in verdict
+    assert "distinguished" not in compared(robot, lean=(4, 2e3, (2.003,) * 4), own=(5, 2e3, (2.0,) * 4)).verdict
+
+
+def test_failed_fits_are_last_and_their_reason_is_noted(robot: Robot) -> None:
+    """One that failed on all, one that failed without a configuration, one that did not converge."""
+    failed = Refit("failed", "every start failed", 0, math.inf, 0, {})
+    fine = [Refit("converged", "", 3, 100.0, 100, {c: Fold(c, 1.0, 1.0, 1.0)}) for c in ("", *CONFIGURATIONS)]
+    slow = [replace(each, status="not_converged") for each in fine]
+    variants = [ComparedVariant(name, robot, FitSpec(), EXACT) for name in ("none", "some", "slow", "fine")]
+    found = rank(CONFIGURATIONS, variants, [[failed] * 5, [*fine[:-1], failed], slow, fine])
+    notes = {row.name: row.note for row in found.rows}
+    assert [row.name for row in found.rows] == ["slow", "fine", "some", "none"]
+    assert notes["none"] == "fit to all: every start failed; 4 of 4 fits failed: every start failed"
+    assert notes["some"] == "1 of 4 fits failed: every start failed"
+    assert (notes["slow"], notes["fine"]) == ("not converged", "")
+    assert rank(CONFIGURATIONS, variants[:1], [[failed] * 5]).verdict.startswith("No model could be fitted")
+
+
+def test_parameters_that_a_model_lacks_are_fixed_at_their_starts(robot: Robot) -> None:
+    """The others stay free, also without a list of parameters in the study."""
+    for spec in (FitSpec(parameters={"k_*": ParameterSpec()}), FitSpec()):
+        before, after = choose(spec, robot).free_names, choose(held(spec, robot, ["k_2x", "k_9"]), robot).free_names
+        assert set(before) - set(after) == {"k_2x"}
+    assert held(FitSpec(), robot, ["k_9"]).parameters.keys() == {p.name for p in choose(FitSpec(), robot).free}
+
+
+@pytest.fixture(scope="module")
+def responses(robot: Robot) -> list[Response]:
+    """Of the robot in three configurations, with 2 % noise."""
+    postures = {"a": (0.0, 0.2), "b": (0.5, 0.9), "c": (-0.4, -0.7)}
+    return responses_of(robot, postures, np.random.default_rng(0), np.linspace(2, 50, 30), added=1e-3)
+
+
+SPEC = FitSpec(starts=1, parameters={"k_2x": ParameterSpec()}, weights=WeightSpec(floor=0.0))
+
+
+def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(robot: Robot, responses: list[Response]) -> None:
+    """|E|^2 / sigma^2 is 1 for the true model, 1 + 1 / 0.02^2 / 100 or more for responses a tenth larger."""
+    scaled = [*responses[:2], replace(responses[2], G=1.1 * responses[2].G)]
+    task = RefitTask(ComparedVariant("own", robot, SPEC, EXACT), ("c",))
+    true, off = refit(responses, task), refit(scaled, task)
+    assert (true.status, true.n_free, list(true.left_out)) == ("converged", 1, ["c"])
+    assert true.cost == off.cost
+    assert true.left_out["c"].misfit == pytest.approx(1, abs=0.2)
+    assert off.left_out["c"].misfit > 5
+    assert off.left_out["c"].rms_log_db == pytest.approx(20 * math.log10(1.1), abs=0.2)
+
+
+def test_masks_apply_to_the_configurations_that_they_name(robot: Robot, responses: list[Response]) -> None:
+    """Of those fitted and of those left out; where nothing is left to fit, the refit fails with the reason."""
+    low = replace(SPEC, weights=WeightSpec(floor=0.0, factors=(FactorSpec(0.0, ("c",), band_hz=(0.0, 30.0)),)))
+    low_lines = (responses[2].freq_hz < 30)[:, None, None]
+    spoilt = [*responses[:2], replace(responses[2], G=responses[2].G + 9 * low_lines)]
+    found = refit(spoilt, RefitTask(ComparedVariant("own", robot, low, EXACT), ("c",)))
+    assert found.left_out["c"].misfit == pytest.approx(1, abs=0.3)
+    nothing = replace(SPEC, weights=WeightSpec(floor=0.0, factors=(FactorSpec(0.0, ("a", "b")),)))
+    failed = refit(responses, RefitTask(ComparedVariant("own", robot, nothing, EXACT), ("c",)))
+    assert (failed.status, failed.n_free, failed.left_out) == ("failed", 0, {})
+    assert failed.message

@@ -1,16 +1,22 @@
-"""The torque of a multisine divided into rigid body, elasticity and viscous friction of a model."""
+"""The torque of a multisine part by part, and the twin along a record: with the true numbers it is off by the noise."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from elastid.experiment.plan.plan import Plan
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import EXACT
 from elastid.record import Configuration, Record
-from elastid.validation.elastic_twin import elastic_balances
-from elastid.validation.twin import DRY, ELASTICITY, RIGID_BODY, VISCOUS
+from elastid.robot import Body, Friction, Joint, LuGre, Motor, Robot, Spring
+from elastid.validation.elastic_twin import FittedTwin, elastic_balances, elastic_runs
+from elastid.validation.twin import DRY, ELASTICITY, LINK, MOTION, RIGID_BODY, TORQUE, VISCOUS, TwinRun, describe_run
 
 RATE_HZ, N = 500.0, 1000
 J_MOTOR, J_LINK, K, VISCOUS_COEFFICIENT, DRY_SHARE = 3.0, 6.0, 2e4, 40.0, 0.1
@@ -57,3 +63,97 @@ def test_parts_of_a_known_joint_have_their_torque() -> None:
     assert sum(found.shares) == pytest.approx(1.0)
     assert found.left == pytest.approx(0.0, abs=1e-12)
     assert elastic_balances(record, net, parts, freq_hz, EstimatorSpec(transient_periods=2)) == ()
+
+
+TORQUE_STD, ANGLE_STD = 0.5, 2e-6
+BAND_HZ = (2.0, 45.0)
+PERIOD, RATE_HZ = 1000, 500.0
+
+
+def arm(stiffness: float = 3e4, friction: Friction = Friction(0.08)) -> Robot:  # noqa: B008
+    """A pendulum on an elastic joint, with friction at its motor: 8 Nm on the link side."""
+    joint = Joint("1", "y", Spring(stiffness, 15.0), Motor(2e-4, 100.0, viscous=1e-3, friction=friction))
+    body = Body("link", joints=(joint,), mass=12, center_of_mass=(0, 0, -0.4), inertia=0.5)
+    return Robot("arm", (body,), gravity=(0.0, 0.0, -9.81))
+
+
+def rig_of(robot: Robot) -> SimulatedRig:
+    """One experiment of odd lines, over a slow movement so that friction slides, with noise of torque and angles."""
+    lines = np.arange(9, 90, 2)
+    phases = np.exp(2j * np.pi * np.random.default_rng(3).random(len(lines)))
+    R = (60.0 / np.sqrt(len(lines) / 2) * phases)[None, None, None, :, None]
+    plan = Plan((Configuration("c1", np.array([0.3])),), ("motor 1",), RATE_HZ, PERIOD, 2, 2, lines, R)
+    spec = SimulatedSpec(
+        outputs=("motor 1", "joint 1"),
+        carrier=CarrierSpec(amplitude=0.02, cycles=2),
+        substeps=4,
+        noise=NoiseSpec(torque_std=TORQUE_STD, angle_std=ANGLE_STD),
+    )
+    return SimulatedRig(robot, ExperimentSpec({"c1": (0.3,)}, simulated=spec), plan, 1)
+
+
+@pytest.fixture(scope="module")
+def measured() -> tuple[SimulatedRig, Record]:
+    rig = rig_of(arm())
+    return rig, rig.measure(rig.experiments[0])
+
+
+def errors(run: TwinRun) -> dict[str, float]:
+    return {signal.kind: signal.error for signal in run.signals}
+
+
+def noise_share(record: Record, signal: np.ndarray, std: float) -> float:
+    """Noise within the band over the signal within the band."""
+    inside = np.zeros(PERIOD // 2 + 1, dtype=bool)
+    inside[int(BAND_HZ[0] * PERIOD / RATE_HZ) : int(BAND_HZ[1] * PERIOD / RATE_HZ) + 1] = True
+    spectrum = np.where(inside, np.fft.rfft(signal[-PERIOD:]), 0)
+    return float(std * np.sqrt(2 * inside.sum() / PERIOD) / np.std(np.fft.irfft(spectrum, PERIOD)))
+
+
+def test_the_true_twin_is_off_by_the_noise(measured: tuple[SimulatedRig, Record]) -> None:
+    """Motions by what the noise of the torque moves, held on the log by a slow loop."""
+    _, record = measured
+    (run,) = elastic_runs(record, FittedTwin(arm(), 0.0, EXACT), BAND_HZ)
+    assert run.drive == "torque"
+    expected = noise_share(record, record.u[:, 0], TORQUE_STD)
+    assert errors(run)[TORQUE] < expected
+    assert errors(run)[MOTION] < 5 * expected
+    assert errors(run)[LINK] < 5 * expected
+    assert run.held_hz == pytest.approx(0.4)
+
+
+def test_a_motor_that_is_not_in_the_log_is_held(measured: tuple[SimulatedRig, Record]) -> None:
+    """A light hand on a second motor, whose torque was not logged, changes nothing."""
+    _, record = measured
+    hand = Body("hand", "link", joints=(Joint("2", "y", motor=Motor(1e-5, 50.0)),), mass=1e-3, inertia=1e-3)
+    robot = replace(arm(), bodies=(*arm().bodies, hand))
+    both = replace(record, configuration=Configuration("c1", np.array([0.3, 0.0])))
+    (run,) = elastic_runs(both, FittedTwin(robot, 0.0, EXACT), BAND_HZ)
+    assert errors(run)[MOTION] < 0.02
+    assert [signal.place for signal in run.signals] == ["motor 1", "motor 1", "joint 1"]
+
+
+def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
+    measured: tuple[SimulatedRig, Record],
+) -> None:
+    """LuGre's law under the torque, from the middle of a motion on: friction has slid so for long."""
+    bristly = arm(friction=Friction(0.08, lugre=LuGre(30.0, 0.02)))
+    rig = rig_of(bristly)
+    record = rig.measure(rig.experiments[0])
+    twin = FittedTwin(bristly, 0.0, EXACT)
+    (periodic,) = elastic_runs(record, twin, BAND_HZ)
+    assert errors(periodic)[MOTION] < 0.02
+    (once,) = elastic_runs(replace(record, is_periodic=False, period_samples=record.n_samples), twin, BAND_HZ)
+    assert once.seconds == record.n_samples / RATE_HZ
+    # Speed and deflection of the link are not in the log, and what they begin with fades slowly.
+    assert errors(once)[MOTION] < 0.2
+
+
+def test_a_twin_that_is_too_fast_is_said_to_be_lost(measured: tuple[SimulatedRig, Record]) -> None:
+    """Stiff friction takes more steps in a sample than are affordable; without a rate nothing is simulated."""
+    _, record = measured
+    assert elastic_runs(replace(record, rate_is_known=False), FittedTwin(arm(), 0.0, EXACT), BAND_HZ) == ()
+    (stiff,) = elastic_runs(record, FittedTwin(arm(friction=Friction(8.0)), 0.0, EXACT), BAND_HZ)
+    assert "steps in a sample of 500 Hz, and 40 are affordable" in stiff.lost
+    assert not stiff.signals
+    assert "the twin is lost" in describe_run(stiff)

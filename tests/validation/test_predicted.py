@@ -1,14 +1,11 @@
-"""Responses at the tool against the prediction: closed form, bands that hold, and chains of a measurement."""
+"""Responses at the tool against the prediction: closed form, and bands that hold."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.predicted_arm import closed_form, rest, result, robot
+from plants.predicted_arm import closed_form, rest, result
 
-from elastid.linear.linearise import linearise
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.response import Covariance, Response
 from elastid.validation.predicted import predict_response
@@ -52,15 +49,3 @@ def test_both_bands_hold_what_they_say() -> None:
         off = replace(fit, x=fit.x + np.linalg.cholesky(fit.covariance) @ rng.standard_normal(len(fit.x)))
         shares.append(predict_response(off, hammer(0.05, seed)).inside)
     assert 0.9 < np.mean(shares) < 0.999
-
-
-def test_a_response_of_motors_has_its_chain() -> None:
-    """A delay, which `at` knows nothing of, is that of the fitted model; bands stay as wide."""
-    names = robot().motor_locations
-    model = formulate(robot())
-    linear = linearise(model, WHERE, model.theta, names, "acceleration")
-    plain = to_response(linear, linear.theta_ref, LINES)
-    late = replace(plain, G=plain.G * np.exp(-2j * np.pi * LINES[:, None, None] * 1e-3))
-    each, prompt = predict_response(result(), late, late), predict_response(result(), plain, plain)
-    np.testing.assert_allclose(each.predicted.G, late.G, rtol=1e-9)
-    np.testing.assert_allclose(each.pointwise, prompt.pointwise, rtol=1e-9)

@@ -27,7 +27,7 @@ from elastid.base.execution import Execution
 from elastid.base.workers import lasting_workers
 from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
-from elastid.design.spec import CandidateSpec, DesignSpec, LevelSpec, unit_time_s
+from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s
 from elastid.experiment.plan.movement import Reference, reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
@@ -101,8 +101,8 @@ class Session:
         folder = LiveFolder(run.folder / "live", robot, outputs)
         candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)
         # Friction, before any log shows it: in one realisation, relative to |G|.
-        noise = study.design.noise if study.design else LevelSpec(distortion=0.03 * coulomb_levels(robot).any())
-        design = DesignSpec(count=1, candidates=candidates, parameters=tuple(goal.widths), noise=noise)
+        distortion = study.design.distortion if study.design else 0.03 * float(coulomb_levels(robot).any())
+        design = DesignSpec(count=1, candidates=candidates, parameters=tuple(goal.widths), distortion=distortion)
         experiment = replace(study.experiment, configurations={}, without_payload=())
         problem = DesignProblem(
             robot, study.excitation, experiment, study.seeded_fit, study.estimator.quantity, study.seed, design,
@@ -161,12 +161,12 @@ class Session:
         """Candidates, and the distortion that the logs so far show, which longer experiments do not lower."""
         design = self.problem.design
         assert design is not None
-        if not plans or design.noise.frf or design.noise.absolute is not None:
+        if not plans:
             return design
         measured = read_responses(self.folder.results(len(plans)) / "frf.h5")
         shares = [np.median(r.distortion.variance / np.abs(r.G) ** 2) for r in measured if r.distortion is not None]
-        level = math.sqrt(np.mean(shares)) if shares else design.noise.distortion
-        return replace(design, noise=replace(design.noise, distortion=level))
+        level = math.sqrt(np.mean(shares)) if shares else design.distortion
+        return replace(design, distortion=level)
 
     def _planned(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
         """The next plan, as it was written or now; a sentence where no further one leads to the goal."""
@@ -178,8 +178,7 @@ class Session:
         else:
             problem, known = replace(problem, design=self._design(plans)), Known.before(problem)
             if result is not None:
-                measured = tuple((plan.configurations[0], plan.periods) for plan in plans)
-                known = Known(result.parameters, result.x, result.covariance, measured)
+                known = Known(result.parameters, result.x, result.covariance)
             assert problem.design is not None
             candidates, robots = problem.candidates(problem.design), self._robots(result, step)
             with self._execution(f"plan of x{step}") as execution:

@@ -39,10 +39,10 @@ def design(study: Study, work: Work) -> Artefacts:
     robot, excitation, spec = study.as_robot(), study.excitation, study.design
     if excitation is None:
         raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
-    measured, fitted_values, like = _earlier_measurements(spec, work.base)
+    measured, fitted_values = _earlier_measurements(spec, work.base)
     problem = DesignProblem(
         *(robot, excitation, study.experiment, study.fit, study.estimator.quantity, study.seed, spec),
-        *(study.validation.left_out, measured, fitted_values, like, study.model), friction=study.estimator.friction,
+        *(study.validation.left_out, measured, fitted_values, study.model), friction=study.estimator.friction,
     )  # fmt: skip
     carrier = study.experiment.as_simulated().carrier
     with work.execution() as execution:
@@ -87,12 +87,10 @@ def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configurat
 _Responses: TypeAlias = tuple[Response, ...]
 
 
-def _earlier_measurements(
-    design: DesignSpec | None, files: Path
-) -> tuple[_Responses, tuple[tuple[str, float], ...], _Responses]:
-    """Responses that a design adds to, estimates of their fits by name (the last counts), responses for the noise."""
+def _earlier_measurements(design: DesignSpec | None, files: Path) -> tuple[_Responses, tuple[tuple[str, float], ...]]:
+    """Responses that a design adds to, and estimates of their fits by name (the last counts)."""
     if design is None:
-        return (), (), ()
+        return (), ()
     responses: list[Response] = []
     values: dict[str, float] = {}
     for name in design.measured:
@@ -101,8 +99,7 @@ def _earlier_measurements(
         if file.with_name("fit.h5").is_file():
             result = read_fit(file.with_name("fit.h5"))
             values |= {name: result.values[name] for name in result.parameters.free_names}
-    noise = read_responses(responses_file(files, design.noise.frf)) if design.noise.frf else ()
-    return tuple(responses), tuple(values.items()), noise
+    return tuple(responses), tuple(values.items())
 
 
 def _write_references(plan: Plan, movements: Sequence[Reference], work: Work, folder: Path, stamp: Stamp) -> None:

@@ -70,7 +70,7 @@ def validate(study: Study, work: Work) -> Artefacts:
         judged = _validation(own, execution)
     at_tool = at_tool_predicted(own, tool_responses(study.validation.tool, study, work.base))
     tapped = at_tool_predicted(own, tool_responses(study.tool, study, work.base), is_fitted=True)
-    judged = replace(judged, predictions=(*_left_out_predicted(own), *at_tool, *tapped))
+    judged = replace(judged, predictions=(*at_tool, *tapped))
     balances = twin.balances
 
     def report(console: Console) -> None:
@@ -111,16 +111,6 @@ def _validation(own: Validated, execution: Execution) -> Validation:
     cost = explain_cost(result, [Ghat for Ghat, _ in pairs], judged.fitted)
     folded = describe_folds(folds, judged.fitted) if folds else ""
     return replace(judged, cost=cost, folds=folds, folded=folded)
-
-
-def _left_out_predicted(own: Validated) -> tuple[PredictedResponse, ...]:
-    """The configurations that were not fitted, by the code that predicts any posture."""
-    pairs = zip(own.responses, own.fitted.responses, strict=True)
-    return tuple(
-        predict_response(own.fitted.result, Ghat, G)
-        for Ghat, G in pairs
-        if Ghat.configuration.name in own.left_out and own.fitted.result.robot is not None
-    )
 
 
 def at_tool_predicted(

@@ -208,14 +208,13 @@ class PlannedMotion:
 class JointPassDesign:
     """The passes of one joint: limits, speed (n,) with passes (n,) at each, and the certificate of the speeds.
 
-    excess: max Tr(M^-1 H_i) / d - 1, 0 at the optimum.  efficiency: of whole passes against the best shares.
+    efficiency: of whole passes against the best shares.
     """
 
     joint: str
     limits: PassLimits
     speed: FloatArray
     passes: FloatArray
-    excess: float
     efficiency: float
 
 

@@ -186,9 +186,9 @@ class RecordedSpec:
         "half the rate, a sinc; a misfit that grows so towards the upper edge is its sign (residuals 1.27 times the "
         "noise and a spring off by 13 % in one case). Measured torques have passed a filter, hence the "
         "default.")] = "band-limited"
-    controller: Annotated[CascadeSpec | None, Key("Controller of the robot, whose margins `elastid loops` states; "
+    controller: Annotated[CascadeSpec | None, Key("Controller of the robot, whose sensitivity `elastid loops` states; "
         "in studies of friction whose channels have its reference.", "so that validation of friction replays the logs "
-        "in closed loop; without it the law is judged on torques alone, and loops finds it in the logs.")] = None
+        "in closed loop; without it the law is judged on torques alone.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

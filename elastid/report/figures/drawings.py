@@ -83,7 +83,7 @@ def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = 
 
 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:
-    for i, each in enumerate(content.validation.at_tool, start=1):
+    for i, each in enumerate(content.validation.predictions, start=1):
         caption = f"{each.words}; band of two standard deviations of the prediction."
         draw = partial(fit.bode, each.measured, each.predicted, each.std)
         yield Drawing(f"tool-{i}", "why", caption, draw)

@@ -19,14 +19,13 @@ SHOWN = {"m/N": ("µm/N", 1e6), "m": ("mm", 1e3), "Hz": ("Hz", 1.0)}
 
 
 def loops_figure(loops: Loops) -> Figure:
-    """Largest sensitivity of the loops in all postures with 95 % of the draws, and as it was measured."""
+    """Largest sensitivity of the loops in all postures with 95 % of the draws."""
     curves = []
     for state, color in zip(loops.states, (style.START, style.FITTED)[-len(loops.states) :], strict=True):
         ends = state.sensitivity_low.min(axis=0), state.sensitivity_high.max(axis=0)
         for i, row in enumerate(state.sensitivity_db):
             band = ends if i == 0 and np.isfinite(ends[0]).all() else None
             curves.append(Curve(state.freq_hz, row, state.name, color, band=band, looks={"lw": 0.9}))
-    curves += [Curve(own.freq_hz, own.sensitivity_db, "measured", dots=True) for own in loops.measured]
     top = max(10.0, *(float(state.sensitivity_db.max()) + 2 for state in loops.states))
     lines = np.array([loops.designed.bandwidth_hz.min() / 10, loops.designed.freq_hz[-1]])
     panel = Panel(curves, "frequency in Hz", "sensitivity in dB", marks=(LIMIT_DB,), frequency=lines, y_ends=(-30, top))

@@ -187,15 +187,12 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
         if name in study.experiment.configurations:
             text = f"{name} is a configuration of experiment.configurations already; rename one"
             yield Problem((*_CANDIDATES, "given", name), text, True)
-    earlier: list[tuple[KeyPath, str]] = [((*_DESIGN, "measured", i), path) for i, path in enumerate(design.measured)]
-    if design.noise.frf:
-        earlier.append(((*_DESIGN, "noise", "frf"), design.noise.frf))
-    for place, path in earlier:
+    for i, path in enumerate(design.measured):
         if not os.path.isfile(responses_file(base, path)):
             problem = (
                 f"no such measurement (looked for {responses_file(base, path)}); `elastid run STUDY estimate` makes it"
             )
-            yield Problem(place, problem)
+            yield Problem((*_DESIGN, "measured", i), problem)
 
 
 def responses_file(base: Path, path: str) -> Path:

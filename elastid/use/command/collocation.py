@@ -73,7 +73,7 @@ def plan(
     problem = _Problem(commanded, move, limits, mesh, settings)
     options: dict[str, Any] = {
         "print_time": False, "no_nlp_grad": True, "calc_lam_p": False, "show_eval_warnings": False,
-        "jac_g": problem.jacobian, "hess_lag": problem.hessian, "ipopt.sb": "yes", "ipopt.print_level": 0,
+        "hess_lag": problem.hessian, "ipopt.sb": "yes", "ipopt.print_level": 0,
         "ipopt.tol": settings.tolerance, "ipopt.max_iter": settings.iterations, "ipopt.mu_strategy": "adaptive",
         "ipopt.nlp_scaling_method": "none", "ipopt.acceptable_tol": 1e-4, "ipopt.acceptable_iter": 5,
         "ipopt.bound_relax_factor": 0.0, "ipopt.mu_init": 1e-3,
@@ -85,7 +85,7 @@ def plan(
     if status == "NonIpopt_Exception_Thrown":
         raise KeyboardInterrupt
     g = solution["g"].full()[:, 0]
-    violation = float(np.maximum(problem.low - g, g - problem.high).max(initial=0.0))
+    violation = float(np.maximum(problem.low - g, g - problem.high).max(initial=problem.beyond_at_rest))
     return Planned(problem.spline(solution["x"].full()[:, 0]), status, violation)
 
 
@@ -143,14 +143,19 @@ class _Problem:
         self.start = np.concatenate([guess[self.inner].ravel(), clipped.ravel(), np.zeros(self.n_c * self.n)])
         self._build()
 
+    @property
+    def beyond_at_rest(self) -> float:
+        """Part by which a limit of angle or torque is exceeded at an end, where gravity deflects the robot."""
+        middle, reach = self.limits.range
+        angle = np.abs(self.ends @ self.commanded.model.B - middle) / reach
+        return max(0.0, float(angle.max()) - 1, float(np.max(np.abs(self.holding) / self.limits.torque)) - 1)
+
     def _guess(self, move: Move) -> FloatArray:
-        """Coefficients (count, n_q) of the quasi-static inversion, at rest at both ends."""
+        """Coefficients (count, n_q) of the rigid robot's motion, deflected as at rest at both ends."""
         fine = np.linspace(self.mesh.knots[0], self.mesh.knots[-1], 2 * (self.n + 1) + 1)
-        inverted = self.commanded.inverted(move, fine)
-        # The weight of the robot deflects it exactly as at its ends, not to first order.
-        share = np.clip(fine / move.duration, 0, 1)[:, None]
-        offset = (1 - share) * (self.ends[0] - inverted[0]) + share * (self.ends[1] - inverted[-1])
-        c = np.array(make_lsq_spline(fine, inverted + offset, self.mesh.knots, DEGREE).c)
+        rigid, share = self.commanded.rigid(move, fine)[0], np.clip(fine / move.duration, 0, 1)[:, None]
+        deflected = (1 - share) * (self.ends[0] - rigid[0]) + share * (self.ends[1] - rigid[-1])
+        c = np.array(make_lsq_spline(fine, rigid + deflected, self.mesh.knots, DEGREE).c)
         c[:_HELD], c[-_HELD:] = self.ends
         return c
 
@@ -168,90 +173,47 @@ class _Problem:
         ]
         Q, V, A, jerk = (C @ inside.T + ca.DM(fixed) for inside, fixed in zip(inner, outer, strict=True))
         B = ca.DM(self.commanded.model.B) @ ca.diag(ca.DM(self.u_0))
-        force, slopes, phi, Phi = self.commanded.balance.map(n)(Q, V, A, L * self.force_0)
+        force, phi, _ = self.commanded.balance.map(n)(Q, V, A, L * self.force_0)
         dynamics = (force - B @ U) / self.force_0
-        bounded = self._bounded(Q, V, A, jerk, inner)
-        g = ca.vertcat(ca.vec(dynamics), ca.vec(phi), *(ca.vec(part) for part, _, _ in bounded))
-        error, J = self.commanded.tool.map(n)(Q, self._p, self._R)
+        bounded = ca.vertcat(*self._bounded(Q, V, A, jerk))
+        g = ca.vertcat(ca.vec(dynamics), ca.vec(phi), bounded)
+        R = self.target.rotation.transpose(0, 2, 1).reshape(-1, 9)
+        error, _ = self.commanded.tool.map(n)(Q, self.target.position.T, R.T)
         tool = ca.vec(error) / s.tool_m * np.sqrt(self.mesh.step)
         held = [ca.DM(u / self.u_0) for u in self.holding]
         rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (s.rate_s / np.sqrt(self.mesh.step))
-        ripple = self._ripple
+        # Sixth differences of coefficients: small of any smooth motion, large of one from knot to knot.
+        ripple = np.diff(np.eye(self.mesh.count), 6, axis=0) * (np.sqrt(self.mesh.step) / s.ripple)
         whole = ca.horzcat(
             *(ca.DM(self.ends[0]) for _ in range(_HELD)), C, *(ca.DM(self.ends[1]) for _ in range(_HELD))
         )
-        f = ca.sumsqr(tool) + ca.sumsqr(rate) + ca.sumsqr(whole @ ripple.T)
-        self.nlp = {"x": x, "f": f, "g": g}
-        lifts = [ca.kron(inside, ca.DM.eye(n_q)) for inside in inner]
-        jacobian = self._slopes(slopes, Phi, B, lifts, [slope for _, slope, _ in bounded])
-        self.jacobian = ca.Function("nlp_jac_g", [x, ca.MX(0, 1)], [g, jacobian], ["x", "p"], ["g", "jac_g_x"])
+        residual = ca.vertcat(tool, ca.vec(rate), ca.vec(whole @ ca.sparsify(ca.DM(ripple)).T))
+        self.nlp = {"x": x, "f": ca.sumsqr(residual), "g": g}
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
-        H = self._hessian(lam_f, J, lifts[0])
+        slopes = ca.jacobian(residual, x)
+        few = ca.diag(ca.DM([0.0] * (sizes[0] + sizes[1]) + [1e-8] * sizes[2]))
+        H = 2 * lam_f * slopes.T @ slopes + lam_f * ca.sparsify(few)  # Gauss and Newton's
         arguments = [x, ca.MX(0, 1), lam_f, lam_g]
         names = ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
         self.hessian = ca.Function("nlp_hess_l", arguments, [ca.triu(H)], *names)
         equal = np.zeros((n_q + n_c) * n)
-        self.low = np.concatenate([equal, *(-bound for _, _, bound in bounded)])
-        self.high = np.concatenate([equal, *(bound for _, _, bound in bounded)])
+        self.high = np.concatenate([equal, np.ones(bounded.size1())])
+        self.low = -self.high
         torque = np.tile(self.limits.torque / self.u_0, n)
         self.upper = np.concatenate([np.full(sizes[0], np.inf), torque, np.full(sizes[2], np.inf)])
         self.lower = -self.upper
 
-    def _slopes(self, slopes: ca.MX, Phi: ca.MX, B: ca.DM, lifts: list[ca.DM], bounded: list[ca.DM]) -> ca.MX:
-        """Jacobian of the constraints.
-
-        Those of mapped functions are blocks: CasADi would find them by as many sweeps as a block has columns.
-        """
-        n, n_q, n_u, n_c = self.n, self.n_q, self.n_u, self.n_c
-        blocks = ca.horzsplit(slopes, 3 * n_q + n_c)
-        parts = [_block_diagonal([block[:, i * n_q : (i + 1) * n_q] for block in blocks]) @ lifts[i] for i in range(3)]
-        by_u = ca.kron(ca.DM.eye(n), -B / self.force_0)
-        by_lambda = _block_diagonal([block[:, 3 * n_q :] for block in blocks]) if n_c else ca.MX(n_q * n, 0)
-        rows = [ca.horzcat(sum(parts) / self.force_0, by_u, by_lambda)]
-        others = (n_u + n_c) * n
-        if n_c:
-            rows.append(ca.horzcat(_block_diagonal(ca.horzsplit(Phi, n_q)) @ lifts[0], ca.MX(n_c * n, others)))
-        rows += [ca.horzcat(slope, ca.MX(slope.size1(), others)) for slope in bounded]
-        return ca.vertcat(*rows)
-
-    def _hessian(self, lam_f: ca.MX, J: ca.MX, lift: ca.DM) -> ca.MX:
-        """Hessian of the Lagrangian, by Gauss and Newton."""
-        n, s = self.n, self.settings
-        D = ca.kron(ca.sparsify(ca.DM(np.eye(n + 1, n) - np.eye(n + 1, n, -1))), ca.DM.eye(self.n_u))
-        D *= s.rate_s / np.sqrt(self.mesh.step)
-        R = ca.kron(self._ripple[:, _HELD : self.mesh.count - _HELD], ca.DM.eye(self.n_q))
-        E = _block_diagonal(ca.horzsplit(J, self.n_q)) @ lift * (np.sqrt(self.mesh.step) / s.tool_m)
-        of_lambda = 1e-8 * lam_f * ca.DM.eye(self.n_c * n)
-        return ca.diagcat(2 * lam_f * (E.T @ E + R.T @ R), 2 * lam_f * D.T @ D, of_lambda)
-
-    @property
-    def _ripple(self) -> ca.DM:
-        """Sixth differences of coefficients, weighted: small of any smooth motion, large of one from knot to knot."""
-        differences = np.diff(np.eye(self.mesh.count), 6, axis=0)
-        return ca.sparsify(ca.DM(differences * (np.sqrt(self.mesh.step) / self.settings.ripple)))
-
-    @property
-    def _p(self) -> ca.DM:
-        return ca.DM(self.target.position.T)
-
-    @property
-    def _R(self) -> ca.DM:
-        return ca.DM(self.target.rotation.transpose(0, 2, 1).reshape(-1, 9).T)
-
-    def _bounded(self, Q: Any, V: Any, A: Any, jerk: Any, inner: list[ca.DM]) -> list[tuple[Any, ca.DM, FloatArray]]:
-        """Motions of the motors with a finite limit: expression about its middle, slope to the coefficients, reach."""
-        limits, found = self.limits, []
+    def _bounded(self, *motions: ca.MX) -> list[ca.MX]:
+        """Position to jerk of the motors with a finite limit, about its middle, over its reach."""
+        limits, bounded = self.limits, []
         rows = [self.commanded.model.index(name) for name in self.commanded.model.inputs]
         middle, reach = limits.range
-        each = ((Q, 0, middle, reach), (V, 1, 0 * middle, limits.velocity), (A, 2, 0 * middle, limits.acceleration),
-                (jerk, 3, 0 * middle, limits.jerk))  # fmt: skip
-        for motion, order, middles, bounds in each:
+        reaches = reach, limits.velocity, limits.acceleration, limits.jerk
+        for order, (motion, bounds) in enumerate(zip(motions, reaches, strict=True)):
             for motor in np.flatnonzero(np.isfinite(bounds)).tolist():
-                picked = ca.DM(1, self.n_q)
-                picked[rows[motor]] = 1 / bounds[motor]
-                value = (motion[rows[motor], :] - (0.0 if order else middles[motor])) / bounds[motor]
-                found.append((value, ca.kron(inner[order], picked), np.ones(self.n)))
-        return found
+                value = motion[rows[motor], :] - (0.0 if order else middle[motor])
+                bounded.append(ca.vec(value / bounds[motor]))
+        return bounded
 
     def spline(self, x: FloatArray) -> BSpline:
         """q(t) of the variables."""
@@ -259,7 +221,3 @@ class _Problem:
         c[:_HELD], c[-_HELD:] = self.ends
         c[self.inner] = x[: self.n_q * self.n].reshape(self.n, self.n_q)
         return BSpline(self.mesh.knots, c, DEGREE)
-
-
-def _block_diagonal(blocks: list[Any]) -> Any:
-    return ca.diagcat(*blocks)

@@ -1,14 +1,9 @@
-r"""The elastic robot as it is commanded: forces that a motion takes, tool pose, limits, and quasi-static inversion.
+r"""The elastic robot as it is commanded: forces that a motion takes, tool pose, and rest at an end.
 
 .. math:: M(q)\, \ddot q + f(q, \dot q) + \tau_f(\dot q) + \Phi^T \lambda = B u, \qquad \varphi(q) = 0
 
 with every number inserted. Dry friction is that of steady sliding, tanh(v / v_s) at standstill: bristles are integrated
 along the reference where the torque is written (`friction_along`).
-
-Quasi-static inversion (de Luca, IEEE ICRA 2000, 4; Moberg and Hanssen, IFAC World Congress 2008): the forces of the
-rigid motion deflect the springs, and the motors move so that the tool stays where it should be,
-
-.. math:: K \delta + r = B u, \quad \Phi \delta = 0, \quad J \delta = 0, \qquad r = M \ddot q_r + f(q_r, \dot q_r)
 """
 
 from __future__ import annotations
@@ -74,7 +69,7 @@ class CommandedRobot:
 
     @cached_property
     def balance(self) -> ca.Function:
-        """(q, v, a, lambda) -> r (n_q,), the forces that a motion takes; its Jacobian to all four; phi, its slope."""
+        """(q, v, a, lambda) -> r (n_q,), the forces that a motion takes; phi, its slope."""
         m, n = self.model, self.model.n_q
         q, v, a = (ca.SX.sym(name, n) for name in "qva")
         lambda_, rows = ca.SX.sym("lambda", len(self.rows)), list(self.rows)
@@ -83,8 +78,7 @@ class CommandedRobot:
         Phi = ca.jacobian(phi, q)
         if rows:
             force = force + Phi.T @ lambda_
-        slopes = ca.jacobian(force, ca.vertcat(q, v, a, lambda_))
-        results = [ca.densify(part) for part in (force, slopes, phi, Phi)]
+        results = [ca.densify(part) for part in (force, phi, Phi)]
         return ca.Function("balance", [q, v, a, lambda_], results, {"cse": True})
 
     def _friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
@@ -120,7 +114,7 @@ class CommandedRobot:
     def torque(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
         """u (N, n_u) that a motion (N, n_q) takes; the forces in loops are those of least squares."""
         m, n, n_r = self.model, len(q), len(self.rows)
-        force, _, _, Phi = (part.full() for part in self.balance.map(n)(q.T, v.T, a.T, np.zeros((n_r, n))))
+        force, _, Phi = (part.full() for part in self.balance.map(n)(q.T, v.T, a.T, np.zeros((n_r, n))))
         carried = -Phi.reshape(n_r, n, m.n_q).transpose(1, 2, 0)
         columns = np.concatenate([np.broadcast_to(m.B, (n, *m.B.shape)), carried], axis=2)
         return np.asarray((np.linalg.pinv(columns) @ force.T[:, :, None])[:, : m.n_u, 0])
@@ -153,25 +147,6 @@ class CommandedRobot:
         coupled = np.vstack([K[np.ix_(free, motors)], Phi[:, motors]])
         moved[free] = -np.linalg.solve(saddle, coupled)[: len(free)]
         return compliance, moved
-
-    def inverted(self, move: Move, t: FloatArray) -> FloatArray:
-        """q (N, n_q) by quasi-static inversion along a move at times (N,)."""
-        q, v, a = self.rigid(move, t)
-        r = self.balance.map(len(t))(q.T, v.T, a.T, np.zeros((len(self.rows), len(t))))[0].full().T
-        inverted = []
-        for own, force, J in zip(q, r, self.slopes_of_tool(q, self.poses(q)), strict=True):
-            compliance, moved = self.statics(own)
-            deflection = compliance @ force
-            back = moved @ np.linalg.pinv(J @ moved, rcond=1e-6) @ J
-            inverted.append(own - deflection + back @ deflection)
-        return np.array(inverted)
-
-    def slopes_of_tool(self, q: FloatArray, target: Poses) -> FloatArray:
-        """Jacobian (N, n_e, n_q) of the tool's error at q (N, n_q)."""
-        N, n_e = len(q), 6 if self.is_posed else 3
-        R = target.rotation.transpose(0, 2, 1).reshape(N, 9)
-        J = self.tool.map(N)(q.T, target.position.T, R.T)[1].full()
-        return np.asarray(J.reshape(n_e, N, self.model.n_q).transpose(1, 0, 2))
 
     def rest(self, angles: FloatArray) -> FloatArray:
         """q (n_q,) at rest under gravity with the tool where it is without deflection at angles (n_u,).

@@ -8,11 +8,9 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import free_coordinates
 from elastid.model.elastic import ElasticModel
-from elastid.record import drive_unit
 from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward
 from elastid.simulation.dynamics import contacts
@@ -55,25 +53,6 @@ def planned_error(commanded: CommandedRobot, move: Move, planned: Planned) -> Fl
     t = np.unique(planned.q.t)
     target = commanded.poses(commanded.rigid(move, t)[0]).position
     return np.asarray(np.linalg.norm(commanded.poses(planned.q(t)).position - target, axis=1))
-
-
-def require_ends(commanded: CommandedRobot, move: Move, limits: MotionLimits) -> None:
-    """DataError where an end of a move cannot be held within the limits, with the joint and its limit."""
-    still = np.zeros((1, commanded.model.n_q))
-    for end, angles in zip(("start", "end"), move.ends, strict=True):
-        q = commanded.rest(angles)
-        torque, at = commanded.torque(q[None], still, still)[0], commanded.model.B.T @ q
-        for i, joint in enumerate(commanded.robot.driven):
-            low, high = limits.angle[i]
-            if not (low <= at[i] <= high and abs(torque[i]) <= limits.torque[i]):
-                raise DataError(
-                    "use/move",
-                    f"at its {end} the motor of joint {joint.name} stands at {at[i]:.4g} {joint.unit}, deflection "
-                    f"included, and may be within [{low:.4g}, {high:.4g}]; gravity takes {abs(torque[i]):.4g} "
-                    f"{drive_unit(joint.slides)} of its {limits.torque[i]:.4g}; choose another posture, or correct "
-                    "robot.bodies.joints.limits",
-                    "the move cannot be made",
-                )
 
 
 def shortest(

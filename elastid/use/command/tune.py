@@ -36,7 +36,6 @@ from elastid.use.command.plans import (
     best_plan,
     first_duration,
     margin_of,
-    require_ends,
     rigid_references,
     sampled,
     shortest,
@@ -209,7 +208,6 @@ def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) 
     """
     commanded = CommandedRobot.of(given.identified, given.frame, move.ends[0])
     asked = _Asked(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
-    require_ends(commanded, move, asked.limits)
     if not move.duration:
         begun = move.in_time(first_duration(commanded, move, asked.limits))
         if not begun.duration:
@@ -218,7 +216,8 @@ def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) 
                 f"robot {given.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
                 "the shortest; give its joints limits, or a duration",
             )
-        fastest = replace(asked, move=begun).fastest
+        spared = asked.limits.narrowed({kind: np.full(len(asked.limits.torque), _SPARE**2) for kind in KINDS})
+        fastest = shortest(commanded, begun, spared, asked.margin_s, given.error_m)
         if fastest is None:
             raise DataError(
                 "use/move",
@@ -245,12 +244,6 @@ class _Asked:
         start = self.commanded.rigid_posture(self.move.ends[0])
         return tune(self.commanded.model, start, self.given.bandwidth_hz, DAMPING_RATIO)
 
-    @property
-    def fastest(self) -> Move | None:
-        """The move in the shortest time that keeps limits and error, with a little to spare."""
-        spared = self.limits.narrowed({kind: np.full(len(self.limits.torque), _SPARE**2) for kind in KINDS})
-        return shortest(self.commanded, self.move, spared, self.margin_s, self.given.error_m)
-
     def tuned(self, name: str, progress: Progress) -> TunedMove:
         """The best move with its outcomes."""
         given, limits, joints = self.given, self.limits, self.commanded.robot.driven
@@ -262,9 +255,10 @@ class _Asked:
         advice = ""
         if error.max() > given.error_m:
             worst = int(np.argmax(error))
-            advice = f"the tool leaves its path by {1e3 * error[worst]:.3g} mm {r.time_s[worst]:.3g} s after the start"
-            if (can := self.fastest) is not None:
-                advice += f"; it stays within {1e3 * given.error_m:g} mm with --time {can.duration:.3g}"
+            advice = (
+                f"the tool leaves its path by {1e3 * error[worst]:.3g} mm {r.time_s[worst]:.3g} s after the start; "
+                "give the move more time: --fastest finds the shortest"
+            )
         return TunedMove(
             name, given.frame, tuple(joint.name for joint in joints), tuple(joint.unit for joint in joints),
             given.judge_name, given.bandwidth_hz, self.move.duration, self.margin_s, r.time_s, r.position, r.velocity,
@@ -290,12 +284,10 @@ class _Asked:
             progress(attempt * (n + 1), PASSES * (n + 1))
             planned = best_plan(commanded, self.move, narrowed, self.margin_s)
             if not planned.is_feasible:
-                can = self.fastest
-                words = "in no time that was tried" if can is None else f"in {can.duration:.3g} s it can"
-                command = "" if can is None else f": --time {can.duration:.3g}"
                 raise DataError(
                     "use/move",
-                    f"no motion within the limits makes the move in {self.move.duration:.4g} s; {words}{command}",
+                    f"no motion within the limits makes the move in {self.move.duration:.4g} s; give it more time, as "
+                    "--fastest finds, or ends that the motors hold against gravity",
                 )
             references = sampled(commanded, planned, given.rate_hz, SETTLING_S)
             target = self._path(references.time_s)

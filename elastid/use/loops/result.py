@@ -1,6 +1,6 @@
-"""Loops of a study: today's controller, as stated and as measured, and the designed one.
+"""Loops of a study: today's controller, as stated, and the designed one.
 
-A controller on the identified robot: peaks, with 95 % of the draws, bandwidths and margins in every posture.
+A controller on the identified robot: peaks, with 95 % of the draws, and bandwidths in every posture.
 
 Each peak within half a dB of the largest is traced to the axis that has most of it and to the nearest mode of the
 robot, its motors free, that moves the motor of this axis; one that is farther than a third from every mode is left to
@@ -9,21 +9,20 @@ the phase of the loop: to its gains at low frequencies, to delay, sampling and f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.display import number
-from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
 from elastid.simulation.controller import Filters, Gains, filters_of, gains_of
 from elastid.use.loops.design import Cascade, robust
 from elastid.use.loops.plants import PlantMode, Plants, PostureFamily
-from elastid.use.loops.sensitivity import Closed, Margins, MeasuredLoops, Scene
+from elastid.use.loops.sensitivity import Closed, Scene
 
 _NEAR, _MOVED = 1 / 3, 5e-3  # of a frequency within which, and of the motor's motion by which, a mode makes a peak
 
@@ -44,7 +43,6 @@ class LoopState:
     peak_high: FloatArray = labelled("upper end of 95 % of draws", "dB", "postures")
     limited_by: tuple[str, ...] = labelled("cause of the peak", axes="postures")
     bandwidth_hz: FloatArray = labelled("bandwidth of each axis", "Hz", "postures axes")
-    margins: Margins
     drawn_peaks_db: FloatArray = labelled("sensitivity peak of each draw over all postures", "dB", "draw")
     freq_hz: FloatArray = labelled("frequency", "Hz")
     sensitivity_db: FloatArray = labelled("largest sensitivity", "dB", "postures freq_hz")
@@ -69,7 +67,7 @@ def assess(name: str, family: PostureFamily, drawn: Plants | None, gains: Gains,
         peak_ends, drawn_peaks = _ends(of_draws, D), of_draws.reshape(D, -1).max(axis=1)
         S_ends = _ends(_shown(robots, freq_hz), D)
     return LoopState(
-        name, family.names, axes, peaks, peak_ends[0], peak_ends[1], causes, bandwidth, own.margins, drawn_peaks,
+        name, family.names, axes, peaks, peak_ends[0], peak_ends[1], causes, bandwidth, drawn_peaks,
         freq_hz, S_db, S_ends[0], S_ends[1],
     )  # fmt: skip
 
@@ -120,7 +118,6 @@ class Loops:
     rate_hz: float = labelled("rate of the controller", "Hz")
     count: int
     today: LoopState | None
-    measured: tuple[MeasuredLoops, ...]
     designed: LoopState
     gains: Cascade
 
@@ -136,16 +133,12 @@ class Loops:
 
     @property
     def peak_cells(self) -> list[list[str]]:
-        """Controller, posture, peak in dB, 95 % and cause of each posture of each controller, then as measured."""
+        """Controller, posture, peak in dB, 95 % and cause of each posture of each controller."""
         rows = []
         for own in self.states:
             columns = zip(own.postures, own.peak_db, own.peak_low, own.peak_high, own.limited_by, strict=True)
             for posture, peak, low, high, cause in columns:
                 rows.append([own.name, posture, _cell(peak), _range(low, high), cause])
-        for each in self.measured:
-            ends = (each.peak_db + side * QUANTILE_95 * each.peak_std for side in (-1, 1))
-            edge = "at an end of the band: the peak may lie beyond" if each.at_edge else "no model in it"
-            rows.append(["measured", each.configuration, _cell(each.peak_db), _range(*ends), edge])
         return rows
 
 
@@ -175,7 +168,7 @@ class Asked:
 
 def design_loops(
     name: str, result: Result, family: PostureFamily, asked: Asked, today: Today | None,
-    measured: Sequence[MeasuredLoops], say: Callable[[str], None] = lambda _: None,
+    say: Callable[[str], None] = lambda _: None,
 ) -> Loops:  # fmt: skip
     """Loops at the rate of a family of the fit; FitError where no gains keep the limit in all its postures."""
 
@@ -192,7 +185,7 @@ def design_loops(
     spec, model = found.to_spec(family.axes), family.family.model
     gains, filters = gains_of(model, np.zeros(model.n_q), spec), filters_of(family.axes, spec, family.rate_hz)
     designed = assess(DESIGNED, family, drawn, gains, filters)
-    return Loops(name, family.axes, family.rate_hz, asked.draws, state, tuple(measured), designed, found)
+    return Loops(name, family.axes, family.rate_hz, asked.draws, state, designed, found)
 
 
 def _cell(peak: float) -> str:

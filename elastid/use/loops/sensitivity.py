@@ -1,42 +1,28 @@
 r"""Sensitivity of joint loops that the arm couples: peaks, bandwidths, poles and limits of a controller on N plants.
 
 .. math:: S(z) = [I + F(z) P(z)]^{-1}, \qquad M_S = \max_\omega \bar\sigma\bigl(J^{-1/2} S(e^{j \omega T_s}) J^{1/2}
-          \bigr), \qquad L_i = 1 / S_{ii} - 1
+          \bigr)
 
 F: the controllers, filters and delay included, a diagonal matrix; P: from torques to the motors' angles. S is what
 motors give of a torque that is injected: u = S r. J, the inertia of each axis, makes torques of all axes comparable,
 and M_S the same at torques and angles for loops that are alike; no axis has a larger peak |S_ii| (Skogestad and
-Postlethwaite, Multivariable Feedback Control, 2005, section 9.2). L_i is the loop of an axis while all others are
-closed. Bandwidth of an axis: lowest frequency at which the error of its motor behind a reference of its position,
+Postlethwaite, Multivariable Feedback Control, 2005, section 9.2): 6 dB leave each a gain margin of 6 dB and a
+phase margin of 29 degrees. Bandwidth of an axis: lowest frequency at which the error of its motor behind a reference of
+its position,
 
 .. math:: E_{ii} = 1 - [P S]_{ii} F_{r,i}, \qquad F_r = k_p (1 + k_i \textstyle\sum)\, H
 
 is -3 dB; the velocity of the reference is not fed forward.
-
-Gain, phase and delay margins of single loops:
-
-.. math:: A_m = \frac{1}{|L(\omega_{180})|}, \qquad \varphi_m = \arg(-L(\omega_c)), \qquad
-          T_m = \frac{\varphi_m \bmod 2 \pi}{\omega_c}
-
-omega_180: where L is real and negative, omega_c: where |L| = 1, both between lines by ln L, which is linear there. Of
-several crossings the smallest margin counts.
-
-Closed-loop records show S itself without a model: G_ur from an injected torque r, which has no noise, to the torques
-u of all motors, by the estimator of the study's responses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
-from elastid.frf.estimate import estimate
-from elastid.frf.spec import EstimatorSpec
-from elastid.record import Motion, Record
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.simulation.controller import Filters, Gains
 from elastid.use.loops.plants import Plants
 
@@ -133,11 +119,6 @@ class Closed:
         """Mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""
         return float(np.log(self.bandwidth_hz.min(axis=0)).mean())
 
-    @property
-    def margins(self) -> Margins:
-        """Margins of every loop while all others are closed."""
-        return margins(1 / np.einsum("nfii->nif", self.S) - 1, self.scene.freq_hz[:, None])
-
 
 def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:
     """J^-1/2 S J^1/2 of S (N, F, n_u, n_u) with inertia (N, n_u)."""
@@ -206,106 +187,3 @@ def closed_loop_poles(plants: Plants, gains: Gains, filters: Filters | None) -> 
         kept = np.r_[: m + n_u, m + 2 * n_u : len(A[0])]
         A = A[:, kept[:, None], kept]
     return np.asarray(np.linalg.eigvals(A))
-
-
-@frozen_value
-class Margins:
-    """Margins of loops (Q, n_u): factor by which a gain may rise, phase in rad, delay in s.
-
-    Infinite where no line has the crossing.
-    """
-
-    rise: FloatArray = labelled("factor by which the gain may rise", "", "postures axes")
-    phase: FloatArray = labelled("phase margin", "rad", "postures axes")
-    delay: FloatArray = labelled("delay margin", "s", "postures axes")
-
-
-def margins(L: ComplexArray, freq_hz: FloatArray) -> Margins:
-    """Margins of L (..., F) at freq_hz (..., F)."""
-    ln, omega = np.log(np.abs(L)), 2 * np.pi * np.broadcast_to(freq_hz, L.shape)
-    turn = np.angle(-L)
-    step = np.diff(turn)
-    share, crosses = _crossings(turn, np.abs(step) < np.pi)
-    size = np.exp(-_between(ln, share))
-    rise = np.where(crosses & (size > 1), size, np.inf).min(axis=-1)
-    share, crosses = _crossings(ln, np.ones_like(step, bool))
-    step = (step + np.pi) % (2 * np.pi) - np.pi
-    left = turn[..., :-1] + share * step
-    left = (left + np.pi) % (2 * np.pi) - np.pi
-    phase = np.where(crosses, np.abs(left), np.inf).min(axis=-1)
-    late = left % (2 * np.pi) / np.exp(_between(np.log(omega), share))
-    return Margins(rise, phase, np.where(crosses, late, np.inf).min(axis=-1))
-
-
-def _crossings(values: FloatArray, is_short: np.ndarray) -> tuple[FloatArray, np.ndarray]:
-    """Share of the way (..., F - 1) to the next line at which values pass 0, and where they do."""
-    first, second = values[..., :-1], values[..., 1:]
-    crosses = (np.sign(first) != np.sign(second)) & is_short
-    away = np.where(crosses, first - second, 1.0)
-    return np.where(crosses, first / np.where(away == 0, 1.0, away), 0.0), crosses
-
-
-def _between(values: FloatArray, share: FloatArray) -> FloatArray:
-    return np.asarray(values[..., :-1] + share * np.diff(values))
-
-
-@frozen_value
-class MeasuredLoops:
-    """Loops of n_u axes in one configuration, at F lines.
-
-    peak_db: largest M_S over the lines.  at_edge: True if that is at an end of the band, so that the peak may lie
-    beyond.  margins (1, n_u): infinite where no line has the crossing.
-    """
-
-    configuration: str
-    axes: tuple[str, ...]
-    freq_hz: FloatArray = labelled("frequency", "Hz")
-    sensitivity_db: FloatArray = labelled("largest sensitivity", "dB", "freq_hz")
-    peak_db: float = labelled("sensitivity peak", "dB")
-    peak_std: float = labelled("its standard deviation", "dB")
-    at_edge: bool
-    margins: Margins
-
-
-def measured_loops(records: Sequence[Record], estimator: EstimatorSpec, inertia: FloatArray) -> MeasuredLoops:
-    """Loops in the records of a configuration; inertia (n_u,) as in M_S.  ValueError where they lack r."""
-    if refused := refusal(records):
-        raise ValueError(refused)
-    first = records[0]
-    spec = replace(estimator, quantity="position", method="auto", friction="none")
-    response = estimate([_from_injected(record) for record in records], spec)
-    S, known = response.G, response.uncertainty
-    variance = np.zeros(S.shape) if known is None else known.variance
-    D = scaled(S[None], inertia[None])[0]
-    sizes, root = largest_gain(D), np.sqrt(inertia)
-    line = int(sizes.argmax())
-    left, _, right = np.linalg.svd(D[line])
-    spread = np.abs(np.outer(left[:, 0], right[0])) ** 2 * variance[line] / root[:, None] ** 2 * root**2
-    peak_std = 20 / np.log(10) * float(np.sqrt(spread.sum() / 2)) / float(sizes[line])
-    nominal = margins(1 / np.einsum("fii->if", S) - 1, response.freq_hz)
-    each = (np.atleast_2d(getattr(nominal, name)) for name in ("rise", "phase", "delay"))
-    return MeasuredLoops(
-        first.configuration.name, first.inputs, response.freq_hz, 20 * np.log10(sizes),
-        float(20 * np.log10(sizes[line])), peak_std, line in (0, len(sizes) - 1), Margins(*each),
-    )  # fmt: skip
-
-
-def refusal(records: Sequence[Record]) -> str:
-    """Why records do not show their loops; empty where they do."""
-    for record in records:
-        if record.r is None:
-            return f"record {record.name} holds no injected torque (role r)"
-        if record.input_units or not record.rate_is_known or not record.is_periodic:
-            return f"record {record.name} has no torque in N*m, no rate or no period"
-    return "" if len(records) >= len(records[0].inputs) else f"{len(records)} records do not separate all motors"
-
-
-def _from_injected(record: Record) -> Record:
-    """The record with r as input, and with the torques of the motors as outputs."""
-    assert record.r is not None
-    places = tuple(f"torque of {motor}" for motor in record.inputs)
-    position: Motion = "position"
-    return replace(
-        record, outputs=places, quantities=(position,) * len(places), u=np.asarray(record.r), y=np.asarray(record.u),
-        r=None, hold="band-limited", hold_samples=(), sliding=(), sampled=(),
-    )  # fmt: skip

@@ -1,23 +1,15 @@
-"""Sensitivity, poles, bandwidths and margins of sampled loops against python-control and closed forms."""
+"""Sensitivity, poles and bandwidths of sampled loops against python-control and closed forms."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import control
 import numpy as np
 import pytest
-from plants.predicted_arm import result, robot
+from plants.predicted_arm import result
 
-from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.plan.plan import make_plan
-from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import ControllerSpec, NoiseSpec, SimulatedSpec
-from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration
-from elastid.simulation.controller import Gains, filters_of
+from elastid.simulation.controller import Gains
 from elastid.use.loops.design import Cascade, design
 from elastid.use.loops.plants import Plants, PostureFamily, _sampled
 from elastid.use.loops.result import assess
@@ -25,9 +17,7 @@ from elastid.use.loops.sensitivity import (
     Scene,
     closed_loop_poles,
     largest_gain,
-    measured_loops,
     peaks_db,
-    refusal,
     scaled,
 )
 
@@ -69,24 +59,6 @@ def test_poles_and_sensitivity_are_those_of_python_control() -> None:
         closed = control.feedback(control.ss([], [], [], np.eye(2), 1 / RATE_HZ), controller(CASCADE) * plant)
         np.testing.assert_allclose(closed(np.exp(2j * np.pi * freq_hz / RATE_HZ)).transpose(2, 0, 1), S[i], rtol=1e-6)
         assert np.abs(poles[i]).max() == pytest.approx(np.abs(closed.poles()).max(), rel=1e-6)
-
-
-def test_margins_are_those_of_python_control() -> None:
-    """Of the loop of an axis while the other is closed."""
-    own = plants()
-    closed = CASCADE.on(Scene.of(own, 1500, 61))
-    freq_hz, found = closed.scene.freq_hz, closed.margins
-    L = 1 / np.einsum("nfii->nif", closed.S) - 1
-    for i in range(2):
-        for axis in range(2):
-            omega = 2 * np.pi * freq_hz[i]
-            keep = np.concatenate([[True], np.diff(omega) > 0])
-            data = control.frd(L[i, axis][keep], omega[keep], smooth=True)
-            gain, phase, _, _, crossing, _ = control.stability_margins(data, returnall=True)
-            assert found.rise[i, axis] == pytest.approx(gain[gain > 1].min(), rel=1e-3)
-            assert np.degrees(found.phase[i, axis]) == pytest.approx(np.abs(phase).min(), abs=0.1)
-            late = np.radians(phase % 360) / crossing
-            assert found.delay[i, axis] == pytest.approx(late.min(), rel=3e-3)
 
 
 def test_an_ideal_cascade_has_the_bandwidth_of_its_position_gain() -> None:
@@ -152,27 +124,3 @@ def test_a_peak_is_traced_to_the_mode_that_makes_it(family: PostureFamily) -> No
     assert any(f"mode at {mode.freq_hz:.3g} Hz, {mode.spring}" in " ".join(state.limited_by)
                for own in family.modes for mode in own)  # fmt: skip
     assert np.all(state.peak_low <= state.peak_high)
-
-
-LOG_HZ = 250.0
-
-
-@pytest.mark.slow
-def test_records_show_their_peak_and_their_margins() -> None:
-    """Of a noisy rig with a cascade and a delay: the peak of the model within four deviations, margins to 3 %."""
-    spec = ControllerSpec(4.0, kind="cascade", delay_samples=1)
-    simulated = SimulatedSpec(controller=spec, noise=NoiseSpec(torque_std=0.3, angle_std=1e-7))
-    experiment = ExperimentSpec(configurations={"a": (0.3, 0.5)}, realisations=2, simulated=simulated)
-    excitation = MultisineSpec(rate_hz=LOG_HZ, period=4.0, band_hz=(0.5, 110.0), torque_rms=20.0)
-    plan = make_plan(excitation, experiment, robot(), seed=1)
-    rig = SimulatedRig(robot(), experiment, plan, seed=1)
-    records = [rig.measure(each) for each in rig.experiments]
-    own = PostureFamily.of(result(), (Configuration("a", np.array([0.3, 0.5])),), LOG_HZ)
-    found = measured_loops(records, EstimatorSpec(), own.inertia[0])
-    truth = rig._prepared(rig.experiments[0]).gains
-    state = assess("own", own, None, truth, filters_of(("1", "2"), spec, LOG_HZ))
-    assert not found.at_edge
-    assert found.peak_db == pytest.approx(float(state.peak_db[0]), abs=4 * found.peak_std + 0.05)
-    np.testing.assert_allclose(found.margins.phase, state.margins.phase, rtol=0.03)
-    np.testing.assert_allclose(found.margins.rise, state.margins.rise, rtol=0.03)
-    assert "holds no injected torque" in refusal([replace(record, r=None) for record in records])
