@@ -34,7 +34,7 @@ from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, disturbances, link_side, to_joints
 from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.masks import despiked_without_period, step
+from elastid.recorded.repair.masks import step, without_lone
 from elastid.recorded.repair.missing import CUT, bridged_gaps, pieces_between_gaps
 from elastid.recorded.rig import repaired_signals
 from elastid.robot import Joint, Robot
@@ -200,9 +200,10 @@ class _LogReader:
         bridged = bridged_gaps(gathered.signals, log)
         torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
         of_torques = replace(log, names=tuple(log.names[i] for i in torques))
-        clean = despiked_without_period(bridged.signals[:, torques], of_torques)
+        u = bridged.signals[:, torques]
+        clean = without_lone(u, list(u.T), "their neighbours", of_torques)
         signals = bridged.signals.copy()
-        signals[:, torques] = clean.signals
+        signals[:, torques] = bridged_gaps(clean.signals, of_torques).signals
         return Repaired(signals, (*bridged.findings, *clean.findings)), None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
