@@ -142,12 +142,16 @@ class Session:
         result: Result | None = None
         while True:
             if result is not None:
-                used = self.goal.reached(result)
-                self._report(plans, result, used)
+                used, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
+                reached = f"{sum(share <= 1 for share in used.values())} of {len(used)} reached, {self.worst(used)}"
+                self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {reached}")
                 if result.status not in TRUSTED:
                     return plans, False, _contradiction(len(plans), result)
                 if max(used.values()) <= 1:
-                    return plans, True, self._reached(plans)
+                    whole_s = planned_time_s(self.run)
+                    time_used = f"{spent_s:.4g} s of the robot's time, {100 * spent_s / whole_s:.0f} % of the"
+                    words = f"the goal is reached after {len(plans)} experiments and {time_used} {whole_s:.4g} s"
+                    return plans, True, f"{words} of the study's own plan"
             plan = self._planned(plans, result)
             if isinstance(plan, str):
                 if not plans:
@@ -186,7 +190,13 @@ class Session:
         step = len(plans) + 1
         path, problem = self.folder.plan(step), self._at(result)
         if path.is_file():
-            self._check_is_of_study(path)
+            stamp = read_stamp(path)
+            if stamp is None or stamp.inputs != self.stamp.inputs:
+                raise StudyError(
+                    "live/study",
+                    f"{path} was planned for another study, other data or other options, simulated or not; give "
+                    f"another folder with --run, or remove {path.parent} to begin again",
+                )
             plan = read_plan(path)
         else:
             problem, known = replace(problem, design=self._design(plans)), Known.before(problem)
@@ -214,16 +224,6 @@ class Session:
     def _seed(self, step: int) -> int:
         """Seed of the phases and the noise of one experiment."""
         return int(np.random.SeedSequence([self.problem.seed, step]).generate_state(1)[0])
-
-    def _check_is_of_study(self, path: Path) -> None:
-        """StudyError where a plan belongs to another study: no log is to be fitted with a robot it was not made for."""
-        stamp = read_stamp(path)
-        if stamp is None or stamp.inputs != self.stamp.inputs:
-            raise StudyError(
-                "live/study",
-                f"{path} was planned for another study, other data or other options, simulated or not; give another "
-                f"folder with --run, or remove {path.parent} to begin again",
-            )
 
     def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
         """Robots at the ends of the interval of a fit, or of a data sheet, on which the limits are kept as well."""
@@ -317,25 +317,11 @@ class Session:
                 break
         return result
 
-    def _report(self, plans: Sequence[Plan], result: Result, used: Mapping[str, float]) -> None:
-        spent = sum(plan.robot_time_s for plan in plans)
-        reached = sum(share <= 1 for share in used.values())
-        self.run.console.say(
-            f"live: after x{len(plans)}, {spent:.4g} s: {reached} of {len(used)} reached, {self.worst(used)}"
-        )
-
     def worst(self, used: Mapping[str, float]) -> str:
         """The parameter that uses most of the goal, in words."""
         name = max(used, key=lambda each: used[each])
         goal = 100 * self.goal.widths[name]
         return f"{name} is known to {number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
-
-    def _reached(self, plans: Sequence[Plan]) -> str:
-        spent, whole = sum(plan.robot_time_s for plan in plans), planned_time_s(self.run)
-        return (
-            f"the goal is reached after {len(plans)} experiments and {spent:.4g} s of the robot's time, "
-            f"{100 * spent / whole:.0f} % of the {whole:.4g} s of the study's own plan"
-        )
 
 
 def _reference(problem: DesignProblem, plan: Plan) -> Reference:
