@@ -29,7 +29,7 @@ from elastid.recorded.channel_guess import (
     is_clock,
     signals_of,
 )
-from elastid.recorded.files.formats import opened_log, values_of
+from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.repair.periodicity import find_period, repetition
@@ -363,7 +363,7 @@ def angles_of(path: Path, form: TextFormatSpec, motions: Sequence[ChannelGuess])
     ys = [ChannelSpec("y", "any", motions[i].name, motions[i].column, quantity="position") for i in known]
     mean, scatter = np.zeros(len(motions)), 0.0
     with opened_log(path, form) as log:
-        signals = values_of(log, ys, 0, _MAX_SAMPLES).T if ys else np.zeros((0, 1))
+        signals = log.values(ys, slice(0, _MAX_SAMPLES)).T if ys else np.zeros((0, 1))
     for i, x in zip(known, signals, strict=True):
         si = motions[i].sign * motions[i].scale * TABLE[motions[i].unit][1] * x
         mean[i], scatter = np.nanmean(si), max(scatter, float(np.nanstd(si)))

@@ -22,7 +22,6 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.units import TABLE, of_translation, units_of, usual_spelling
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
-from elastid.recorded.files.formats import values_of
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
 from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
@@ -271,7 +270,7 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
         for column in range(1, count + 1) if usual and max(shape) == usual[0][0] else ():
             number = column if count > 1 else None
             try:
-                x = values_of(log, [ChannelSpec("y", "any", name, number, quantity="position")], 0, most)[:, 0]
+                x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
             except DataError:  # words, or two columns with one heading
                 continue
             known = np.flatnonzero(np.isfinite(x))

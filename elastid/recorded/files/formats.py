@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -88,16 +88,7 @@ def read_channels(
     Raises StudyError for a file that is not there, DataError for a damaged file or a channel that cannot be read.
     """
     with opened_log(path, text) as log:
-        return log.values(channels, part) if isinstance(log, ArrayLog) else log.values(channels)[part]
-
-
-def values_of(log: Log, channels: Sequence[ChannelSpec], first: int, end: int) -> FloatArray:
-    """Values (n, c) of samples of an open log, no more of which is read or understood than its format needs."""
-    if isinstance(log, ArrayLog):
-        return log.values(channels, slice(first, end))
-    if isinstance(log, text.TextLog):
-        log = replace(log, number_lines=log.number_lines[: log.first + end])
-    return log.values(channels)[first:end]
+        return log.values(channels, part)
 
 
 @contextmanager
