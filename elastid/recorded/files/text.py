@@ -74,7 +74,7 @@ class TextLog:
                 usecols=needed,
                 quotechar='"',
                 ndmin=2,
-                max_rows=part.stop,
+                max_rows=part.stop if (part.stop or 0) > 0 else None,
             )
         except ValueError as error:
             raise DataError("records/text", self._complaint(needed) or f"{self.path}: {error}") from None
