@@ -270,11 +270,9 @@ def _files(paths: Sequence[str], states: Sequence[str] = ()) -> Iterator[str]:
 
 
 def _robot(guess: LogGuess) -> Iterator[str]:
-    has_gravity = any(joint.has_gravity for joint in guess.joints)
-    change = "change" if has_gravity else "do not change"
     yield "# A robot to start from: each joint alone on the base. Give geometry, ratios and inertias where known."
     yield "name: robot of the logs"
-    yield f"gravity: [0, 0, {'-9.81' if has_gravity else '0'}] # guessed: torques {change} as a cosine of the angle"
+    yield "gravity: [0, 0, -9.81] # guessed: it acts on joints about y; about z it does not"
     yield "bodies:"
     for i, joint in enumerate(guess.joints, start=1):
         half = 0.5 * max(joint.relation.inertia, 1e-6)

@@ -219,7 +219,6 @@ def correlation(x: FloatArray, y: FloatArray) -> float:
 _MAX_STEP, _MAX_UNEVEN_SHARE = 1.0, 0.02
 _MIN_SAMPLES = 100  # of a log
 _MIN_KNOWN_SHARE = 2 / 3  # of a signal's samples, the others missing
-_MAX_LEFT_BY_GRAVITY = 0.7  # of what is left of a torque without it
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
 
 Values = Mapping[tuple[str, int | None], FloatArray]
@@ -227,12 +226,11 @@ Values = Mapping[tuple[str, int | None], FloatArray]
 
 @dataclass(frozen=True)
 class JointGuess:
-    """A torque, the motion at its motor, how the second explains the first, and if gravity takes part in that."""
+    """A torque, the motion at its motor, and how the second explains the first."""
 
     torque: ChannelGuess
     motion: ChannelGuess
     relation: TorqueRelation
-    has_gravity: bool
 
     @property
     def slides(self) -> bool:
@@ -361,11 +359,11 @@ def _with_unit(
 def _joint(drive: ChannelGuess, motion: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
     """A torque and its motion, with the sign by which inertia and friction are positive."""
     y, order = values[motion.key] * TABLE[motion.unit][1], MOTIONS.index(motion.quantity)
-    best, plain = (torque_relation(values[drive.key], y, order, rate_hz, turns) for turns in (True, False))
+    best = torque_relation(values[drive.key], y, order, rate_hz)
     if best.is_against_motion:
         motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
     motion = replace(motion, why=f"{motion.why}; it explains {100 * best.explained:.0f} % of {drive.name}")
-    return JointGuess(drive, motion, best, 1 - best.explained < _MAX_LEFT_BY_GRAVITY * (1 - plain.explained))
+    return JointGuess(drive, motion, best)
 
 
 def _median_hz(x: FloatArray, rate_hz: float) -> float:

@@ -40,8 +40,6 @@ class MaskLimits:
 
     windows: int = 20  # of a repetition, samples of one at least
     min_window: int = 8
-    # A signal stands still where it scatters by less than this part of its usual scatter.
-    max_still_share: float = 0.1
     start_windows: int = 200  # of a log, among which its start is found
     # Samples with one value; range of the other repetitions there, over the scatter of the channel and in its steps.
     min_run: int = 20
@@ -49,14 +47,15 @@ class MaskLimits:
     min_steps: float = 4.0
     leap: float = 10.0  # of other repetitions from a 0, over the step that 99 % of the samples stay below
     min_moving_share: float = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
-    max_still: float = 0.1  # part of a repetition that may be missing, or in which torques may stand still
+    # Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
+    max_still: float = 0.1
 
     # Of spikes.
     min_sigmas: float = 8.0
     min_periods: int = 3
-    # Spikes of more than this part of a channel are no single ones.
+    # Spikes of more than this part of a channel are no single ones, nor are so many missing samples without a period.
     max_share: float = 0.01
-    # Samples: of the running median, of a spike at most, and of its neighbours on each side.
+    # Samples: of the running median, of a spike or of a gap without a period at most, and of neighbours on each side.
     median_window: int = 11
     max_run: int = 2
     neighbours: int = 6
@@ -69,9 +68,6 @@ class MaskLimits:
 
     # Of missing samples.
     max_missing_share: float = 1 / 3  # a channel that lacks more than this part is refused
-    # Without a period: samples of a gap at most, and the part of a channel that may be missing.
-    max_gap: int = 2
-    max_interpolated_share: float = 0.01
 
     # Of clipping and quantisation.
     min_noise_share: float = 2e-3  # noise of steps is reported from this part of the signal on
@@ -104,7 +100,7 @@ def rest_before(torques: FloatArray) -> int:
     scatter = np.stack([_scatter(x[: len(x) // width * width].reshape(-1, width)) for x in torques.T])
     # The largest may be a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
-    moves = np.any((scatter > LIMITS.max_still_share * usual) & (usual > 0), axis=0)
+    moves = np.any((scatter > LIMITS.max_still * usual) & (usual > 0), axis=0)
     return int(np.argmax(moves)) * width
 
 
@@ -156,7 +152,7 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
     # The largest may be that of the start, or hold a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
     moving = usual > LIMITS.min_moving_share * np.median(usual)
-    bad = (scatter < LIMITS.max_still_share * usual)[:, moving].sum(axis=1) > LIMITS.max_still * moving.sum()
+    bad = (scatter < LIMITS.max_still * usual)[:, moving].sum(axis=1) > LIMITS.max_still * moving.sum()
     bad[:1] = False
     if not bad.any():
         return Repaired(signals)
