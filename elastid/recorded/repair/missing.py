@@ -29,7 +29,6 @@ from elastid.recorded.repair.time_stamps import at_times, resampled
 
 FILLED = "missing samples filled"
 INTERPOLATED = "missing samples interpolated"
-CUT = "logs cut at gaps"
 # Good samples on each side of a gap without a period that its cubic goes through.
 _CUBIC_SAMPLES = 2
 
@@ -104,19 +103,6 @@ def _check(good: BoolArray, P: int, L: int, log: Log, problem: str) -> None:
 
 def _missing(missing: IntArray, good: BoolArray, log: Log, c: int) -> str:
     return f"{log.names[c]}: {missing.size} of {len(good)} samples are missing"
-
-
-def pieces_between_gaps(signals: FloatArray, least: int) -> IntArray:
-    """First row and end (k, 2) of the pieces of signals (n, c) that no gap interrupts which is too long for a cubic.
-
-    least: rows of a piece.
-    """
-    good = runs(np.asarray(np.isfinite(signals).all(axis=1)), _CUBIC_SAMPLES)
-    if len(good) == 0:
-        return good
-    apart = np.flatnonzero(good[1:, 0] - good[:-1, 1] > LIMITS.max_run)
-    pieces = np.stack([good[np.r_[0, apart + 1], 0], good[np.r_[apart, len(good) - 1], 1]], axis=1)
-    return np.asarray(pieces[pieces[:, 1] - pieces[:, 0] >= least])
 
 
 def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
