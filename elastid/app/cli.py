@@ -398,16 +398,6 @@ def explain(key: str | None) -> None:
     click.echo(printable(reference.overview() if key is None else reference.explain(key)))
 
 
-@cli.command(hidden=True)
-def schema() -> None:
-    """Print the JSON Schema of a study, for editors."""
-    import json
-
-    from elastid.study import make_schema
-
-    click.echo(json.dumps(make_schema(), indent=1))
-
-
 def one_blas_thread() -> None:
     """Ask every BLAS that is loaded from here on, in this process and its workers, for one thread."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
