@@ -253,8 +253,6 @@ class Record:
         return self.hold_samples or (1.0 if self.hold == "zero-order" else 0.0,) * len(self.inputs)
 
 
-# Between the name of a log and the number of one of its parts.
-PART = " part "
 # passes: there and back at one speed.  motion: any other.  loops: growing torques before the joint slides.
 # at_rest: a small multisine or noise at standstill.  warm_up: to and fro until the joint is warm.  run_down: it coasts,
 # one way, against a known inertia.
@@ -387,12 +385,8 @@ class FrictionRecords:
         return tuple(r for r in self.records if r.joint == joint and r.purpose == purpose)
 
     def divided(self, left_out: Collection[str]) -> tuple[FrictionRecords, FrictionRecords]:
-        """Records to identify from, and those of the logs that are left out, by name, with all their parts."""
-        names = {r.name: r.name.partition(PART)[0] for r in self.records}
-        inside, outside = (
-            tuple(r for r in self.records if (r.name in left_out or names[r.name] in left_out) == out)
-            for out in (False, True)
-        )
+        """Records to identify from, and those of the logs that are left out, by name."""
+        inside, outside = (tuple(r for r in self.records if (r.name in left_out) == out) for out in (False, True))
         return replace(self, records=inside), FrictionRecords(outside)
 
     @property

@@ -29,7 +29,7 @@ from elastid.recorded.channel_guess import (
     is_clock,
     signals_of,
 )
-from elastid.recorded.files.formats import opened_log, values_of
+from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.repair.periodicity import find_period, repetition
@@ -270,11 +270,9 @@ def _files(paths: Sequence[str], states: Sequence[str] = ()) -> Iterator[str]:
 
 
 def _robot(guess: LogGuess) -> Iterator[str]:
-    has_gravity = any(joint.has_gravity for joint in guess.joints)
-    change = "change" if has_gravity else "do not change"
     yield "# A robot to start from: each joint alone on the base. Give geometry, ratios and inertias where known."
     yield "name: robot of the logs"
-    yield f"gravity: [0, 0, {'-9.81' if has_gravity else '0'}] # guessed: torques {change} as a cosine of the angle"
+    yield "gravity: [0, 0, -9.81] # guessed: it acts on joints about y; about z it does not"
     yield "bodies:"
     for i, joint in enumerate(guess.joints, start=1):
         half = 0.5 * max(joint.relation.inertia, 1e-6)
@@ -363,7 +361,7 @@ def angles_of(path: Path, form: TextFormatSpec, motions: Sequence[ChannelGuess])
     ys = [ChannelSpec("y", "any", motions[i].name, motions[i].column, quantity="position") for i in known]
     mean, scatter = np.zeros(len(motions)), 0.0
     with opened_log(path, form) as log:
-        signals = values_of(log, ys, 0, _MAX_SAMPLES).T if ys else np.zeros((0, 1))
+        signals = log.values(ys, slice(0, _MAX_SAMPLES)).T if ys else np.zeros((0, 1))
     for i, x in zip(known, signals, strict=True):
         si = motions[i].sign * motions[i].scale * TABLE[motions[i].unit][1] * x
         mean[i], scatter = np.nanmean(si), max(scatter, float(np.nanstd(si)))

@@ -54,17 +54,13 @@ def _unknowns(study: Study) -> Iterator[str]:
 
 def _experiments(study: Study) -> Iterator[str]:
     experiment, excitation = study.experiment, study.excitation
-    names = ", ".join(experiment.configurations)
-    if experiment.recorded is not None:
-        configurations = _plural(len(experiment.configurations), "configuration")
-        yield f"{_plural(len(experiment.recorded.files), 'log file')} of {configurations} ({names})"
-        return
-    if experiment.responses is not None:
-        files = _plural(len(experiment.responses.files), "frequency response")
-        yield f"{files} from elsewhere of {_plural(len(experiment.configurations), 'configuration')} ({names})"
+    Q, names = len(experiment.configurations), ", ".join(experiment.configurations)
+    measured = experiment.recorded or experiment.responses
+    if measured is not None:
+        noun = "log file" if experiment.recorded is not None else "response file"
+        yield f"{_plural(len(measured.files), noun)} of {_plural(Q, 'configuration')} ({names})"
         return
     E, M = experiment.runs(len(study.as_robot().driven)), experiment.realisations
-    Q = len(experiment.configurations)
     if study.design is not None:
         if study.design.robot_time is not None:
             given = f"{_plural(Q, 'configuration')} ({names}) and " if Q else ""
@@ -91,5 +87,5 @@ def _friction(study: Study) -> Iterator[str]:
     yield "  simulated" if recorded is None else f"  {_plural(len(recorded.files), 'log file')}"
 
 
-def _plural(number: int, noun: str, plural: str = "") -> str:
-    return f"{number} {noun if number == 1 else plural or noun + 's'}"
+def _plural(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"

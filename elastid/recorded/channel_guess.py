@@ -22,7 +22,6 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.units import TABLE, of_translation, units_of, usual_spelling
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
-from elastid.recorded.files.formats import values_of
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
 from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
@@ -220,7 +219,6 @@ def correlation(x: FloatArray, y: FloatArray) -> float:
 _MAX_STEP, _MAX_UNEVEN_SHARE = 1.0, 0.02
 _MIN_SAMPLES = 100  # of a log
 _MIN_KNOWN_SHARE = 2 / 3  # of a signal's samples, the others missing
-_MAX_LEFT_BY_GRAVITY = 0.7  # of what is left of a torque without it
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
 
 Values = Mapping[tuple[str, int | None], FloatArray]
@@ -228,12 +226,11 @@ Values = Mapping[tuple[str, int | None], FloatArray]
 
 @dataclass(frozen=True)
 class JointGuess:
-    """A torque, the motion at its motor, how the second explains the first, and if gravity takes part in that."""
+    """A torque, the motion at its motor, and how the second explains the first."""
 
     torque: ChannelGuess
     motion: ChannelGuess
     relation: TorqueRelation
-    has_gravity: bool
 
     @property
     def slides(self) -> bool:
@@ -271,7 +268,7 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
         for column in range(1, count + 1) if usual and max(shape) == usual[0][0] else ():
             number = column if count > 1 else None
             try:
-                x = values_of(log, [ChannelSpec("y", "any", name, number, quantity="position")], 0, most)[:, 0]
+                x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
             except DataError:  # words, or two columns with one heading
                 continue
             known = np.flatnonzero(np.isfinite(x))
@@ -362,11 +359,11 @@ def _with_unit(
 def _joint(drive: ChannelGuess, motion: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
     """A torque and its motion, with the sign by which inertia and friction are positive."""
     y, order = values[motion.key] * TABLE[motion.unit][1], MOTIONS.index(motion.quantity)
-    best, plain = (torque_relation(values[drive.key], y, order, rate_hz, turns) for turns in (True, False))
+    best = torque_relation(values[drive.key], y, order, rate_hz)
     if best.is_against_motion:
         motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
     motion = replace(motion, why=f"{motion.why}; it explains {100 * best.explained:.0f} % of {drive.name}")
-    return JointGuess(drive, motion, best, 1 - best.explained < _MAX_LEFT_BY_GRAVITY * (1 - plain.explained))
+    return JointGuess(drive, motion, best)
 
 
 def _median_hz(x: FloatArray, rate_hz: float) -> float:

@@ -279,7 +279,7 @@ def _clock_of(base: Sequence[_Part], other: Sequence[_Part], N: int | None, chan
     )
     excess, periods = second.excess - first.excess, len(theirs[common[0]]) / N
     of_both = [drift.left <= CLOCK.max_remaining_share * drift.unexplained for drift in (first, second)]
-    is_clock = CLOCK.min_shift <= abs(excess) * periods and abs(excess) <= CLOCK.max_error * N and any(of_both)
+    is_clock = CLOCK.max_deviation <= abs(excess) * periods and abs(excess) <= CLOCK.max_error * N and any(of_both)
     return (N + second.excess) / (N + first.excess) if is_clock else 1.0
 
 

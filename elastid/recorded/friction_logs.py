@@ -29,13 +29,13 @@ from elastid.friction_study.joint_levels import STILL, turns_against_gravity
 from elastid.friction_study.motion_signals import alike_speeds, detect_passes
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
-from elastid.record import PART, Configuration, FrictionRecord, FrictionRecords, WarmUpLog
+from elastid.record import Configuration, FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, disturbances, link_side, to_joints
-from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.masks import despiked_without_period, step
-from elastid.recorded.repair.missing import CUT, bridged_gaps, pieces_between_gaps
+from elastid.recorded.repair import Log, Repaired
+from elastid.recorded.repair.masks import step, without_lone
+from elastid.recorded.repair.missing import bridged_gaps
 from elastid.recorded.rig import repaired_signals
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
@@ -49,7 +49,6 @@ class JointLimits:
     held_travel_m: float = 1e-3
     held_travel_rad: float = 5e-3
     impossible_degc: float = 150.0
-    min_part_s: float = 2.0  # of a motion between two gaps; shorter ones are hardly more than their ends
     # Of warm-ups.
     step_s: float = 10.0  # of constant power, at least: several cycles of a motion
     max_steps: int = 500  # of one log
@@ -99,20 +98,6 @@ def read_friction_logs(
     return FrictionRecords(tuple(records), tuple(_warm_up(parts) for parts in heated.values()), tuple(notes))
 
 
-def _cut(signals: FloatArray, parts: Sequence[Sequence[int]], log: Log) -> Finding | None:
-    """The finding on a motion that is taken as several, at its gaps; None where it has none."""
-    missing = np.flatnonzero(~np.isfinite(signals).all(axis=1))
-    if not missing.size:
-        return None
-    lost_s = (len(signals) - sum(end - first for first, end in parts)) / (log.rate_hz or 1.0)
-    text = (
-        f"{missing.size} of {len(signals)} samples are missing in some channel, the first is "
-        f"{log.time_of(missing[0])}: its {len(parts)} parts without gaps are taken as logs of their own, and "
-        f"{lost_s:.3g} s between them, or in parts of less than {LIMITS.min_part_s:g} s, are left out"
-    )
-    return Finding(CUT, len(parts), text)
-
-
 def _warm_up(parts: Sequence[tuple[FrictionRecord, Heat, FileSpec]]) -> WarmUpLog:
     logs, heats, files = zip(*parts, strict=True)
     ambient = next((file.ambient for file in files if file.ambient is not None), None)
@@ -137,7 +122,7 @@ class _LogReader:
         return str(self.base / self.file.path)
 
     def records(self) -> tuple[FrictionRecord, ...]:
-        """One record of each joint that moves, of each part of a motion; StudyError or DataError without one."""
+        """One record of each joint that moves; StudyError or DataError without one."""
         recorded = replace(self.recorded, channels=tuple(c for c in self._channels() if c.role != "t"))
         gathered = gather_channels(recorded, self.file, self.base, self.robot)
         if isinstance(recorded.rate_hz, str):
@@ -147,31 +132,6 @@ class _LogReader:
         log = Log(
             self.path, tuple(c.full_name for c in gathered.channels), gathered.rate_hz, gathered.first, gathered.rows
         )
-        if self.file.purpose != "motion":
-            return self._of_part(gathered, recorded, log, 0)
-        parts = pieces_between_gaps(gathered.signals, int(LIMITS.min_part_s * gathered.rate_hz)).tolist()
-        if len(parts) < 2 or not (cut := _cut(gathered.signals, parts, log)):
-            return self._of_part(gathered, recorded, log, 0)
-        result: list[FrictionRecord] = []
-        for number, (first, end) in enumerate(parts, start=1):
-            told = ((), ()) if result else (gathered.notes, (*gathered.findings, cut))
-            one = replace(gathered, signals=gathered.signals[first:end], notes=told[0], findings=told[1])
-            rows = np.arange(first, end) + log.first if log.rows is None else log.rows[first:end]
-            begin_s = first / gathered.rate_hz
-            reader = replace(self, name=f"{self.name}{PART}{number}", start_s=self.start_s + begin_s)
-            result += reader._of_part(one, recorded, replace(log, first=log.first + first, rows=rows), first)
-        if not result:
-            raise DataError(
-                "friction/no-record",
-                f"in none of its {len(parts)} parts between missing samples a joint moves",
-                self.path,
-            )
-        return tuple(result)
-
-    def _of_part(
-        self, gathered: GatheredChannels, recorded: RecordedSpec, log: Log, first: int
-    ) -> tuple[FrictionRecord, ...]:
-        """Records of what was gathered, the first sample of which is that of the log with a number."""
         repaired, N, rate_hz = self._repaired(gathered, recorded, log)
         values = repaired.signals @ to_joints(gathered.channels, self.robot).T
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
@@ -187,8 +147,7 @@ class _LogReader:
         by_place |= {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
         for channel in self._channels():
             if channel.role == "t":
-                time_s = (first + np.arange(len(values))) / rate_hz
-                by_place["t", channel.at, ""] = self._thermometer(channel, time_s)
+                by_place["t", channel.at, ""] = self._thermometer(channel, np.arange(len(values)) / rate_hz)
         return self._of_joints(by_place, rate_hz, N, tuple(notes))
 
     def _repaired(
@@ -200,9 +159,10 @@ class _LogReader:
         bridged = bridged_gaps(gathered.signals, log)
         torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
         of_torques = replace(log, names=tuple(log.names[i] for i in torques))
-        clean = despiked_without_period(bridged.signals[:, torques], of_torques)
+        u = bridged.signals[:, torques]
+        clean = without_lone(u, list(u.T), "their neighbours", of_torques)
         signals = bridged.signals.copy()
-        signals[:, torques] = clean.signals
+        signals[:, torques] = bridged_gaps(clean.signals, of_torques).signals
         return Repaired(signals, (*bridged.findings, *clean.findings)), None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
@@ -268,7 +228,7 @@ class _LogReader:
 
     def _moving(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
         moving = [joint for joint in self.robot.driven if self._moves(joint, positions, signals)]
-        if not moving and PART not in self.name:
+        if not moving:
             raise DataError(
                 "records/channels",
                 f"no joint moves in it whose torque and position are logged; friction needs role u and "

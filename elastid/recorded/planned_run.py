@@ -1,4 +1,4 @@
-"""A log against the plan that it was measured by: length, excitation, posture, signals, saturation, payload.
+"""A log against the plan that it was measured by: length, excitation, posture, signals, payload.
 
 The plan was rehearsed on the robot as it is known so far, which may be off by a third in its stiffnesses: signals are
 compared by their correlation over the excited lines, means by what hold the robot up.
@@ -12,13 +12,10 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.display import number
-from elastid.base.errors import DataError
 from elastid.experiment.plan.movement import Reference, Rehearsal
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.record import drive_unit
-from elastid.recorded.repair import Log
-from elastid.recorded.repair.masks import find_clipping
 from elastid.robot import Robot
 
 
@@ -85,7 +82,6 @@ def contradiction(run: PlannedRun, r: FloatArray, u: FloatArray, y: FloatArray) 
         or _posture(run, y)
         or _unlike(run, "acting torque (u)", u, run.rehearsal.torque, LIMITS.mirrored, LIMITS.unit)
         or _unlike(run, "position (y)", y, run.rehearsal.position, LIMITS.mirrored, LIMITS.unit)
-        or _clipping(run, u)
         or _holding_torque(run, u)
     )
 
@@ -133,15 +129,6 @@ def _posture(run: PlannedRun, y: FloatArray) -> str:
         f"it was measured in another posture: joint {joint.name} was at {mean[i]:.4g} {joint.unit}, planned is "
         f"{planned[i]:.4g} {joint.unit} (configuration {run.experiment.configuration.name})"
     )
-
-
-def _clipping(run: PlannedRun, u: FloatArray) -> str:
-    """A torque that is at its limits, so that the response is not that of the robot."""
-    try:
-        findings = find_clipping(u[run.measured], run.plan.period_samples, Log("", run.plan.inputs))
-    except DataError as error:
-        return str(error)
-    return findings[0].text if findings else ""
 
 
 def _holding_torque(run: PlannedRun, u: FloatArray) -> str:

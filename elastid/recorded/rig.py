@@ -31,7 +31,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
-from elastid.recorded.files.formats import is_log, is_single, naming, rows_of
+from elastid.recorded.files.formats import is_log, naming, size_in_pieces
 from elastid.recorded.link_side import (
     UNWRAPPED,
     channel_refusals,
@@ -46,6 +46,16 @@ from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples, unstated_period_notes
 from elastid.recorded.repair.time_stamps import CLOCK, RESAMPLED, at_times, delay
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Pieces of n samples of a log from `start` on, each from a first to before a last one of them; its precision."""
+
+    start: int
+    n: int
+    bounds: tuple[tuple[int, int], ...]
+    dtype: np.dtype[Any]
 
 
 @dataclass(frozen=True)
@@ -98,47 +108,45 @@ class RecordedRig:
     def is_large(self, experiment: Experiment) -> bool:
         """True if the log of an experiment is measured in pieces, with what its record is made of left in it."""
         files = self._files(experiment)
-        return len(files) == 1 and bool(self._pieces(files[0]))
+        return len(files) == 1 and self._pieces(files[0]) is not None
 
     def _files(self, experiment: Experiment) -> list[FileSpec]:
         """Files of the periods of an experiment, mostly one."""
         run = (experiment.configuration.name, experiment.realisation, experiment.experiment)
         return [file for file in self._recorded.files if file.run == run]
 
-    def _pieces(self, file: FileSpec) -> tuple[tuple[int, int], ...]:
-        """First and last sample, of those that are used, of each piece of a log; none where it is read as a whole."""
+    def _pieces(self, file: FileSpec) -> _Pieces | None:
+        """The pieces of a log; None where it is read as a whole."""
         recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
         is_mixed = any(channel.rate_hz is not None or channel.role == "d" for channel in recorded.channels)
         needs_all = period == "find" or (period or 0) % 1 or recorded.time or file.also or is_mixed
-        if needs_all or not may_be_large(path):
-            return ()
-        n = rows_of(path, recorded.channels, recorded.text) or 0
+        # Unless compressed, a value takes a byte of the file at least.
+        if needs_all or path.stat().st_size < MIN_VALUES:
+            return None
+        n, dtype = size_in_pieces(path, recorded.channels, recorded.text)
         start, end = file.samples or (0, n)
-        is_inside = 0 <= start < end <= n
-        return pieces(end - start, None if period is None else int(period), len(recorded.channels)) if is_inside else ()
+        if not 0 <= start < end <= n:
+            return None
+        bounds = pieces(end - start, None if period is None else int(period), len(recorded.channels))
+        return _Pieces(start, end - start, bounds, dtype) if bounds else None
 
     def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
         """The record of a log that is too large for memory; None where it is not, or must be read as a whole."""
-        bounds = self._pieces(file)
-        if not bounds:
+        log = self._pieces(file)
+        if log is None:
             return None
-        recorded, path = self._recorded, self.base / file.path
-        n = rows_of(path, recorded.channels, recorded.text) or 0
-        start, end = file.samples or (0, n)
 
         def measured(first: int, last: int) -> Record:
-            return self._as_a_whole(experiment, replace(file, samples=(start + first, start + last)))
+            return self._as_a_whole(experiment, replace(file, samples=(log.start + first, log.start + last)))
 
-        dtype = np.dtype(np.float32 if is_single(path, recorded.channels, recorded.text) else np.float64)
         try:
-            record = joined(measured, bounds, dtype)
+            record = joined(measured, log.bounds, log.dtype)
         except DataError:
             # Reading all of it shows if that piece spoils the record.
             return None
         if record is None:
             return None
-        lost = end - start - record.n_samples
-        notes = end_notes(lost, end - start, record.repeat_samples, f"record {record.name}")
+        notes = end_notes(log.n - record.n_samples, log.n, record.repeat_samples, f"record {record.name}")
         return replace(record, notes=(*record.notes, *notes))
 
     def _as_a_whole(self, experiment: Experiment, file: FileSpec, is_one_of_several: bool = False) -> Record:
@@ -246,11 +254,6 @@ def _check_channels(channels: tuple[ChannelSpec, ...], robot: Places) -> None:
 MIN_VALUES = 1 << 22
 # A median over fewer periods cannot distinguish a spike from a signal.
 _MIN_PERIODS = 8
-
-
-def may_be_large(path: Path) -> bool:
-    """True if its signals may be too many for memory: a value takes a byte of the file at least, unless compressed."""
-    return path.stat().st_size >= MIN_VALUES
 
 
 def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from elastid.base.errors import Note
@@ -20,32 +19,23 @@ FRICTION, FILTER = "friction", "filter"
 
 
 # plan.h5, levels.h5 with a group for each joint, and filter.h5 with friction followed over its motions.
-write_friction_plan, read_friction_plan = writer(PLAN, "plan"), reader(PLAN, "plan", FrictionPlan)
-write_levels = writer(LEVELS, "joints", tuple[JointLevels, ...])
+write_friction_plan, read_friction_plan = writer(PLAN, plan=(None, None)), reader(PLAN, "plan", FrictionPlan)
+write_levels = writer(LEVELS, joints=(tuple[JointLevels, ...], ()))
 read_levels = reader(LEVELS, "joints", tuple[JointLevels, ...])
-write_filter = writer(FILTER, "joints", tuple[FollowedFriction, ...])
+write_filter = writer(FILTER, joints=(tuple[FollowedFriction, ...], ()))
 read_filter = reader(FILTER, "joints", tuple[FollowedFriction, ...])
 # Of friction.h5 the result, and the prediction of logs that were left out, empty where none was.
 read_friction_result, read_left_out = (
     reader(FRICTION, "result", FrictionResult),
     reader(FRICTION, "left_out", Prediction),
 )
-
-
-def write_friction_records(
-    path: Path,
-    records: Iterable[FrictionRecord],
-    stamp: Stamp = NO_STAMP,
-    warm_ups: Sequence[WarmUpLog] = (),
-    notes: Sequence[Note] = (),
-) -> None:
-    """records.h5: a group for each record, written one at a time, then the logs of warm-ups."""
-    parts = {
-        "records": (records, tuple[FrictionRecord, ...]),
-        "warm_ups": (tuple(warm_ups), tuple[WarmUpLog, ...]),
-        "notes": (tuple(notes), tuple[Note, ...]),
-    }
-    write_artefact(path, RECORDS, stamp, parts)
+# records.h5: a group for each record, written one at a time, then the logs of warm-ups.
+write_friction_records = writer(
+    RECORDS,
+    records=(tuple[FrictionRecord, ...], ()),
+    warm_ups=(tuple[WarmUpLog, ...], ()),
+    notes=(tuple[Note, ...], ()),
+)
 
 
 def read_friction_records(path: Path | str) -> FrictionRecords:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, check_kind
+from elastid.base.errors import DataError
 from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
 from elastid.experiment.plan.movement import Reference
@@ -21,7 +21,7 @@ from elastid.response import Response, Responses
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.files import once_per_version, text_file
 from elastid.store.reading import entry_names, read_dataclass, read_optional_part, read_part, reader
-from elastid.store.values import write_artefact
+from elastid.store.values import write_artefact, writer
 
 if TYPE_CHECKING:
     from elastid.design.forecast import Forecast, LimitUse
@@ -30,24 +30,14 @@ if TYPE_CHECKING:
 PLAN = "plan"
 _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
 
-
-def write_plan(
-    path: Path | str,
-    plan: Plan,
-    stamp: Stamp = NO_STAMP,
-    references: tuple[Reference, ...] = (),
-    peaks: LimitUse | None = None,
-    forecast: Forecast | None = None,
-) -> None:
-    """plan.h5: the plan and further results of its design.
-
-    references: of each configuration.  peaks: of the rehearsal.
-    """
-    further = {"peaks": (peaks, None), "forecast": (forecast, None)}
-    parts = {"plan": (plan, Plan), "references": (references, tuple[Reference, ...]), **further}
-    write_artefact(path, PLAN, stamp, parts)
-
-
+# The plan, references of each configuration, peaks of the rehearsal, forecast.
+write_plan = writer(
+    PLAN,
+    plan=(Plan, None),
+    references=(tuple[Reference, ...], ()),
+    peaks=(None, None),
+    forecast=(None, None),
+)
 read_plan = reader(PLAN, "plan", Plan)
 # The peaks of the rehearsal; they bring the fit, which a reader of the plan does not need.
 read_peaks: Callable[[Path | str], LimitUse] = reader(PLAN, "peaks", "elastid.design.forecast:LimitUse")
@@ -109,11 +99,15 @@ def _write_csv(path: Path, headings: Sequence[str], rows: Any, rate_hz: float, f
 
 
 RECORDS, RESPONSES = "records", "frf"
-
-
-def write_records(path: Path | str, records: Iterable[Record], stamp: Stamp = NO_STAMP) -> None:
-    """records.h5: a group for each record, written one at a time, uncompressed (reading would cost twice the FFT)."""
-    write_artefact(path, RECORDS, stamp, {"records": (records, tuple[Record, ...])}, {"records": "name"})
+# A group for each record, written one at a time, uncompressed (reading would cost twice the FFT).
+write_records = writer(RECORDS, {"records": "name"}, records=(tuple[Record, ...], ()))
+# A group for each configuration with G (frequency, output, input) and its covariances, and friction.
+write_responses = writer(
+    RESPONSES,
+    {"responses": "configuration.name"},
+    responses=(tuple[Response, ...], ()),
+    friction=(FrictionTakenOut | None, None),
+)
 
 
 def read_records(path: Path | str, configuration: str | None = None) -> Iterator[Record]:
@@ -145,18 +139,6 @@ def _entries(path: Path) -> tuple[tuple[str, str], ...]:
     with opened(path, RECORDS) as file:
         records = file["records"]
         return tuple((name, str(records[name]["configuration"].attrs["name"])) for name in entry_names(records))
-
-
-def write_responses(
-    path: Path | str,
-    responses: Sequence[Response],
-    stamp: Stamp = NO_STAMP,
-    friction: FrictionTakenOut | None = None,
-) -> None:
-    """frf.h5: a group for each configuration with G (frequency, output, input) and its covariances, and friction."""
-    check_kind(responses, Sequence, "responses", "give a sequence of Response, such as [response]")
-    parts = {"friction": (friction, FrictionTakenOut | None), "responses": (responses, tuple[Response, ...])}
-    write_artefact(path, RESPONSES, stamp, parts, {"responses": "configuration.name"})
 
 
 def read_responses(path: Path | str) -> Responses:

@@ -34,8 +34,11 @@ _SCHEMA = 1
 
 
 read_fit, read_validation = reader(FIT, "fit", Result), reader(VALIDATION, "validation", Validation)
-write_gears, write_tune, write_loops = writer(GEARS, "gears"), writer("tune", "tune"), writer("loops", "loops")
-write_map, read_map = writer(MAP, "map"), reader(MAP, "map", WorkspaceMap)
+write_gears, write_map = writer(GEARS, gears=(None, None)), writer(MAP, map=(None, None))
+write_tune, write_loops = writer("tune", tune=(None, None)), writer("loops", loops=(None, None))
+# Agreement and replay of each configuration, folds, and the twin.
+write_validation = writer(VALIDATION, validation=(Validation, None), twin=(TwinFindings, NO_TWIN))
+read_map = reader(MAP, "map", WorkspaceMap)
 # These bring the simulation, which a fit does without.
 read_tune: Callable[[Path | str], TunedMove] = reader("tune", "tune", "elastid.use.command.tune:TunedMove")
 read_loops: Callable[[Path | str], Loops] = reader("loops", "loops", "elastid.use.loops.result:Loops")
@@ -77,14 +80,6 @@ def write_fit(path: Path | str, result: Result, stamp: Stamp = NO_STAMP) -> None
     check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
     parts = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
     write_artefact(path, FIT, stamp, parts)
-
-
-def write_validation(
-    path: Path | str, validation: Validation, stamp: Stamp = NO_STAMP, twin: TwinFindings = NO_TWIN
-) -> None:
-    """validation.h5: agreement of each configuration, folds, and the twin."""
-    parts = {"validation": (validation, Validation), "twin": (twin, TwinFindings)}
-    write_artefact(path, VALIDATION, stamp, parts)
 
 
 def read_twin(path: Path | str, kind: str) -> TwinFindings:

@@ -234,10 +234,19 @@ def write_artefact(
             write_value(file, name, value, annotation, Label(entry=entries.get(name, "")))
 
 
-def writer(kind: str, name: str, annotation: Any = None) -> Callable[..., None]:
-    """The writer (path, value, stamp) of files of a kind with one part."""
+def writer(
+    kind: str, entries: Mapping[str, str] = MappingProxyType({}), **parts: tuple[Any, Any]
+) -> Callable[..., None]:
+    """The writer (path, value, stamp, *others) of files of a kind.
 
-    def write(path: Path | str, value: Any, stamp: Stamp = NO_STAMP) -> None:
-        write_artefact(path, kind, stamp, {name: (tuple(value) if isinstance(value, list) else value, annotation)})
+    parts: annotation of each by name, None for the type of the value, and its value where none is given; the first is
+    that of `value`.  entries: as of `write_artefact`.
+    """
+
+    def write(path: Path | str, value: Any, stamp: Stamp = NO_STAMP, *others: Any, **named: Any) -> None:
+        given = dict(zip(parts, (value, *others), strict=False)) | named
+        content = {name: (given.get(name, default), annotation) for name, (annotation, default) in parts.items()}
+        content = {n: (tuple(each) if isinstance(each, list) else each, type_) for n, (each, type_) in content.items()}
+        write_artefact(path, kind, stamp, content, entries)
 
     return write

@@ -196,20 +196,17 @@ class FleetSpec:
         "differ; a table is easier to keep from ten on.")] = ()
     table: Annotated[str | None, Key("CSV file with columns robot, date and keys of the study, a row each member.",
         "where a spreadsheet or a data base lists the measurements: a column for each key that differs.")] = None
-    folders: Annotated[str | None, Key("Pattern of folders, a member each, such as logs/{robot}/{date} or logs/*.",
-        "where logs are filed by robot and date already: every folder that fits is a member; where the pattern does "
-        "not say which, its name has robot and date, such as A7_2026-03-31.")] = None
-    set: Annotated[dict[str, Any], Key("Keys of the study for all members; {robot}, {date} and {folder} stand for "
-        "those of the member.", "for what is common to all members and not to the study, such as fewer starts; with "
-        "{folder} the paths of logs.")] = field(default_factory=dict)
+    set: Annotated[dict[str, Any], Key("Keys of the study for all members; {robot} and {date} stand for those of "
+        "the member.", "for what is common to all members and not to the study, such as fewer starts; with {robot} and "
+        "{date} the paths of logs.")] = field(default_factory=dict)
     false_discovery_rate: Annotated[float, Key("Share of the reported differences and trends that may be chance.",
         "lower, 0.01, where each finding stops a robot; higher where looking is cheap. At 0.05 one finding in twenty "
         "may be chance.")] = 0.05
     # fmt: on
 
     def __post_init__(self) -> None:
-        if sum(bool(source) for source in (self.members, self.table, self.folders)) != 1:
-            raise ValueError("give the members by one of members, table and folders")
+        if bool(self.members) == bool(self.table):
+            raise ValueError("give the members by one of members and table")
         if not 0 < self.false_discovery_rate < 1:
             raise ValueError(f"false_discovery_rate is {self.false_discovery_rate:g}; it lies between 0 and 1")
 

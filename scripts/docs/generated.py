@@ -77,9 +77,9 @@ def keys() -> dict[str, str]:
     table = "".join(f"   * - :doc:`{root}`\n     - {escaped(texts[root])}\n" for root in sections)
     pages["keys/index"] = (
         title("Keys of a study")
-        + f"\n{len(by_path)} keys in the order of a study; ``elastid explain KEY`` prints the same text, and the "
-        "schema of ``elastid schema`` shows it in an editor. ``[]`` stands for the number of an entry, ``<name>`` "
-        "for a name that the study chooses.\n\n.. list-table::\n   :widths: 20 80\n\n"
+        + f"\n{len(by_path)} keys in the order of a study; ``elastid explain KEY`` prints the same text, and "
+        "study.schema.json, which ``elastid new`` writes, shows it in an editor. ``[]`` stands for the number of an "
+        "entry, ``<name>`` for a name that the study chooses.\n\n.. list-table::\n   :widths: 20 80\n\n"
         + table
         + "\n.. toctree::\n   :hidden:\n\n"
         + toc

@@ -16,7 +16,7 @@ from two_axis_study import STUDY, TRUTH
 
 import elastid as ei
 from elastid.app.console import Console
-from elastid.app.live.session import Asked, Session, planned_time_s
+from elastid.app.live import Asked, Session, planned_time_s
 from elastid.app.run import Run
 from elastid.study import load_study
 

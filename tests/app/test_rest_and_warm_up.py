@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 
 import numpy as np
@@ -81,26 +80,12 @@ def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:
     assert (tmp_path / "run" / "report.html").exists()
 
 
-@pytest.mark.slow
-def test_loops_alone_give_no_law_of_bristles(tmp_path: Path) -> None:
-    """Passes and loops: a note asks for responses at rest, and the law slides only."""
-    rng = np.random.default_rng(4)
-    q, u = lugre_rig.passes(rng)
-    for name in ("passes", "loops"):
-        lugre_rig.write_rest_log(tmp_path / f"{name}.csv", u, rng, q)
-    run = study(tmp_path, "{path: passes.csv}", "{path: loops.csv, purpose: loops}", presliding="lugre")
-    joint = result_of(run).at("1")
-    assert [note.code for note in joint.notes if note.code == "friction/presliding"]
-    assert joint.friction is not None
-    assert joint.friction.lugre is None
-
-
-def warm(folder: Path, log: warm_rig.WarmLog, *files: str, thermometer: bool = True) -> Run:
+def warm(folder: Path, log: warm_rig.WarmLog, *files: str) -> Run:
     """The study of a warm-up; without files its log alone."""
-    warm_rig.write_warm_log(folder / "warm.csv", log, thermometer)
-    listed, channel = files or ("{path: warm.csv, purpose: warm_up}",), THERMOMETER if thermometer else ""
+    warm_rig.write_warm_log(folder / "warm.csv", log, True)
+    listed = files or ("{path: warm.csv, purpose: warm_up}",)
     rate = log.rate_hz
-    return study(folder, *listed, robot=RIGID, rate=rate, hold="band-limited", thermometer=channel)
+    return study(folder, *listed, robot=RIGID, rate=rate, hold="band-limited", thermometer=THERMOMETER)
 
 
 @pytest.mark.slow
@@ -127,15 +112,6 @@ def test_logs_of_a_warm_up_with_pauses_between_them_are_one(tmp_path: Path) -> N
     thermal = result_of(warm(tmp_path, log, *files)).at("1").thermal
     assert thermal is not None
     assert thermal.h == pytest.approx(warm_rig.NODES.outer, rel=0.05)
-
-
-@pytest.mark.slow
-def test_a_warm_up_without_a_thermometer_has_its_time_constants(tmp_path: Path) -> None:
-    """By the levels of its test passes: kelvins are not known, the slowest constant is to a fifth."""
-    joint = result_of(warm(tmp_path, warm_rig.warm_log(2.0, 25.0), thermometer=False)).at("1")
-    assert joint.thermal is not None
-    assert math.isnan(joint.thermal.h)
-    assert max(joint.thermal.time_constants) == pytest.approx(1965.0, rel=0.2)
 
 
 def test_logs_of_one_amplitude_at_rest_are_realisations(tmp_path: Path) -> None:

@@ -1,14 +1,41 @@
-"""Guesses of channels: by name, by unit, by what is beside them."""
+"""Channels by name, unit, neighbours and the motion of their joint; and silence where evidence is weak."""
+
+from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.channel_guess import doubts_by_names, guess_by_name, guess_log, is_clock
+from elastid.recorded.channel_guess import (
+    channel_doubts,
+    derivative,
+    doubts_by_names,
+    guess_by_name,
+    guess_log,
+    is_clock,
+    motion_relations,
+    torque_relation,
+    travel,
+)
+from elastid.robot import Body, Joint, Limits, Motor, Robot
 
 RATE = 500.0
+T = np.arange(8000) / RATE
+
+
+def moved(k: int = 0, J: float = 3.0, gravity: float = 0.0) -> tuple[np.ndarray, ...]:
+    """Position, velocity, acceleration and torque (n,) of a joint with friction that moves as sines of its own."""
+    rng = np.random.default_rng(k)
+    omega, phase = 2 * np.pi * rng.uniform(0.2, 1.4, 4), rng.uniform(0, 6, 4)
+    q, v, a = (
+        sum(0.2 * w ** (m - 1) * np.sin(w * T + p + m * np.pi / 2) for w, p in zip(omega, phase, strict=True))
+        for m in range(3)
+    )
+    u = J * a + 8 * v + 5 * np.sign(v) + gravity * np.cos(q) + 0.1 * rng.standard_normal(len(T))
+    return q, v, a, u
 
 
 def test_a_unit_that_the_file_states_counts_more_than_the_name() -> None:
@@ -20,49 +47,26 @@ def test_the_unit_behind_a_name_is_no_part_of_a_place() -> None:
     assert guess_by_name("x (left)", None).place == "x left"
 
 
-def rows(n: int = 2) -> list[tuple[object, np.ndarray]]:
-    """Torques and angles in deg of joints that move as different sines, with speeds in rad/s; angle 2 is mirrored."""
-    t = np.arange(10_000) / RATE
-    signals = []
-    for k in range(n):
-        omega = np.array([1.1, 2.3, 3.1]) * (1 + 0.37 * k)
-        q, v, a = (sum(0.3 * w**m * np.sin(w * t + m * np.pi / 2) for w in omega) for m in range(3))
-        signals += [(f"tau_{k + 1}", 3 * a + 5 * v + 2 * np.sign(v)), (f"w_{k + 1}", v)]
-        signals += [(f"pos_{k + 1}", np.rad2deg(q) * (-1) ** k)]
-    return [(guess_by_name(name, None), x) for name, x in signals]
-
-
 def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
-    guess = guess_log(rows()[::-1], RATE)
+    """In any order; angles in deg beside speeds in rad/s, of which the second angle is mirrored."""
+    joints = [moved(k) for k in range(2)]
+    signals = [(f"{name}_{k + 1}", joints[k][i]) for k in range(2) for name, i in (("tau", 3), ("w", 1))]
+    signals += [(f"pos_{k + 1}", np.rad2deg(joints[k][0]) * (-1) ** k) for k in range(2)]
+    guess = guess_log([(guess_by_name(name, None), x) for name, x in signals[::-1]], RATE)
     assert guess is not None
     pairs = {joint.torque.name: joint.motion for joint in guess.joints}
     assert {name: motion.name for name, motion in pairs.items()} == {"tau_1": "pos_1", "tau_2": "pos_2"}
     assert pairs["tau_1"].unit == "deg"
     assert (pairs["tau_1"].sign, pairs["tau_2"].sign) == (1, -1)
     assert guess.is_motion
-
-
-def test_one_signal_is_no_log_of_a_machine() -> None:
-    assert guess_log(rows(1)[:1], RATE) is None
-
-
-CONTENT_RATE = 250.0
-T = np.arange(5000) / CONTENT_RATE
-
-
-def joint(k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity and torque (n,), with gravity and friction, of a joint of its own motion."""
-    omega = np.array([0.9, 2.1, 3.3]) * (1 + 0.31 * k)
-    q, v, a = (sum(0.2 * w**m * np.sin(w * T + w * k + m * np.pi / 2) for w in omega) for m in range(3))
-    noise = 0.05 * np.random.default_rng(k).standard_normal(len(T))
-    return q, v, 3 * a + 5 * v + 4 * np.sign(v) + 30 * np.cos(q) + noise
+    assert guess_log([(guess_by_name("tau_1", None), joints[0][3])], RATE) is None  # one signal is no log
 
 
 def test_stamps_are_a_clock_and_a_motion_is_none() -> None:
     rng = np.random.default_rng(0)
     assert is_clock(1000 + np.cumsum(rng.choice([0.01, 0.012], 3000)))
     assert is_clock(T)
-    assert not is_clock(joint(0)[0])
+    assert not is_clock(moved()[0])
     assert not is_clock(np.cumsum(rng.exponential(1.0, 3000)))
 
 
@@ -92,37 +96,146 @@ def test_headings_of_drives_are_read(heading: str) -> None:
         list(dict.fromkeys(text.replace("#", str(k + 1)).replace("@", "SLU"[k]) for k in range(3)))
         for text in (of_torque, of_motion)
     ]
-    joints = [joint(k) for k in range(3)]
+    joints = [moved(k, gravity=30.0) for k in range(3)]
     signals = [(name, u) for name, (*_, u) in zip(names[0], joints, strict=False)]
     signals += [(name, q) for name, (q, *_) in zip(names[1], joints, strict=True)]
     signals += [(f"temp_{k}", 30 + np.round(0.01 * T, 1)) for k in range(3)]
-    guess = guess_log([(guess_by_name(name, None), x) for name, x in signals], CONTENT_RATE)
+    guess = guess_log([(guess_by_name(name, None), x) for name, x in signals], RATE)
     assert guess is not None
     assert [each.torque.name for each in guess.joints] == names[0]
     found = [each.motion.name for each in guess.joints] + [each.name for each in guess.further]
     assert found == names[1]
 
 
-def motion(name: str, k: int = 1, **keys: object) -> ChannelSpec:
+def position(name: str, k: int = 1, **keys: object) -> ChannelSpec:
     return ChannelSpec("y", f"motor {k}", name, **({"quantity": "position"} | keys))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     ("channels", "expected"),
     [
-        ((ChannelSpec("u", "motor 1", "tau"), motion("tau")), [(1, "channel")]),
-        ((ChannelSpec("u", "motor 1", "phi_mot"), motion("trq_mot")), [(0, "channel")]),
-        (tuple(motion(f"q_{k}", k, unit="deg" if k == 2 else "rad") for k in (1, 2, 3, 4)), [(1, "unit")]),
-        ((motion("Angle [deg]"),), [(0, "unit")]),
-        ((motion("Speed [rpm]", unit="deg"),), [(0, "quantity")]),
-        ((ChannelSpec("u", "motor 1", "tau"), motion("q", unit="deg")), []),
-        ((motion("q_1", 1, unit="deg"), motion("q_2", 2)), []),  # which of two is at fault, nothing says
-        ((motion("q_1", 1, unit="mm"), motion("q_2", 2, unit="deg"), motion("q_3", 3, unit="deg")), []),
-        ((motion("Angle [deg]", scale=0.01745),), []),
-        (tuple(motion("", k, column=k, unit="deg" if k == 2 else "rad") for k in (1, 2, 3, 4)), []),
+        ((ChannelSpec("u", "motor 1", "tau"), position("tau")), [(1, "channel")]),
+        ((ChannelSpec("u", "motor 1", "phi_mot"), position("trq_mot")), [(0, "channel")]),
+        (tuple(position(f"q_{k}", k, unit="deg" if k == 2 else "rad") for k in (1, 2, 3, 4)), [(1, "unit")]),
+        ((position("Angle [deg]"),), [(0, "unit")]),
+        ((position("Speed [rpm]", unit="deg"),), [(0, "quantity")]),
+        ((ChannelSpec("u", "motor 1", "tau"), position("q", unit="deg")), []),
+        ((position("q_1", 1, unit="deg"), position("q_2", 2)), []),  # which of two is at fault, nothing says
+        ((position("q_1", 1, unit="mm"), position("q_2", 2, unit="deg"), position("q_3", 3, unit="deg")), []),
+        ((position("Angle [deg]", scale=0.01745),), []),
+        (tuple(position("", k, column=k, unit="deg" if k == 2 else "rad") for k in (1, 2, 3, 4)), []),
     ],
 )
 def test_contradictions_are_found_at_their_channel(
     channels: tuple[ChannelSpec, ...], expected: list[tuple[int, str]]
 ) -> None:
     assert [(doubt.channel, doubt.key) for doubt in doubts_by_names(channels)] == expected
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_the_derivative_of_a_sine_is_damped_as_the_gaussian_says(order: int) -> None:
+    """omega^k exp(-(s omega)^2 / 2), with a phase of k quarter turns."""
+    omega, width = 2 * np.pi * 20 / RATE, 8.0
+    t = np.arange(2000)
+    expected = (omega * RATE) ** order * np.exp(-((width * omega) ** 2) / 2) * np.sin(omega * t + order * np.pi / 2)
+    assert derivative(np.sin(omega * t), order, RATE, width) == pytest.approx(expected[48:-48], abs=1e-6 * RATE**order)
+
+
+@pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0), (0, 2), (1, 1)])
+def test_the_order_between_two_motions_and_their_gain_are_found(first: int, second: int) -> None:
+    """With an encoder of 4096 counts, and speed in rpm."""
+    signals = [np.round(x * 650) / 650 for x in moved()[:3]]
+    gain = 60 / (2 * np.pi)
+    relations = list(motion_relations(signals[first], -gain * signals[second], RATE))
+    best = max(relations, key=lambda r: abs(r.correlation))
+    assert best.order == second - first
+    assert best.gain == pytest.approx(-gain, rel=0.03)
+    assert best.correlation < -0.99
+
+
+def test_motions_of_two_joints_have_no_relation() -> None:
+    assert all(abs(r.correlation) < 0.9 for r in motion_relations(moved(1)[0], moved(2)[1], RATE))
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int) -> None:
+    relation = torque_relation(moved()[3], moved()[order], order, RATE)
+    assert relation.explained > 0.97  # the integral of an acceleration has lost its mean
+    assert relation.inertia == pytest.approx(3.0, rel=0.03)
+    assert not relation.is_against_motion
+
+
+def test_travel_leaves_a_single_spike_out() -> None:
+    x = np.concatenate([np.linspace(0, 1, 5000), [1e6]])
+    assert travel(x) == pytest.approx(1.0, rel=0.01)
+
+
+RATIO = 50.0
+ROBOT = Robot(
+    "one", (Body("arm", joints=(Joint("1", "z", motor=Motor(1e-3, RATIO)),), inertia=2.0),), gravity=(0, 0, 0)
+)
+U = ChannelSpec("u", "motor 1", "tau")
+Q = ChannelSpec("y", "motor 1", "q", quantity="position")
+LINK = ChannelSpec("y", "joint 1", "link", quantity="position")
+
+
+def signals() -> np.ndarray:
+    """Torque, motor and link position (n, 3) of a joint of 4.5 kg*m^2."""
+    q, _, _, u = (0.3 * x for x in moved(J=4.5))
+    return np.stack([u, q, q + 1e-5 * np.random.default_rng(3).standard_normal(len(q))], axis=1)
+
+
+def doubts(channels: tuple[ChannelSpec, ...], values: np.ndarray, robot: Robot = ROBOT) -> list[tuple[int | None, str]]:
+    return [(doubt.channel, doubt.key) for doubt in channel_doubts(channels, values, RATE, robot)]
+
+
+def test_right_channels_raise_no_doubt() -> None:
+    assert doubts((U, Q, LINK), signals()) == []
+
+
+def test_a_scale_that_no_unit_explains_is_no_doubt() -> None:
+    """A sensor that is not calibrated has a gain, which the fit finds."""
+    assert doubts((U, Q, LINK), signals() * np.array([1, 1, 1.6])) == []
+
+
+def test_a_ratio_of_another_gear_is_named() -> None:
+    """8 in place of 80: the motor turns ten times as far as the joint."""
+    (doubt,) = channel_doubts((U, Q, LINK), signals() * np.array([0.1, 10, 1]), RATE, ROBOT)
+    assert (doubt.channel, doubt.key) == (2, "scale")
+    assert "check motor.ratio of joint 1 in the robot's file (50)" in doubt.text
+
+
+def test_a_joint_does_not_leave_its_limits() -> None:
+    joint = replace(ROBOT.bodies[0].joints[0], limits=Limits(angle=(-2.0, 2.0)))
+    robot = replace(ROBOT, bodies=(replace(ROBOT.bodies[0], joints=(joint,)),))
+    assert doubts((U, Q), signals()[:, :2], robot) == []
+    assert doubts((U, Q), signals()[:, :2] * np.array([1, 57.3]), robot) == [(1, "unit")]
+
+
+def test_noise_alone_raises_no_doubt() -> None:
+    """Of a joint at rest neither sign nor unit can be seen."""
+    values = np.random.default_rng(5).standard_normal((5000, 3))
+    assert doubts((U, Q, LINK), values) == []
+
+
+def test_a_velocity_is_no_position() -> None:
+    values = signals()
+    values[:, 2] = np.gradient(values[:, 1], 1 / RATE)
+    assert doubts((U, Q, LINK), values) == [(2, "quantity")]
+
+
+def test_a_torque_beside_the_angle_of_the_motor_is_on_its_side_too() -> None:
+    """Of a drive's raw signals that are both taken for the link's, one doubt names both."""
+    raw = signals() * np.array([1 / RATIO, RATIO, 1])
+    (doubt,) = channel_doubts((U, Q, LINK), raw, RATE, ROBOT)
+    assert (doubt.channel, doubt.key) == (1, "side")
+    assert doubts((replace(U, side="motor"), replace(Q, side="motor"), LINK), raw) == []
+
+
+def test_a_unit_that_the_name_says_is_believed() -> None:
+    """Of an angle in deg on the motor's side the side is doubted, and never the unit, which arcmin would mend too."""
+    named = replace(Q, channel="q_deg", unit="deg")
+    for ratio in (RATIO, 60.0):
+        values = signals() * np.array([1, ratio * 180 / np.pi, 1])
+        robot = replace(ROBOT, bodies=(replace(ROBOT.bodies[0], joints=(Joint("1", "z", motor=Motor(1e-3, ratio)),)),))
+        assert doubts((U, named, LINK), values, robot) == [(1, "side")]

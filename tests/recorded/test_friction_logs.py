@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from plants.friction_logs import (
     CHANNELS,
-    RATE,
     ROBOT,
     THERMOMETER,
     logs,
@@ -21,7 +20,7 @@ from plants.refusals import refused
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec
-from elastid.record import FrictionRecord, FrictionRecords
+from elastid.record import FrictionRecord
 from elastid.recorded.friction_logs import read_friction_logs
 
 Q = trapezoids([0.2, 0.5])
@@ -74,22 +73,3 @@ def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
     write_log(tmp_path / "log.csv", 1e-4 * Q, U)
     with refused("records/channels", place="log.csv"):
         read(tmp_path, FileSpec("log.csv"))
-
-
-def test_a_motion_with_gaps_is_one_in_parts(tmp_path: Path) -> None:
-    """Each from its sample on, under the name of the log and a number; parts of less than 2 s are left out."""
-    torque = U.copy()
-    first, end = len(U) // 3, 2 * len(U) // 3
-    for place in (first, first + int(RATE), end):
-        torque[place : place + 7] = np.nan
-    write_log(tmp_path / "log.csv", Q, torque)
-    records = read(tmp_path, FileSpec("log.csv", joint="1"))
-    assert [record.name for record in records] == [f"log part {k}" for k in (1, 2, 3)]
-    bounds = [0, first + int(RATE) + 7, end + 7]
-    assert [record.start_s for record in records] == pytest.approx([place / RATE for place in bounds])
-    for record, place in zip(records, bounds, strict=True):
-        np.testing.assert_allclose(record.torque, U[place : place + len(record.torque)], rtol=1e-6, atol=1e-6)
-    (note,) = (note for record in records for note in record.notes if note.code == "records/repaired")
-    assert "21 of" in note.text
-    inside, outside = FrictionRecords(records).divided(["log"])
-    assert (len(inside.records), len(outside.records)) == (0, 3)

@@ -58,12 +58,6 @@ def test_a_clean_log_of_a_robot_with_other_springs_contradicts_nothing(planned: 
     assert said(planned, clean) == ""
 
 
-def clipped(log: Log) -> Log:
-    r, u, y = log
-    top = np.quantile(np.abs(u[:, 0]), 0.97)
-    return r, np.column_stack([np.clip(u[:, 0], -top, top), u[:, 1]]), y
-
-
 FAULTS: dict[str, tuple[Callable[[Log], Log], tuple[str, ...]]] = {
     "short": (lambda log: (log[0][:-7], log[1][:-7], log[2][:-7]), ("samples", "standstill")),
     "late": (lambda log: tuple(np.roll(x, -100, axis=0) for x in log), ("begins 0.2 s after",)),  # type: ignore[dict-item]
@@ -77,7 +71,6 @@ FAULTS: dict[str, tuple[Callable[[Log], Log], tuple[str, ...]]] = {
     "positions exchanged": (lambda log: (*log[:2], log[2][:, ::-1]), ("another posture",)),
     "position mirrored": (lambda log: (*log[:2], 0.4 - log[2] * [1, 1] + [0, 0.4]), ("motor 1", "sign")),
     "degrees": (lambda log: (*log[:2], np.degrees(log[2])), ("another posture", "joint 2")),
-    "saturated": (clipped, ("motor 1", "limits")),
 }  # fmt: skip
 
 

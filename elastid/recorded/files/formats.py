@@ -9,10 +9,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -95,17 +96,14 @@ def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
         return log.shapes()
 
 
-def rows_of(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> int | None:
-    """Samples of the channels in a file that can be read in pieces; None of any other."""
+def size_in_pieces(
+    path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec
+) -> tuple[int, np.dtype[np.floating[Any]]]:
+    """Samples of the channels in a file, and the precision that holds them; none of a file that has no pieces."""
     with opened_log(path, text) as log:
-        return log.rows(channels) if isinstance(log, ArrayLog) else None
-
-
-def is_single(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> bool:
-    """True if the channels are stored in single precision, or in less."""
-    with opened_log(path, text) as log:
-        stored = [log.stored(each).dtype for each in channels] if isinstance(log, ArrayLog) else [np.dtype(float)]
-    return all(np.can_cast(dtype, np.float32) for dtype in stored)
+        n = log.rows(channels) if isinstance(log, ArrayLog) else None
+        stored = [log.stored(each).dtype for each in channels] if isinstance(log, ArrayLog) else []
+    return n or 0, np.dtype(np.float32 if all(np.can_cast(each, np.float32) for each in stored) else np.float64)
 
 
 def read_channels(
@@ -117,16 +115,7 @@ def read_channels(
     Raises StudyError for a file that is not there, DataError for a damaged file or a channel that cannot be read.
     """
     with opened_log(path, text) as log:
-        return log.values(channels, part) if isinstance(log, ArrayLog) else log.values(channels)[part]
-
-
-def values_of(log: Log, channels: Sequence[ChannelSpec], first: int, end: int) -> FloatArray:
-    """Values (n, c) of samples of an open log, no more of which is read or understood than its format needs."""
-    if isinstance(log, ArrayLog):
-        return log.values(channels, slice(first, end))
-    if isinstance(log, text.TextLog):
-        log = replace(log, number_lines=log.number_lines[: log.first + end])
-    return log.values(channels)[first:end]
+        return log.values(channels, part)
 
 
 @contextmanager

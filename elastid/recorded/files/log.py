@@ -34,8 +34,11 @@ class Log(Protocol):
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Every numeric signal with its shape; column numbers where a text has no headings."""
 
-    def values(self, channels: Sequence[ChannelSpec]) -> FloatArray:
-        """Values (n_samples, n_c) of the channels as they stand in the file; DataError where one cannot be read."""
+    def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
+        """Values (n_samples, n_c) of the channels, or a part of the samples, as they stand in the file.
+
+        DataError where one cannot be read; no more is read or understood than the format needs.
+        """
 
 
 @dataclass(frozen=True)

@@ -59,11 +59,11 @@ class TextLog:
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
         return [(name, (len(self.number_lines) - self.first,)) for name in names]
 
-    def values(self, channels: Sequence[ChannelSpec]) -> FloatArray:
+    def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
         """Values (n_samples, n_c) of the channels; DataError for a heading or column that is not in the file."""
-        return self.columns([self._column(channel) for channel in channels])
+        return self.columns([self._column(channel) for channel in channels], part)
 
-    def columns(self, wanted: Sequence[int]) -> FloatArray:
+    def columns(self, wanted: Sequence[int], part: slice = slice(None)) -> FloatArray:
         """Columns (n_samples, len(wanted)), counted from 0; DataError with the line of a text that is not a number."""
         needed = sorted(set(wanted))
         try:
@@ -74,10 +74,11 @@ class TextLog:
                 usecols=needed,
                 quotechar='"',
                 ndmin=2,
+                max_rows=part.stop if (part.stop or 0) > 0 else None,
             )
         except ValueError as error:
             raise DataError("records/text", self._complaint(needed) or f"{self.path}: {error}") from None
-        return data[:, [needed.index(column) for column in wanted]]
+        return data[part][:, [needed.index(column) for column in wanted]]
 
     def _complaint(self, columns: Sequence[int]) -> str:
         for number, line in enumerate(self.number_lines[self.first :], start=self.first + 1):

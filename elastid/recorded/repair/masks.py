@@ -40,8 +40,6 @@ class MaskLimits:
 
     windows: int = 20  # of a repetition, samples of one at least
     min_window: int = 8
-    # A signal stands still where it scatters by less than this part of its usual scatter.
-    max_still_share: float = 0.1
     start_windows: int = 200  # of a log, among which its start is found
     # Samples with one value; range of the other repetitions there, over the scatter of the channel and in its steps.
     min_run: int = 20
@@ -49,14 +47,15 @@ class MaskLimits:
     min_steps: float = 4.0
     leap: float = 10.0  # of other repetitions from a 0, over the step that 99 % of the samples stay below
     min_moving_share: float = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
-    max_still: float = 0.1  # part of a repetition that may be missing, or in which torques may stand still
+    # Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
+    max_still: float = 0.1
 
     # Of spikes.
     min_sigmas: float = 8.0
     min_periods: int = 3
-    # Spikes of more than this part of a channel are no single ones.
+    # Spikes of more than this part of a channel are no single ones, nor are so many missing samples without a period.
     max_share: float = 0.01
-    # Samples: of the running median, of a spike at most, and of its neighbours on each side.
+    # Samples: of the running median, of a spike or of a gap without a period at most, and of neighbours on each side.
     median_window: int = 11
     max_run: int = 2
     neighbours: int = 6
@@ -69,9 +68,6 @@ class MaskLimits:
 
     # Of missing samples.
     max_missing_share: float = 1 / 3  # a channel that lacks more than this part is refused
-    # Without a period: samples of a gap at most, and the part of a channel that may be missing.
-    max_gap: int = 2
-    max_interpolated_share: float = 0.01
 
     # Of clipping and quantisation.
     min_noise_share: float = 2e-3  # noise of steps is reported from this part of the signal on
@@ -104,7 +100,7 @@ def rest_before(torques: FloatArray) -> int:
     scatter = np.stack([_scatter(x[: len(x) // width * width].reshape(-1, width)) for x in torques.T])
     # The largest may be a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
-    moves = np.any((scatter > LIMITS.max_still_share * usual) & (usual > 0), axis=0)
+    moves = np.any((scatter > LIMITS.max_still * usual) & (usual > 0), axis=0)
     return int(np.argmax(moves)) * width
 
 
@@ -156,7 +152,7 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
     # The largest may be that of the start, or hold a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
     moving = usual > LIMITS.min_moving_share * np.median(usual)
-    bad = (scatter < LIMITS.max_still_share * usual)[:, moving].sum(axis=1) > LIMITS.max_still * moving.sum()
+    bad = (scatter < LIMITS.max_still * usual)[:, moving].sum(axis=1) > LIMITS.max_still * moving.sum()
     bad[:1] = False
     if not bad.any():
         return Repaired(signals)
@@ -181,40 +177,29 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired
         return Repaired(signals)
     good = np.ones(len(signals), dtype=np.bool_)
     apart = [x - expected(x, L, sign, good, robust=True) for x in signals.T]
-    return _without(signals, apart, "the other periods", log)[0]
+    return without_lone(signals, apart, "the other periods", log)
 
 
-def despiked_without_period(signals: FloatArray, log: Log) -> Repaired:
-    """Signals (n, c), finite, with the parabola through the neighbours at spikes that these alone show."""
-    repaired, values = _without(signals, list(signals.T), "their neighbours", log)
-    result = repaired.signals.copy()
-    for c, usual in values.items():
-        result[np.isnan(result[:, c]), c] = usual
-    return Repaired(result, repaired.findings)
-
-
-def _without(
-    signals: FloatArray, apart: Sequence[FloatArray], reference: str, log: Log
-) -> tuple[Repaired, dict[int, FloatArray]]:
-    """Signals (n, c), NaN at the spikes of each channel, and usual values there.  apart: e (n,) of each."""
-    result, findings, values = signals.copy(), [], {}
+def without_lone(signals: FloatArray, apart: Sequence[FloatArray], reference: str, log: Log) -> Repaired:
+    """Signals (n, c), NaN at the spikes of each channel.  apart: e (n,) of each, its distance from a reference."""
+    result, findings = signals.copy(), []
     for c, e in enumerate(apart):
         x = signals[:, c]
-        spikes, usual = _spikes(x, e)
+        spikes = _spikes(x, e)
         if spikes.size == 0:
             continue
         text = f"{log.names[c]}: {spikes.size} of {len(x)} samples differ from {reference}"
         if spikes.size > LIMITS.max_share * len(x):
             findings.append(Finding("spikes left", spikes.size, f"{text}: too many for spikes, left unchanged"))
             continue
-        result[spikes, c], values[c] = np.nan, usual
+        result[spikes, c] = np.nan
         text += f", the first is {log.time_of(spikes[0])}: spikes, taken as missing"
         findings.append(Finding(MASKED, spikes.size, text))
-    return Repaired(result, tuple(findings)), values
+    return Repaired(result, tuple(findings))
 
 
-def _spikes(x: FloatArray, e: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Samples (k,) of the spikes, and their usual values (k,)."""
+def _spikes(x: FloatArray, e: FloatArray) -> IntArray:
+    """Samples (k,) of the spikes."""
     from scipy.ndimage import median_filter
 
     d = np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror"))
@@ -224,33 +209,29 @@ def _spikes(x: FloatArray, e: FloatArray) -> tuple[IntArray, FloatArray]:
     least = max(LIMITS.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x))
     parts = d[: len(d) // LIMITS.parts * LIMITS.parts].reshape(LIMITS.parts, -1)
     beyond_usual = LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
-    spikes, usual = [np.arange(0)], [x[:0]]
+    spikes, n = [np.arange(0)], LIMITS.neighbours
     for first, end in runs(np.asarray(d > least)):
-        run, n = np.arange(first, end), LIMITS.neighbours
+        run = np.arange(first, end)
         # Near an end a spike cannot be distinguished from a bend.
         if len(run) > LIMITS.max_run or first <= n or end > len(e) - n:
             continue
         around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
-        local, scatter = _parabola(e, run)
-        distance = np.abs(e[run] - local).max()
+        distance, scatter = _from_parabola(e, run)
         if d[run].max() > LIMITS.min_ratio * around.max() and distance > max(least, LIMITS.min_ratio * scatter):
             spikes.append(run)
-            usual.append(x[run] - e[run] + local)
     if sum(map(len, spikes)) <= LIMITS.max_share * len(x):
-        kept = [i for i, run in enumerate(spikes) if d[run].max(initial=0.0) > beyond_usual or not run.size]
-        spikes, usual = [spikes[i] for i in kept], [usual[i] for i in kept]
-    return np.concatenate(spikes), np.concatenate(usual)
+        spikes = [run for run in spikes if d[run].max(initial=0.0) > beyond_usual or not run.size]
+    return np.concatenate(spikes)
 
 
-def _parabola(e: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
-    """The parabola through the neighbours of a run, at the run, and the largest distance of those from it."""
+def _from_parabola(e: FloatArray, run: IntArray) -> tuple[float, float]:
+    """Largest distances of a run, and of its neighbours, from the parabola through these."""
     first, last, n = int(run[0]), int(run[-1]), LIMITS.neighbours
     sides = np.r_[max(0, first - 1 - n) : max(0, first - 1), last + 2 : min(len(e), last + 2 + n)]
-    middle = (first + last) / 2
-    powers = np.vander((sides - middle) / n, 3)
-    coefficients = np.linalg.lstsq(powers, e[sides], rcond=None)[0]
-    scatter = float(np.abs(e[sides] - powers @ coefficients).max())
-    return np.asarray(np.vander((run - middle) / n, 3) @ coefficients), scatter
+    powers = np.vander((np.r_[sides, run] - (first + last) / 2) / n, 3)
+    coefficients = np.linalg.lstsq(powers[: len(sides)], e[sides], rcond=None)[0]
+    away = np.abs(e[np.r_[sides, run]] - powers @ coefficients)
+    return float(away[len(sides) :].max()), float(away[: len(sides)].max())
 
 
 CLIPPED = "samples at a limit"

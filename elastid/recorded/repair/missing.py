@@ -29,7 +29,6 @@ from elastid.recorded.repair.time_stamps import at_times, resampled
 
 FILLED = "missing samples filled"
 INTERPOLATED = "missing samples interpolated"
-CUT = "logs cut at gaps"
 # Good samples on each side of a gap without a period that its cubic goes through.
 _CUBIC_SAMPLES = 2
 
@@ -106,19 +105,6 @@ def _missing(missing: IntArray, good: BoolArray, log: Log, c: int) -> str:
     return f"{log.names[c]}: {missing.size} of {len(good)} samples are missing"
 
 
-def pieces_between_gaps(signals: FloatArray, least: int) -> IntArray:
-    """First row and end (k, 2) of the pieces of signals (n, c) that no gap interrupts which is too long for a cubic.
-
-    least: rows of a piece.
-    """
-    good = runs(np.asarray(np.isfinite(signals).all(axis=1)), _CUBIC_SAMPLES)
-    if len(good) == 0:
-        return good
-    apart = np.flatnonzero(good[1:, 0] - good[:-1, 1] > LIMITS.max_gap)
-    pieces = np.stack([good[np.r_[0, apart + 1], 0], good[np.r_[apart, len(good) - 1], 1]], axis=1)
-    return np.asarray(pieces[pieces[:, 1] - pieces[:, 0] >= least])
-
-
 def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
     """Signals (n, c) without NaN; DataError for long gaps, or too many, with the piece of the log that is complete."""
     result, findings = signals.copy(), []
@@ -130,8 +116,8 @@ def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
         text = f"{_missing(missing, good, log, c)}, the first is {log.time_of(missing[0])}"
         gaps = runs(~good)
         is_inside = missing[0] >= _CUBIC_SAMPLES and missing[-1] < len(good) - _CUBIC_SAMPLES
-        is_short = np.ptp(gaps, axis=1).max() <= LIMITS.max_gap
-        if not (is_inside and is_short and missing.size <= LIMITS.max_interpolated_share * len(good)):
+        is_short = np.ptp(gaps, axis=1).max() <= LIMITS.max_run
+        if not (is_inside and is_short and missing.size <= LIMITS.max_share * len(good)):
             pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
             first, last = max(pieces, key=np.ptp, default=(0, 0))
             raise DataError(

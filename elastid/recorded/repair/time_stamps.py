@@ -48,13 +48,11 @@ class ClockLimits:
     min_correlation: float = 0.5
     # Quartz clocks differ by less; a period that is off by more is stated wrong.
     max_error: float = 5e-4
-    # A smaller shift over the whole record, in samples, does no harm.
-    min_shift: float = 0.02
     # Resampling must leave at most this part of the power that does not repeat.
     max_remaining_share: float = 0.5
     # A log may end this part of a period too early; the rest is taken from the period before.
     max_missing_end: float = 5e-3
-    # Deviations from an even grid, in samples, that do no harm.
+    # Deviations from an even grid, and shifts over a whole record, in samples, that do no harm.
     max_deviation: float = 0.02
     # Half the last digit of rounded stamps, and the tilt of the fitted line where halves are rounded up, then down.
     max_rounding: float = 0.8
@@ -192,7 +190,7 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
     if P < 2:
         return Repaired(signals)
     drift = clock_drift(drivers, N)
-    is_clock = CLOCK.min_shift <= abs(drift.excess) * P and abs(drift.excess) <= CLOCK.max_error * N
+    is_clock = CLOCK.max_deviation <= abs(drift.excess) * P and abs(drift.excess) <= CLOCK.max_error * N
     if not is_clock or drift.left > CLOCK.max_remaining_share * drift.unexplained:
         return Repaired(signals)
     T = N + drift.excess

@@ -18,7 +18,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.recorded.channel_guess import Doubt, channel_doubts
-from elastid.recorded.files.formats import is_log, opened_log, values_of
+from elastid.recorded.files.formats import is_log, opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.log import Log as OpenLog
 from elastid.recorded.files.text import WRITTEN_OTHERWISE
@@ -207,7 +207,7 @@ def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -
     """Channels of one file that are not in it; DataError where none of them is."""
     refusals = [(k, refused) for k in members if (refused := _refusal(log, [recorded.channels[k]]))]
     if refusals and len(refusals) == len(members):
-        values_of(log, [recorded.channels[k] for k in members], 0, 2)
+        log.values([recorded.channels[k] for k in members], slice(0, 2))
     for k, refused in refusals:
         key = "column" if recorded.channels[k].channel in ("", *log.shapes()) else "channel"
         yield Problem((*_RECORDED, "channels", k, key), refused)
@@ -218,7 +218,7 @@ def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -
 
 def _refusal(log: OpenLog, channels: Sequence[ChannelSpec]) -> str:
     try:
-        values_of(log, channels, 0, 2)
+        log.values(channels, slice(0, 2))
     except ElastidError as error:
         return str(error)
     return ""
@@ -232,7 +232,7 @@ def _check_content(
     first, end = file.samples or (0, None)
     period = recorded.period_of(file)
     most = max(_MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
-    values = values_of(log, channels, first, first + most if end is None else min(end, first + most))
+    values = log.values(channels, slice(first, first + most if end is None else min(end, first + most)))
     if end is not None and len(values) < min(end - first, most):
         yield Problem((*path, "samples"), f"the log ends after sample {first + len(values)}; its first is 0")
         return
@@ -328,7 +328,7 @@ def is_time(name: str) -> bool:
 def time_of(log: OpenLog, name: str) -> FloatArray:
     """The stamps (n,) of a channel, at most as many as are read of each; empty where it is no time."""
     try:
-        t = values_of(log, [ChannelSpec("y", "time", name, quantity="position")], 0, _MAX_SAMPLES)[:, 0]
+        t = log.values([ChannelSpec("y", "time", name, quantity="position")], slice(0, _MAX_SAMPLES))[:, 0]
     except ElastidError:
         return np.zeros(0)
     return t if len(t) > 2 and np.isfinite(t).all() else np.zeros(0)

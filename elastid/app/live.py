@@ -1,4 +1,9 @@
-"""The loop of `live`: fit the logs so far, plan the next experiment, hand it out, check its logs, until the goal."""
+"""The loop of `live`: fit the logs so far, plan the next experiment, hand it out, check its logs, until the goal.
+
+DIR/live/x1.h5: the plan of the first experiment; references/x1-r0-e0.csv: a run of it; logs/x1-r0-e0.csv, or of any
+other format that is read: its log; x1: the results of all experiments so far; study.yml, robot.yml: the study of all
+logs. What is there is whole: a killed command leaves nothing that the next has to undo.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +14,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from elastid.app.live.folder import (
-    POLL_S,
-    LiveFolder,
-    require_one_robot_in_any_posture,
-    write_simulated_log,
-)
 from elastid.app.run import Run, carry_out, hash_of, logged_in, run_all
 from elastid.app.run import stamps as stamps_of
+from elastid.app.stage_table import SIMULATED
 from elastid.app.stages.fit import TRUSTED
+from elastid.base.arrays import FloatArray
 from elastid.base.display import degrees, number
 from elastid.base.errors import DataError, FitError, StudyError
 from elastid.base.execution import Execution
@@ -30,22 +32,33 @@ from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s
 from elastid.experiment.plan.movement import Reference, reference
 from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.simulated.hardware import logged_quantity
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import Result
 from elastid.friction.robot_friction import coulomb_levels
+from elastid.recorded.channels import gather_channels
+from elastid.recorded.files.formats import is_log, naming
 from elastid.recorded.planned_run import PlannedRun, contradiction
 from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import EXACT
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.files import remove_leftovers
-from elastid.store.measured import read_plan, read_responses, write_plan
+from elastid.store.files import remove_leftovers, text_file, write_text
+from elastid.store.measured import read_plan, read_responses, write_plan, write_run
 from elastid.store.results import read_fit
-from elastid.study import load
+from elastid.study import Study, load
 from elastid.study.loading import study_data
+from elastid.study.robots import yaml_text
 from elastid.use.draws import draw_robots, estimated_robot
 
+POLL_S = 0.5  # between two looks at a folder
+# Sections of a study that mean the same with other configurations than its own.
+KEPT = ("name", "seed", "model", "estimator", "fit", "gears", "report")
+ROBOT, STUDY = "robot.yml", "study.yml"
 # Springs of a robot that was not measured yet may be off by this factor; data sheets are by 1.2 to 1.5.
 FACTOR = 1.5
 DRAWS = 2  # robots at twice the deviations of the fit, on which the limits are kept, too
@@ -129,12 +142,16 @@ class Session:
         result: Result | None = None
         while True:
             if result is not None:
-                used = self.goal.reached(result)
-                self._report(plans, result, used)
+                used, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
+                reached = f"{sum(share <= 1 for share in used.values())} of {len(used)} reached, {self.worst(used)}"
+                self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {reached}")
                 if result.status not in TRUSTED:
                     return plans, False, _contradiction(len(plans), result)
                 if max(used.values()) <= 1:
-                    return plans, True, self._reached(plans)
+                    whole_s = planned_time_s(self.run)
+                    time_used = f"{spent_s:.4g} s of the robot's time, {100 * spent_s / whole_s:.0f} % of the"
+                    words = f"the goal is reached after {len(plans)} experiments and {time_used} {whole_s:.4g} s"
+                    return plans, True, f"{words} of the study's own plan"
             plan = self._planned(plans, result)
             if isinstance(plan, str):
                 if not plans:
@@ -173,7 +190,13 @@ class Session:
         step = len(plans) + 1
         path, problem = self.folder.plan(step), self._at(result)
         if path.is_file():
-            self._check_is_of_study(path)
+            stamp = read_stamp(path)
+            if stamp is None or stamp.inputs != self.stamp.inputs:
+                raise StudyError(
+                    "live/study",
+                    f"{path} was planned for another study, other data or other options, simulated or not; give "
+                    f"another folder with --run, or remove {path.parent} to begin again",
+                )
             plan = read_plan(path)
         else:
             problem, known = replace(problem, design=self._design(plans)), Known.before(problem)
@@ -200,16 +223,6 @@ class Session:
     def _seed(self, step: int) -> int:
         """Seed of the phases and the noise of one experiment."""
         return int(np.random.SeedSequence([self.problem.seed, step]).generate_state(1)[0])
-
-    def _check_is_of_study(self, path: Path) -> None:
-        """StudyError where a plan belongs to another study: no log is to be fitted with a robot it was not made for."""
-        stamp = read_stamp(path)
-        if stamp is None or stamp.inputs != self.stamp.inputs:
-            raise StudyError(
-                "live/study",
-                f"{path} was planned for another study, other data or other options, simulated or not; give another "
-                f"folder with --run, or remove {path.parent} to begin again",
-            )
 
     def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
         """Robots at the ends of the interval of a fit, or of a data sheet, on which the limits are kept as well."""
@@ -303,25 +316,11 @@ class Session:
                 break
         return result
 
-    def _report(self, plans: Sequence[Plan], result: Result, used: Mapping[str, float]) -> None:
-        spent = sum(plan.robot_time_s for plan in plans)
-        reached = sum(share <= 1 for share in used.values())
-        self.run.console.say(
-            f"live: after x{len(plans)}, {spent:.4g} s: {reached} of {len(used)} reached, {self.worst(used)}"
-        )
-
     def worst(self, used: Mapping[str, float]) -> str:
         """The parameter that uses most of the goal, in words."""
         name = max(used, key=lambda each: used[each])
         goal = 100 * self.goal.widths[name]
         return f"{name} is known to {number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
-
-    def _reached(self, plans: Sequence[Plan]) -> str:
-        spent, whole = sum(plan.robot_time_s for plan in plans), planned_time_s(self.run)
-        return (
-            f"the goal is reached after {len(plans)} experiments and {spent:.4g} s of the robot's time, "
-            f"{100 * spent / whole:.0f} % of the {whole:.4g} s of the study's own plan"
-        )
 
 
 def _reference(problem: DesignProblem, plan: Plan) -> Reference:
@@ -348,3 +347,124 @@ def planned_time_s(run: Run) -> float:
         return float(design.robot_time)
     count = len(experiment.configurations) + (0 if design is None else design.count or 0)
     return count * unit_time_s(study.excitation, experiment, n_u, experiment.periods)
+
+
+@dataclass(frozen=True)
+class LiveFolder:
+    """path: of the folder; robot: with the tolerances that its logs are fitted with; outputs: places in the logs."""
+
+    path: Path
+    robot: Robot
+    outputs: tuple[str, ...]
+
+    def plan(self, step: int) -> Path:
+        """The plan of an experiment, from 1."""
+        return self.path / f"x{step}.h5"
+
+    def results(self, step: int) -> Path:
+        """The folder of the results of all experiments up to this one."""
+        return self.path / f"x{step}"
+
+    def log(self, run: Experiment) -> Path | None:
+        """The log of a run; None until it is there. DataError where there are several."""
+        logs = [path for path in sorted((self.path / "logs").glob(f"{run.name}.*")) if is_log(path)]
+        if len(logs) > 1:
+            names = ", ".join(path.name for path in logs)
+            raise DataError(
+                "live/logs", f"{names} are logs of one run; keep the one of its reference", f"{self.path / 'logs'}"
+            )
+        return logs[0] if logs else None
+
+    @property
+    def channels(self) -> tuple[ChannelSpec, ...]:
+        """Channels of all logs: injected torque (r), acting torque (u) and motion (y), link side, SI."""
+        inputs = self.robot.motor_locations
+        torques = [ChannelSpec(role, at, channel=f"{role} {at}") for role in ("r", "u") for at in inputs]
+        motions = [ChannelSpec("y", at, channel=f"y {at}", quantity=logged_quantity(at)) for at in self.outputs]
+        return (*torques, *motions)
+
+    def recorded(self, plans: Sequence[Plan]) -> RecordedSpec:
+        """The measured periods of all logs of some plans, which are there."""
+        files = [self._file(plan, run) for plan in plans for run in plan.experiments]
+        period = float(plans[0].period_samples)
+        return RecordedSpec(plans[0].rate_hz, self.channels, tuple(files), period_samples=period, hold="zero-order")
+
+    def _file(self, plan: Plan, run: Experiment, whole: bool = False) -> FileSpec:
+        log = self.log(run)
+        assert log is not None
+        first = plan.first_sample + plan.transient_periods * plan.period_samples
+        samples = None if whole else (first, first + plan.periods * plan.period_samples)
+        return FileSpec(f"logs/{log.name}", run.configuration.name, run.realisation, run.experiment, samples=samples)
+
+    def signals(self, plan: Plan, run: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """r, u and y (n, n_u) of the motors over the whole log of a run; DataError where it cannot be read."""
+        file = self._file(plan, run, whole=True)
+        spec = RecordedSpec(plan.rate_hz, self.channels, (file,))
+        path = self.path / file.path
+        with naming(path, f"its values cannot be used as a log; look at them with `elastid inspect {path}`"):
+            gathered = gather_channels(spec, file, self.path, self.robot)
+        columns = {(c.role, c.at): gathered.signals[:, i] for i, c in enumerate(gathered.channels)}
+        inputs = self.robot.motor_locations
+        r, u, y = (np.stack([columns[role, at] for at in inputs], axis=1) for role in ("r", "u", "y"))
+        return r, u, y
+
+    def write_references(self, plan: Plan, reference: Reference) -> None:
+        """A file for each run of an experiment, unless it is there."""
+        for run in plan.experiments:
+            path = self.path / "references" / f"{run.name}.csv"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                write_run(path, reference, plan, run)
+
+    def write_study(self, data: Mapping[str, Any], plans: Sequence[Plan]) -> Path:
+        """study.yml and robot.yml of the logs of some plans; data: keys of the study that was asked for."""
+        configurations = {c.name: tuple(c.angles.tolist()) for plan in plans for c in plan.configurations}
+        experiment = ExperimentSpec(configurations, recorded=self.recorded(plans))
+        kept = {key: data[key] for key in KEPT if data.get(key) is not None}
+        text = yaml_text({**kept, "robot": ROBOT, "experiment": experiment}, ("The logs of a live identification.",))
+        write_text(self.path / ROBOT, yaml_text(self.robot))
+        write_text(self.path / STUDY, text)
+        return self.path / STUDY
+
+
+def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> None:
+    """The log of a run on a simulated rig, as a controller would leave it."""
+    plan = rig.plan
+    time_s = (np.arange(plan.run_samples) - plan.first_sample) / plan.rate_hz
+    roles = [("r", plan.inputs), ("u", plan.inputs), ("y", rig.outputs)]
+    headings = [f"{role} {at}" for role, places in roles for at in places]
+    rows = np.column_stack([time_s, *rig.log(run)])
+    folder.mkdir(parents=True, exist_ok=True)
+    with text_file(folder / f"{run.name}.csv") as file:
+        np.savetxt(file, rows, fmt="%.12g", delimiter=",", header=",".join(["time_s", *headings]), comments="")
+
+
+def require_one_robot_in_any_posture(study: Study, path: str) -> None:
+    """StudyError for a study without a plan, or whose sections name configurations, which live chooses itself."""
+    if study.kind != SIMULATED or study.excitation is None:
+        raise StudyError(
+            "live/study",
+            "live plans experiments, which needs the sections excitation and experiment.simulated, whose "
+            "controller and noise are those of the robot; a study of logs has none",
+            path,
+        )
+    simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
+    missing = sorted({*motors} - {*(simulated.outputs or motors)})
+    own = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
+    offset = simulated.carrier is not None and simulated.carrier.kind == "offset"
+    weighed = any(factor.configurations for factor in study.fit.weights.factors)
+    for is_wrong, place in (
+        (missing, "experiment.simulated.outputs"),
+        (offset, "experiment.simulated.carrier"),
+        (study.fit.robots, "fit.robots"),
+        (own, f"fit.parameters.{''.join(own[:1])}.per"),
+        (weighed, "fit.weights.factors"),
+        (study.experiment.without_payload, "experiment.without_payload"),
+    ):
+        if is_wrong:
+            raise StudyError(
+                "live/study",
+                "live chooses the configurations of one robot itself, without a carrier of constant velocity, and "
+                "reads the position of every motor; leave this key out",
+                place,
+            )

@@ -13,8 +13,7 @@ from plants.live_arm import GOAL, STUDY, TRUTH
 
 from elastid.app import cli
 from elastid.app.console import Console
-from elastid.app.live.folder import write_simulated_log
-from elastid.app.live.session import Asked, Session
+from elastid.app.live import Asked, Session, write_simulated_log
 from elastid.app.run import Run
 from elastid.design.next_experiment import read_goal
 from elastid.experiment.plan.plan import Plan
