@@ -25,20 +25,6 @@ They have no share in the gain (P without their part makes K and S): their error
 that expects them lags. Q has the noise of the torques, through the step's own Jacobian, the drift of the followed
 numbers, and the slip of the bristle, (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps
 does not take its bristle for certain, one that slides by more than z_s in a sample has it at its end.
-
-Before a band is believed the innovations are tested,
-
-.. math:: \mathrm{NIS} = \overline{e^2 / S}, \qquad
-          \rho = \frac{\sum_k \nu_k \nu_{k+1}}{\sum_k \nu_k^2}, \quad \nu = e / \sqrt S, \qquad
-          n_\mathrm{eff} = n \frac{1 - \rho}{1 + \rho}
-
-(Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) NIS does
-not see errors of the model that the followed numbers take up: within some seconds a number moves by no more than noise
-and drift allow, where its band does not hold that. Between two motions angle, velocity and bristle start again, while
-the followed numbers continue, their covariance grown by the drift of the time between. Noise of torque and angle has
-the largest likelihood of the innovations (Mehra, IEEE Trans. Automatic Control 15(2), 1970),
-
-.. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma).
 """
 
 from __future__ import annotations
@@ -61,8 +47,7 @@ from elastid.friction_study.result import JointFriction
 from elastid.friction_study.spec import Followed
 from elastid.simulation.dynamics import runge_kutta_step
 
-# Relative standard deviations of numbers that a filter holds, where none are known. F_s / F_c falls by a tenth while a
-# gear warms up, however well it was identified cold.
+# Relative std of held numbers where none are known; F_s / F_c falls by a tenth while a gear warms up.
 TOLERANCES: Mapping[str, float] = {
     "stiction_ratio": 0.08, "stribeck_velocity": 0.3, "inertia": 0.02, "stiffness": 0.05, "gravity": 0.1
 }  # fmt: skip
@@ -183,30 +168,25 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     std = ca.DM([joint.tolerances[name] for name in joint.held])
     carried, added = F @ P[:, n:], by_held @ ca.diag(std)
     cross, mixed = carried + added, carried @ added.T
-    spread = F @ _symmetric(P[:, :n]) @ F.T + mixed + mixed.T + added @ added.T
+    spread = F @ P[:, :n] @ F.T + mixed + mixed.T + added @ added.T
     state, by_u = dict(zip(joint.states, ca.vertsplit(x), strict=True)), ca.jacobian(predicted, u)
     z_s = (ca.exp(state["Fc"]) if "Fc" in state else joint.coulomb) / joint.bristle_stiffness
     slipped = ca.fabs(state["v_m"]) / rate_hz / z_s
     own = {"z": noise[3] * z_s**2 * slipped * ca.exp(-slipped), "w": noise[2]}
     own |= {name: noise[4 + i] for i, name in enumerate(joint.followed)}
     Q = noise[1] * by_u @ by_u.T + ca.diag(ca.vertcat(*(own.get(name, 0.0) for name in joint.states)))
-    spread = _symmetric(spread + Q)
+    spread += Q
     towards = spread[:, 0] - cross @ cross[0, :].T
     S = towards[0] + noise[0]
     gain = towards / S
     e = y - predicted[0]
     left = ca.SX.eye(n)
     left[:, 0] -= gain
-    joseph = _symmetric(left @ spread @ left.T + noise[0] * gain @ gain.T)
+    joseph = ca.tril2symm(ca.tril(left @ spread @ left.T + noise[0] * gain @ gain.T))
     return ca.Function(
         "filter_step", [x, P, u, g, y, noise], [predicted + gain * e, ca.horzcat(joseph, left @ cross), e, S],
         ["x", "P", "u", "g", "y", "noise"], ["x_next", "P_next", "innovation", "variance"], {"cse": True},
     )  # fmt: skip
-
-
-def _symmetric(A: ca.SX) -> ca.SX:
-    """The lower triangle and its mirror, so that half of the entries are computed."""
-    return ca.tril2symm(ca.tril(A))
 
 
 # A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
@@ -240,10 +220,9 @@ class JointSamples:
 class Track:
     """A filter over n samples: states (n, n_x), their std (n, n_x), covariance of the followed numbers (n, p, p).
 
-    innovation, variance (n,): error of the predicted angle, and the variance that the filter expected. This and the
-    covariance are without the errors of held numbers; std has them.
-    drift (p,): of the followed numbers, in a root second.  time_s (n,): from the first motion.  moves (n,): as of
-    `JointSamples`.
+    innovation, variance (n,): error of the predicted angle, and the variance that the filter expected: like the
+    covariance without the errors of held numbers, which std has.  drift (p,): of the followed numbers, in a root
+    second.  time_s (n,): from the first motion.  moves (n,): as of `JointSamples`; all where hardly any does.
     """
 
     joint: FollowedJoint
@@ -312,6 +291,7 @@ class KalmanFilter:
         covariance = P[:, followed, followed] - cross @ cross.transpose(0, 2, 1)
         std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
         moves = np.concatenate([motion.moves(COUNT_OVER_STD * noise.angle) for motion in motions])
+        moves |= moves.mean() < 0.1
         return Track(joint, self.rate_hz, x, std, covariance, e, S, drift, np.concatenate(times), moves)
 
 
@@ -357,20 +337,14 @@ class Consistency:
 
 
 def consistency(track: Track, settled_s: float) -> Consistency:
-    """Consistency of a track after settled_s."""
+    """Consistency of a track after settled_s (Bar-Shalom, Li and Kirubarajan, 2001, section 5.4)."""
     first = round(settled_s * track.rate_hz)
-    # At standstill the error of a rounded angle is constant, and no noise.
-    moves = most(track.moves[first:])
+    moves = track.moves[first:]  # at standstill the error of a rounded angle is constant, and no noise
     nu = np.where(moves, track.innovation[first:] / np.sqrt(track.variance[first:]), 0.0)
     power = float(nu @ nu)
     rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(LAGS)])
     n_eff = float(np.clip(moves.sum() * (1 - rho[1]) / (1 + rho[1]), 1.0, moves.sum()))
     return Consistency(float(track.nis[first:][moves].mean()), rho, n_eff, _restless(track, first))
-
-
-def most(moves: BoolArray) -> BoolArray:
-    """The samples (n,) that move; all, where hardly any does."""
-    return moves if moves.mean() > 0.1 else np.ones_like(moves)
 
 
 def _restless(track: Track, first: int) -> tuple[str, ...]:
@@ -396,14 +370,15 @@ def unknown(track: Track) -> BoolArray:
 
 
 def estimate_noise(kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, settled_s: float) -> FilterNoise:
-    """The most likely noise over samples that move (Track.moves); of angle and bristle's slip at least as guessed.
+    """The noise with the largest likelihood of innovations (Mehra, IEEE Trans. Automatic Control 15(2), 1970).
+
+    Over samples that move (Track.moves); of angle and bristle's slip at least as guessed.
 
     Without the bristle's slip other frictions than LuGre's put F_c off by 4 to 18 % where a joint slips by about z_s in
     a sample.
     """
     names = ["angle", "torque", "slip", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
-    judged = most(samples.moves(COUNT_OVER_STD * guess.angle)).copy()
-    judged[: round(settled_s * kalman.rate_hz)] = False
+    settled = np.arange(len(samples.angle)) >= round(settled_s * kalman.rate_hz)
     lowest = np.log([{"angle": 1.0, "slip": 1.0}.get(name, 1e-3) for name in names])
 
     def noise_at(x: FloatArray) -> FilterNoise:
@@ -412,15 +387,14 @@ def estimate_noise(kalman: KalmanFilter, samples: JointSamples, guess: FilterNoi
 
     def cost(x: FloatArray) -> float:
         track = kalman.run([samples], noise_at(x))
-        S, e = track.variance[judged], track.innovation[judged]
+        S, e = track.variance[settled & track.moves], track.innovation[settled & track.moves]
         value = float(np.mean(np.log(S) + e**2 / S))
         return value if np.isfinite(value) else 1e6
 
     # Factors of three about the guess; noise that is known to 5 % is known well enough.
-    n = len(names)
-    simplex = np.vstack([np.zeros(n), 1.1 * np.eye(n)])
+    x0, simplex = np.zeros(len(names)), np.vstack([np.zeros(len(names)), 1.1 * np.eye(len(names))])
     options = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150, "initial_simplex": simplex}
-    return noise_at(np.asarray(minimize(cost, np.zeros(n), method="Nelder-Mead", options=options).x))
+    return noise_at(np.asarray(minimize(cost, x0, method="Nelder-Mead", options=options).x))
 
 
 @frozen_value

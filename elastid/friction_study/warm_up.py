@@ -3,16 +3,15 @@ r"""The temperature of a joint from the power that friction and motor turn into 
 .. math:: C \dot T = P - h (T - T_a), \quad P = \tau_f v + r u^2, \qquad
           T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
 
-exact over a step of constant power. A gear that warms with its motor is a second node, P shared between them:
+exact over a step of constant power. A gear that warms with its motor is a second node, P shared between them,
 
 .. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad
           w_1 = \frac{s}{1 - T_2 / T_1}, \quad w_2 = 1 - w_1
 
-with s = 0 to 1 for any place of the joint: where P enters both w are positive, and a place that is warmed through the
-other node, such as the housing with its thermometer, has s = 1, so that w_2 is negative. Known: readings of a
-thermometer, levels of test passes, or both. Levels at each test speed follow a relative temperature u, 1 where the
-largest power would lead: level = c_0 + c_1 u + c_2 u^2, of the same time constants as a thermometer, whose place need
-not be that of the grease. Without a thermometer kelvins, and with them h, cannot be known.
+with s = 0 to 1 for any place of the joint: both w are positive where P enters, and w_2 is negative (s = 1) of a place
+warmed through the other node, such as the housing with its thermometer. Levels of test passes at a speed follow a
+relative temperature u, 1 where the largest power would lead, level = c_0 + c_1 u + c_2 u^2, of the same time constants
+as a thermometer. Without a thermometer kelvins, and with them h, cannot be known.
 """
 
 from __future__ import annotations
@@ -46,10 +45,9 @@ class WarmUp:
     level_std: FloatArray
 
 
-# Std of the readings of a thermometer at least, in K; of a level the part that a parabola over the heat may miss.
-BEST_THERMOMETER, PARABOLA = 0.05, 0.01
-# Log std of the slowest time constant, above which a warm-up was too short.
-MAX_LOG_STD = 0.3
+# Std of the readings of a thermometer at least, in K; of a level the part that a parabola over the heat may miss; log
+# std of the slowest time constant, above which a warm-up was too short.
+BEST_THERMOMETER, PARABOLA, MAX_LOG_STD = 0.05, 0.01, 0.3
 
 
 @dataclass(frozen=True)
@@ -72,12 +70,12 @@ def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
 
     Raises DataError where nothing warms up or nothing was measured, FitError where no start leads to an optimum.
     """
-    log, has_readings = warm_up.log, bool(np.isfinite(warm_up.log.temperature).any())
-    is_measured = has_readings or len(warm_up.level) > 0
-    if np.any(np.diff(log.time_s) <= 0) or not np.any(log.power > 0) or not is_measured:
+    log, has_series = warm_up.log, len(warm_up.level) > 0
+    has_readings = bool(np.isfinite(log.temperature).any())
+    if np.any(np.diff(log.time_s) <= 0) or not np.any(log.power > 0) or not (has_readings or has_series):
         text = "it takes times that increase, power that is positive, and readings of a thermometer or test passes"
         raise DataError("friction/warm-up", f"{text}; correct the log's clock and signs, or log them", "warm-up")
-    problem = _Problem(warm_up, has_readings, has_series=len(warm_up.level) > 0)
+    problem = _Problem(warm_up, has_readings, has_series)
     single = problem.fit()
     double = replace(problem, nodes=2).fit(float(single.time_constants[0]))
     chance = chance_of_terms(single.cost, double.cost, single.dof - double.dof, max(double.dof, 1))
@@ -88,8 +86,7 @@ def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
 class _Problem:
     """Unknowns x by name: ln T_1, ln T_2 / T_1, s of thermometer and of levels, ln h, start in its std.
 
-    is_kelvin: readings state kelvins.  Levels follow a parabola of the heat at each speed, whose three numbers are
-    eliminated.
+    is_kelvin: readings state kelvins.  Levels follow a parabola of the heat, whose three numbers are eliminated.
     """
 
     warm_up: WarmUp
@@ -130,28 +127,23 @@ class _Problem:
 
     def series(self, constants: FloatArray, shares: FloatArray) -> FloatArray:
         """Columns (m, 3 n_speeds) of the parabolas."""
-        warm_up = self.warm_up
-        speeds, place = np.unique(np.round(warm_up.test_speed, 9), return_inverse=True)
-        heat = _heat(warm_up.log, constants, shares)[warm_up.test] / warm_up.log.power.max()
-        by_speed = np.eye(len(speeds))[place]
-        return np.hstack([by_speed * heat[:, None] ** power for power in range(3)])
+        speeds, place = np.unique(np.round(self.warm_up.test_speed, 9), return_inverse=True)
+        heat = _heat(self.warm_up.log, constants, shares)[self.warm_up.test] / self.warm_up.log.power.max()
+        return np.hstack([np.eye(len(speeds))[place] * heat[:, None] ** power for power in range(3)])
 
     def fit(self, constant: float | None = None) -> ThermalModel:
         """The best of a few starts, constant: that of one node; FitError where none leads to an optimum."""
-        log = self.warm_up.log
-        span = float(log.time_s[-1] - log.time_s[0])
+        log, span = self.warm_up.log, float(np.ptp(self.warm_up.log.time_s))
         lead = float(np.log(max(log.power.mean(), 1e-3) / 20.0))  # h such that the mean power warms by 20 K
         bounds = {"constant": (np.log(span / 200), np.log(5.0 * span)), "ratio": (np.log(1e-3), np.log(0.9))}
-        # A share a little above 1 stands for further nodes on the way to a thermometer.
-        bounds |= dict.fromkeys(("share", "level_share"), (0.0, 1.2)) | {
+        bounds |= dict.fromkeys(("share", "level_share"), (0.0, 1.2)) | {  # a little above 1: further nodes
             "h": (lead - 10, lead + 10),
             "start": (-10, 10),
         }
         low, high = np.array([bounds[name] for name in self.names]).T
-        slowest = (0.05 * span, 0.2 * span, 0.6 * span) if constant is None else (constant,)
         starts = [
             {"constant": np.log(T), "ratio": np.log(ratio), "share": s, "level_share": 0.6, "h": lead, "start": 0.0}
-            for T in slowest
+            for T in ((0.05 * span, 0.2 * span, 0.6 * span) if constant is None else (constant,))
             for ratio, s in ((1 / 8, 0.6), (1 / 4, 1.0), (1 / 30, 0.6))[: 1 if constant is None else 3]
         ]
         within = [np.array([float(start[name]) for name in self.names]) for start in starts]
@@ -161,8 +153,8 @@ class _Problem:
         end = min(ends, key=lambda end: end.cost)
         constants, shares, level_shares, h, _ = self.parts(end.x)
         eliminated = np.linalg.matrix_rank(self.series(constants, level_shares)) if self.has_series else 0
-        pick = np.array([[float(name == row) for name in self.names] for row in ("h", "constant", "ratio")])
-        pick[2] += pick[1]  # ln T_2 = ln T_1 + ln ratio
+        rows = ("h",), ("constant",), ("constant", "ratio")  # ln T_2 = ln T_1 + ln ratio
+        pick = np.array([[float(name in row) for name in self.names] for row in rows])
         log_std = np.sqrt(np.diag(pick @ np.nan_to_num(end.covariance, posinf=1e12) @ pick.T))[: 1 + self.nodes]
         shares, h = (shares, h) if self.is_kelvin else (level_shares, math.nan)
         return ThermalModel(constants, shares, h, log_std, end.cost, end.dof - eliminated)
@@ -193,8 +185,8 @@ def _heat(log: WarmUpLog, constants: FloatArray, shares: FloatArray) -> FloatArr
 
 def temperature(log: WarmUpLog, constants: FloatArray, shares: FloatArray, h: float, start: float) -> FloatArray:
     """T (n + 1,) in degC; a joint that stood is as warm inside as outside, and cools with its slowest constant."""
-    fading = np.exp(-(log.time_s - log.time_s[0]) / constants.max())
-    ambient = start if math.isnan(log.ambient_degc) else log.ambient_degc
+    fading, known = np.exp(-(log.time_s - log.time_s[0]) / constants.max()), log.ambient_degc
+    ambient = start if math.isnan(known) else known
     return np.asarray(ambient + (start - ambient) * fading + _heat(log, constants, shares) / h)
 
 
@@ -204,6 +196,5 @@ def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     speeds = [float(np.mean([abs(each.velocity.mean()) for each in pair])) for pair in pairs]
     solved = [PassRegression.of(pair, True, 0.0).solve() for pair in pairs]
     levels = np.array([(values[0], np.sqrt(covariance[0, 0])) for values, covariance in solved]).reshape(-1, 2)
-    samples = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
-    samples = np.clip(samples, 0, len(log.time_s) - 1)
+    samples = np.searchsorted(log.time_s[1:], [record.start_s for record in tests], side="right")
     return WarmUp(log, samples, alike_speeds(np.array(speeds)), levels[:, 0], levels[:, 1])
