@@ -13,7 +13,7 @@ from elastid.base.execution import Execution
 from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
-from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
+from elastid.design.problem import DesignProblem, with_torques
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, room, unit_time_s
 from elastid.experiment.plan.plan import Plan
@@ -64,14 +64,13 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     """
     execution = execution or Execution()
     excitation, experiment = problem.excitation, problem.experiment
-    settled = with_friction_damping(with_typical_spectrum(with_torques(problem), excitation.torque_rms))
+    settled = with_friction_damping(with_torques(problem))
     choice = None
     if problem.design is not None:
         choice = _choose(settled, problem.design, execution)
     chosen = choice.chosen if choice is not None else ()
-    spectra = best_spectra_of(settled, experiment, chosen, excitation.torque_rms)
     # Plan and rehearsal take the problem as it was given: the rehearsal has Coulomb friction itself.
-    plan = problem.plan(experiment, chosen, spectra)
+    plan = problem.plan(experiment, chosen)
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
     fitted = settled.fitted(plan)

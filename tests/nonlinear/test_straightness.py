@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +12,7 @@ from elastid.nonlinear.spectra import gather_lines
 from elastid.nonlinear.straightness import Bend, find_bends, straightness_notes
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.response import NOT_STRAIGHT
-from elastid.store.measured import read_responses
 from tests.nonlinear.test_gear_levels import SPEC
-from tests.plants.arm_study import STUDY, command
 from tests.plants.two_mass_gear import LINES, Gear, records, robot
 
 FILE = robot(Gear(k=1.4e5))  # what is known of the robot before
@@ -92,13 +89,3 @@ def test_records_that_do_not_say_have_no_notes() -> None:
     endless = [replace(each, is_periodic=False, period_samples=each.n_samples) for each in measured]
     unseen = [replace(each, outputs=("joint 1",)) for each in measured]
     assert straightness_notes(endless, FILE, SPEC, LINES) == straightness_notes(unseen, FILE, SPEC, LINES) == ()
-
-
-@pytest.mark.slow
-def test_distortion_of_the_arm_is_not_that_of_a_gear(tmp_path: Path) -> None:
-    """Of a two-axis arm with few lines at its resonances: without its own torques V fell by 168."""
-    study = tmp_path / "study.yml"
-    study.write_text(STUDY.replace("torque_rms: 20", "torque_rms: 20, flat: information"), encoding="utf-8")
-    assert command("run", study, "design", "measure", "estimate") == 0
-    for response in read_responses(tmp_path / "run" / "frf.h5"):
-        assert [note for note in response.notes if note.code == NOT_STRAIGHT] == []
