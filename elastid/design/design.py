@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import Note, StudyError
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
 from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
@@ -21,7 +20,7 @@ from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.tolerances import with_tolerances
 from elastid.friction.robot_friction import coulomb_levels
-from elastid.record import Configuration, drive_unit
+from elastid.record import drive_unit
 from elastid.robot import Robot
 
 
@@ -96,16 +95,24 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
     probe = problem.probe(problem.experiment)
     before = np.zeros(len(problem.robot.driven))
     for _ in range(20):
-        damping = partial(_equivalent_damping, damped, probe)
-        d = np.mean(damped.at_equilibria(probe, damping, problem.experiment.configurations), axis=0)
+        d = _equivalent_damping(damped, probe)
         if np.all(np.abs(d - before) <= 0.01 * d):
             break
         damped, before = _with_damping(problem, d), d
     return damped
 
 
-def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configuration: Configuration) -> FloatArray:
-    return problem.prospect(probe, q).equivalent_damping(configuration, problem.parameters.x)
+def _equivalent_damping(problem: DesignProblem, probe: Plan) -> FloatArray:
+    """Mean (n_u,) over the configurations of a probe that have an equilibrium; those given must have one."""
+    found: list[FloatArray] = []
+    for q, configuration in enumerate(probe.configurations):
+        try:
+            found.append(problem.prospect(probe, q).equivalent_damping(configuration, problem.parameters.x))
+        except (StudyError, DataError):
+            is_last = q == len(probe.configurations) - 1
+            if configuration.name in problem.experiment.configurations or (is_last and not found):
+                raise
+    return np.asarray(np.mean(found, axis=0))
 
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:

@@ -167,7 +167,13 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
 def _filling(rig: SimulatedRig, q: int, room: FloatArray) -> FloatArray:
     """Factors (n_u,) with which every motor fills its room (5, n_u), by linear prediction; StudyError where endless."""
     plan = rig.plan
-    _check_ends(plan, room)
+    if endless := [name for name, column in zip(plan.inputs, room.T, strict=True) if not np.isfinite(column).any()]:
+        raise StudyError(
+            "design/limits",
+            f"limits needs a limit of every motor, and {', '.join(endless)} has none; give "
+            "limits: {torque: ..., velocity: ...} in the robot's file, or numbers for torque_rms",
+            "excitation.torque_rms",
+        )
     response = _response(rig, q)
 
     def peak_used(a: FloatArray, realisations: ComplexArray) -> FloatArray:
@@ -179,17 +185,6 @@ def _filling(rig: SimulatedRig, q: int, room: FloatArray) -> FloatArray:
     for _ in range(15):
         a = a / peak_used(a, plan.R[q, :1]) ** 0.8
     return np.asarray(a / max(peak_used(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1])))
-
-
-def _check_ends(plan: Plan, room: FloatArray) -> None:
-    endless = [name for name, column in zip(plan.inputs, room.T, strict=True) if not np.isfinite(column).any()]
-    if endless:
-        raise StudyError(
-            "design/limits",
-            f"limits needs a limit of every motor, and {', '.join(endless)} has none; give "
-            "limits: {torque: ..., velocity: ...} in the robot's file, or numbers for torque_rms",
-            "excitation.torque_rms",
-        )
 
 
 def _rehearse(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeAlias, TypeVar
+from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.base.errors import DataError, StudyError
 from elastid.design.choice import Candidates, draw_candidates
 from elastid.design.limits import within_limits
 from elastid.design.optimal import DesignCriterion
@@ -36,7 +35,6 @@ from elastid.record import Configuration, Motion
 from elastid.response import Response
 from elastid.robot import Robot
 
-Value = TypeVar("Value")
 # A prospect, its configuration, and the realisations in which it is measured.
 _Measurement: TypeAlias = tuple[Prospect, Configuration, int]
 
@@ -132,26 +130,6 @@ class DesignProblem:
         return drawn.plan(
             experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(some)]
         )
-
-    def at_equilibria(
-        self, probe: Plan, value: Callable[[int, Configuration], Value], needed: Collection[str] = ()
-    ) -> list[Value]:
-        """value(q, configuration) of each configuration of a probe that has an equilibrium.
-
-        StudyError or DataError of a needed one (by its name), and of the last one where none has.
-        """
-        values: list[Value] = []
-        refused: StudyError | DataError | None = None
-        for q, configuration in enumerate(probe.configurations):
-            try:
-                values.append(value(q, configuration))
-            except (StudyError, DataError) as error:
-                if configuration.name in needed:
-                    raise
-                refused = error
-        if refused is not None and not values:
-            raise refused
-        return values
 
     def prospect(self, plan: Plan, q: int) -> Prospect:
         """The measurement of configurations like the q-th of a plan."""
