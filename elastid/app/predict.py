@@ -76,7 +76,7 @@ def predict(run: Run, source: Path) -> None:
         judged, content, words = (_friction if of_friction else _elasticity)(run, path)
         write_text(run.folder / "prediction.json", json.dumps(json_value(content), indent=1, allow_nan=False) + "\n")
         if judged.twin.balances:
-            octaves_figure(judged.twin.balances, judged.own).savefig(run.folder / "prediction.png")
+            octaves_figure(judged.twin.balances).savefig(run.folder / "prediction.png")
         keep_checksums(run.folder, ["prediction.json"])
         for each in (*words, str(run.folder / "prediction.json")):
             run.console.say(f"predict: {each}")

@@ -210,18 +210,8 @@ def prediction_summary(name: str, source: str, prediction: Prediction) -> dict[s
 
 
 def _prediction(prediction: Prediction) -> dict[str, Any]:
-    """left_by_own_regression: the share of the torque that a regression of the same logs leaves, null without one.
-
-    not_predicted: reasons by joint.
-    """
-    content = _twin(prediction.twin)
-    for balance, row in zip(prediction.twin.balances, content["torque"], strict=True):
-        own = prediction.own_of(balance)
-        row["left_by_own_regression"] = None if own is None else own.left
-        bands = {} if own is None else {(band.low_hz, band.high_hz): band.left for band in own.bands}
-        for band in row["bands"]:
-            band["left_by_own_regression"] = bands.get((band["low_hz"], band["high_hz"]))
-    return {"not_predicted": dict(prediction.missing), "no_own_regression": prediction.refused} | content
+    """not_predicted: reasons by joint."""
+    return {"not_predicted": dict(prediction.missing)} | _twin(prediction.twin)
 
 
 def _rigid_body(body: RigidBody) -> dict[str, Any]:

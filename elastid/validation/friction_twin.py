@@ -9,7 +9,7 @@ tau_r is the rigid body's torque that the identification found in the log (for a
 offset), hat tau_r that of the robot's file, both along the logged motion: a counterbalance or a payload that the file
 lacks acts on the twin as it does on the robot. Joints that rest are held by a loop of RESTING_HZ on the model's torque.
 
-Logs are judged by the numbers of others, too (`predict_logs`), compared with a regression of their own.
+Logs are judged by the numbers of others, too (`predict_logs`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.recorded import CascadeSpec
-from elastid.friction_study.joint_levels import find_joint_levels, motion_log, motion_logs
+from elastid.friction_study.joint_levels import motion_log, motion_logs
 from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts, rigid_body_torques
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.motion_terms import columns_of, full_rate_columns
@@ -250,15 +250,7 @@ def predict_logs(
     reasons = [each for each in outcomes if not isinstance(each, JointFriction)]
     missing = {joint: "; ".join(text for name, text in reasons if name == joint) for joint, _ in reasons}
     runs = friction_runs(robot, judged, measured, controller, execution)
-    twin = TwinFindings(friction_balances(judged, measured), runs)
-    try:
-        moved = [joint for joint in robot.driven if any(joint.name == each.joint for each in judged)]
-        levels = find_joint_levels(robot, moved, measured)
-    except DataError as error:
-        return Prediction(twin, (), f"These logs have no regression of their own: {error}.", missing)
-    regressed = [JointFriction(each.joint, each.slides, motion=each.motion) for each in levels]
-    own = [each for each in _along_logs(robot, regressed, measured) if isinstance(each, JointFriction)]
-    return Prediction(twin, friction_balances(own, measured), "", missing)
+    return Prediction(TwinFindings(friction_balances(judged, measured), runs), missing)
 
 
 def _along_logs(

@@ -92,14 +92,11 @@ class MeasuredModes:
 
 def measured_modes(fitted: FittedRobot) -> tuple[MeasuredModes, ...]:
     """The measured modes of each configuration, beside those of the model."""
-    return tuple(
-        modes_beside(response, modelled, linear, fitted.theta_of(response.configuration.name))
-        for response, modelled, linear in zip(fitted.measured, fitted.responses, fitted.linear, strict=True)
-    )
+    pairs = zip(fitted.measured, fitted.responses, fitted.linear, strict=True)
+    return tuple(_beside(*each, fitted.theta_of(each[0].configuration.name)) for each in pairs)
 
 
-def modes_beside(response: Response, modelled: Response, linear: LinearModel, theta: FloatArray) -> MeasuredModes:
-    """The modes of a measured response beside those of a linear model at theta (n_theta,), which answers `modelled`."""
+def _beside(response: Response, modelled: Response, linear: LinearModel, theta: FloatArray) -> MeasuredModes:
     (own,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, theta)
     agreement = mac(own.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((own.n_modes, 0))
     partner = _partners(own, known.freq_hz, known.zeta, agreement)

@@ -64,7 +64,7 @@ def test_friction_of_one_log_explains_another_of_its_axis_and_not_one_that_rubs_
         (torque,) = content["torque"]
         left[name] = torque["left"]
         assert content["not_predicted"] == {}
-        assert torque["left_by_own_regression"] <= torque["left"] < torque["left_without_friction"]
+        assert torque["left"] < torque["left_without_friction"]
         (run,) = content["twin"]
         (angle,) = (signal for signal in run["signals"] if signal["signal"] == "motor angle")
         assert angle["error"] < 0.2
@@ -144,8 +144,6 @@ def test_rigid_body_and_friction_of_joints_that_moved_together_explain_other_log
             assert row["left"] > 5e-3
         else:
             assert row["left"] < 2e-3
-        if log == "second":  # the others are regressed together, with the spring of one of them
-            assert row["left_by_own_regression"] <= 1.01 * row["left"]
     assert (tmp_path / "other" / "prediction.png").is_file()
     assert command("export", study, "--to", "csv", "--run", run) == 0
     table = (run / "export" / "csv" / "base_parameters.csv").read_text(encoding="utf-8").splitlines()

@@ -150,7 +150,7 @@ def friction_study_drawings(
     """The figures of all joints, and of logs that were left out, to be drawn."""
     if left_out.twin.balances:
         caption = "torque that is left of logs that were left out, as a part of its rms in each octave."
-        octaves = partial(fit.octaves_figure, left_out.twin.balances, left_out.own)
+        octaves = partial(fit.octaves_figure, left_out.twin.balances)
         yield Drawing("left-out", "left-out", caption, octaves)
     files = file_names([joint.joint for joint in result.joints], "friction")
     for file, joint in zip(files, result.joints, strict=True):

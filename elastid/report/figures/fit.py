@@ -346,20 +346,18 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
     return figure
 
 
-def octaves_figure(balances: Sequence[TorqueBalance], own: Sequence[TorqueBalance] = ()) -> Figure:
-    """Rms of the torque left over its own rms, by axis and octave; below it, by a regression of these logs."""
+def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
+    """Rms of the torque left over its own rms, by axis and octave."""
     edges = sorted({band.high_hz for balance in balances for band in balance.bands})
     known = all(balance.rate_is_known for balance in balances)
-    label, rows = f"octave below {'Hz' if known else 'sampling rates'}", []
-    for judged, title in ((balances, "torque left, % of its rms"), (own, "the same by a regression of these logs")):
-        left = np.full((len(judged), len(edges)), np.nan)
-        for i, balance in enumerate(judged):
-            for band in (band for band in balance.bands if band.power >= MIN_POWER_SHARE):
-                left[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.left)
-        names, columns = [f"{each.place}, {each.log}" for each in judged], [f"{edge:.3g}" for edge in edges]
-        rows += [[Panel(x=label, title=title, cells=Cells(left, names, columns))]] if judged else []
-    tall, left_of = 0.3 * len(balances) + 0.4, 0.4 + 0.075 * max(len(f"{b.place}, {b.log}") for b in balances)
-    return style.matrix("Torque left by octave", rows, tall, left=left_of, gaps=(0.0, 0.9))
+    label, left = f"octave below {'Hz' if known else 'sampling rates'}", np.full((len(balances), len(edges)), np.nan)
+    for i, balance in enumerate(balances):
+        for band in (band for band in balance.bands if band.power >= MIN_POWER_SHARE):
+            left[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.left)
+    names, columns = [f"{each.place}, {each.log}" for each in balances], [f"{edge:.3g}" for edge in edges]
+    panel = Panel(x=label, title="torque left, % of its rms", cells=Cells(left, names, columns))
+    tall, left_of = 0.3 * len(balances) + 0.4, 0.4 + 0.075 * max(map(len, names))
+    return style.matrix("Torque left by octave", [[panel]], tall, left=left_of)
 
 
 def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:

@@ -62,15 +62,8 @@ def shortest(
 
     def can(duration: float) -> bool:
         own = move.in_time(duration)
-        for iterations in (20, 60):
-            planned = plan(commanded, own, limits, margin_s, replace(SETTINGS, iterations=iterations))
-            away = planned_error(commanded, own, planned).max()
-            if planned.is_feasible and away <= error_m:
-                return True
-            # No further steps would bring an error 50 times too large down.
-            if away > 50.0 * error_m:
-                return False
-        return False
+        planned = plan(commanded, own, limits, margin_s, replace(SETTINGS, iterations=30))
+        return planned.is_feasible and bool(planned_error(commanded, own, planned).max() <= error_m)
 
     # The rigid robot, which is not far from the elastic one, needs about this.
     move = move.in_time(max(move.duration, 0.9 * first_duration(commanded, move, limits)))

@@ -107,7 +107,7 @@ class Closed:
     @property
     def peaks_db(self) -> FloatArray:
         """M_S in dB (N,), infinite where a loop is unstable."""
-        return np.where(self.stable, peaks_db(self.size, self.scene.freq_hz), np.inf)
+        return np.where(self.stable, 20 * np.log10(self.size.max(axis=1)), np.inf)
 
     @property
     def bandwidth_hz(self) -> FloatArray:
@@ -130,19 +130,6 @@ def largest_gain(S: ComplexArray) -> FloatArray:
     """Largest singular value (...) of matrices (..., n, n)."""
     squares = np.linalg.eigvalsh(np.swapaxes(S, -1, -2).conj() @ S)[..., -1]
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
-
-
-def peaks_db(size: FloatArray, freq_hz: FloatArray) -> FloatArray:
-    """Largest of sizes (N, F) in dB, by the parabola of ln size over ln freq_hz through its line and its neighbours."""
-    rows, line = np.arange(len(size)), np.clip(size.argmax(axis=1), 1, size.shape[1] - 2)
-    y, x = (np.log(part[rows[:, None], line[:, None] + [-1, 0, 1]]) for part in (size, freq_hz))
-    left, right = x[:, 0] - x[:, 1], x[:, 2] - x[:, 1]
-    down, up = y[:, 0] - y[:, 1], y[:, 2] - y[:, 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        curve = (up / right - down / left) / (right - left)
-        slope = up / right - curve * right
-        rise = np.where((curve < 0) & (down <= 0) & (up <= 0), -(slope**2) / (4 * curve), 0.0)
-    return np.asarray(20 / np.log(10) * np.maximum(y[:, 1] + np.nan_to_num(rise), y.max(axis=1)))
 
 
 def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
