@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution
 from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
-from elastid.design.problem import DesignProblem, with_torques
+from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, room, unit_time_s
 from elastid.experiment.plan.plan import Plan
@@ -20,7 +21,7 @@ from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.tolerances import with_tolerances
 from elastid.friction.robot_friction import coulomb_levels
-from elastid.record import drive_unit
+from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 
 
@@ -63,13 +64,14 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     """
     execution = execution or Execution()
     excitation, experiment = problem.excitation, problem.experiment
-    settled = with_friction_damping(with_torques(problem))
+    settled = with_friction_damping(with_typical_spectrum(with_torques(problem), excitation.torque_rms))
     choice = None
     if problem.design is not None:
         choice = _choose(settled, problem.design, execution)
     chosen = choice.chosen if choice is not None else ()
+    spectra = best_spectra_of(settled, experiment, chosen, excitation.torque_rms)
     # Plan and rehearsal take the problem as it was given: the rehearsal has Coulomb friction itself.
-    plan = problem.plan(experiment, chosen)
+    plan = problem.plan(experiment, chosen, spectra)
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
     fitted = settled.fitted(plan)
@@ -95,24 +97,16 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
     probe = problem.probe(problem.experiment)
     before = np.zeros(len(problem.robot.driven))
     for _ in range(20):
-        d = _equivalent_damping(damped, probe)
+        damping = partial(_equivalent_damping, damped, probe)
+        d = np.mean(damped.at_equilibria(probe, damping, problem.experiment.configurations), axis=0)
         if np.all(np.abs(d - before) <= 0.01 * d):
             break
         damped, before = _with_damping(problem, d), d
     return damped
 
 
-def _equivalent_damping(problem: DesignProblem, probe: Plan) -> FloatArray:
-    """Mean (n_u,) over the configurations of a probe that have an equilibrium; those given must have one."""
-    found: list[FloatArray] = []
-    for q, configuration in enumerate(probe.configurations):
-        try:
-            found.append(problem.prospect(probe, q).equivalent_damping(configuration, problem.parameters.x))
-        except (StudyError, DataError):
-            is_last = q == len(probe.configurations) - 1
-            if configuration.name in problem.experiment.configurations or (is_last and not found):
-                raise
-    return np.asarray(np.mean(found, axis=0))
+def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configuration: Configuration) -> FloatArray:
+    return problem.prospect(probe, q).equivalent_damping(configuration, problem.parameters.x)
 
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:

@@ -24,7 +24,7 @@ from elastid.design.forecast import QUANTITIES, LimitUse, unit_of
 from elastid.excitation.phases import peaks as signal_peaks
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.movement import Rehearsal, reference
-from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.plan.plan import Experiment, Plan, torque_rms
 from elastid.experiment.simulated.plant import closed_loop_of, feed_forward_of, model_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.record import Configuration
@@ -127,13 +127,42 @@ def within_limits(
     factor = np.ones((len(plan.configurations), len(plan.inputs)))
     if is_free:
         for q in range(len(factor)):
-            factor[q] = _filling(rig, q, allowed[q] - base[q])
+            factor[q] = _filling(rig, q, allowed[q] - base[q], excitation.flat == "information")
     factor, runs = _rehearse(rig, factor, base, allowed, is_free, execution or Execution())
     scaled = replace(plan, R=plan.R * factor[:, None, None, None, :])
     notes = () if is_free else _notes(plan, factor, excitation.margin)
     names = tuple(c.name for c in plan.configurations)
     use = names, plan.inputs, largest_peaks(plan, runs), limit, factor, excitation.margin, notes, plan.sliding
     return scaled, LimitUse(*use)
+
+
+def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
+    r"""Cost of powers in terms of the limits of each configuration: c (Q, n_o, F, n_u) with sum_kl c_okl P_kl <= 1.
+
+    .. math:: c_{okl} = \frac{|T_{okl}|^2}{2 E}\, \frac{\kappa^2}{room_o^2}, \qquad \kappa^2 = 2 \ln (2 F E M)
+
+    T from injected torques to torque, position, velocity and acceleration of the motors, room_o the rest of a limit
+    apart from the movement, kappa the expected crest factor of M E experiments of F lines with random phases; where
+    torque_rms is given, also c = 1 / (2 E rms_l^2).  P: |R|^2 summed over the E experiments of a realisation.
+    Raises StudyError where a limit leaves no room, and where nothing limits a motor.
+    """
+    plan, (limit, base) = rig.plan, _limits_and_base(rig, excitation.margin)
+    room = (1 - excitation.margin) * limit - base
+    _, M, E, F, n_u = plan.R.shape
+    crest = 2 * np.log(2 * F * E * M)
+    own = np.zeros((0, F, n_u))
+    if excitation.torque_rms != "limits":
+        rms = torque_rms(excitation, rig.robot)
+        own = np.repeat(np.diag(1 / (2 * E * rms**2))[:, None, :], F, axis=1)
+    costs = []
+    for q, (torque, position, velocity, acceleration, turning_back) in enumerate(room):
+        if excitation.torque_rms == "limits":
+            _check_ends(plan, room[q])
+        power = np.abs(_response(rig, q)) ** 2
+        least = np.array([torque, position, np.minimum(velocity, turning_back), acceleration]).ravel()
+        motion = np.swapaxes(power, 0, 1) * (crest / (2 * E * least**2))[:, None, None]
+        costs.append(np.concatenate([own, motion]))
+    return np.array(costs)
 
 
 def _response(rig: SimulatedRig, q: int) -> ComplexArray:
@@ -164,27 +193,41 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
     )
 
 
-def _filling(rig: SimulatedRig, q: int, room: FloatArray) -> FloatArray:
-    """Factors (n_u,) with which every motor fills its room (5, n_u), by linear prediction; StudyError where endless."""
+def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> FloatArray:
+    """Factors (n_u,) with which every motor fills its room (5, n_u), by linear prediction; StudyError where endless.
+
+    is_shared: powers have been divided between the motors; their peaks keep the proportion of their RMS.
+    """
     plan = rig.plan
-    if endless := [name for name, column in zip(plan.inputs, room.T, strict=True) if not np.isfinite(column).any()]:
+    _check_ends(plan, room)
+    response = _response(rig, q)
+
+    def used(largest: FloatArray) -> FloatArray:
+        peak = largest.reshape(4, -1)
+        return np.asarray((np.concatenate([peak, peak[2:3]]) / room).max(axis=0))
+
+    def peak_used(a: FloatArray, realisations: ComplexArray) -> FloatArray:
+        S = np.einsum("foi,mefi->meof", response, realisations * a)
+        return used(np.max([signal_peaks(plan.lines, spectra, 16).max(axis=0) for spectra in S], axis=0))
+
+    a = wanted = np.ones(len(plan.inputs))
+    if is_shared:
+        S = np.einsum("foi,efi->eof", response, plan.R[q, 0])
+        wanted = used(np.sqrt(np.sum(np.abs(S) ** 2, axis=2).mean(axis=0)))
+    for _ in range(15):
+        a = a * (wanted / peak_used(a, plan.R[q, :1])) ** 0.8
+    return np.asarray(a / max(peak_used(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1])))
+
+
+def _check_ends(plan: Plan, room: FloatArray) -> None:
+    endless = [name for name, column in zip(plan.inputs, room.T, strict=True) if not np.isfinite(column).any()]
+    if endless:
         raise StudyError(
             "design/limits",
             f"limits needs a limit of every motor, and {', '.join(endless)} has none; give "
             "limits: {torque: ..., velocity: ...} in the robot's file, or numbers for torque_rms",
             "excitation.torque_rms",
         )
-    response = _response(rig, q)
-
-    def peak_used(a: FloatArray, realisations: ComplexArray) -> FloatArray:
-        S = np.einsum("foi,mefi->meof", response, realisations * a)
-        peak = np.max([signal_peaks(plan.lines, spectra, 16).max(axis=0) for spectra in S], axis=0).reshape(4, -1)
-        return np.asarray((np.concatenate([peak, peak[2:3]]) / room).max(axis=0))
-
-    a = np.ones(len(plan.inputs))
-    for _ in range(15):
-        a = a / peak_used(a, plan.R[q, :1]) ** 0.8
-    return np.asarray(a / max(peak_used(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1])))
 
 
 def _rehearse(

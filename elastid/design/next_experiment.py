@@ -4,7 +4,8 @@ r"""The next experiment towards a goal: posture and length of the largest gain f
 
 M_0: the information of the fit so far, H: of a configuration c in P periods, which take T_P; r_p: the part of the goal
 that its interval uses, so that what is reached hardly counts. Phi doubles with twice the information.
-Where one experiment reaches the goal, the shortest such is best. The spectrum is that of the study.
+Where one experiment reaches the goal, the shortest such is best. The spectrum is that of the study, with
+`flat: information` the best one of the posture.
 
 .. math:: r_p = \frac{1.96\, \sigma_p}{w_p |p|} \le 1
 
@@ -30,7 +31,7 @@ from elastid.design.choice import Candidates, informations, obstacles
 from elastid.design.design import with_friction_damping
 from elastid.design.forecast import LimitUse
 from elastid.design.limits import within_limits
-from elastid.design.problem import DesignProblem, with_torques
+from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
@@ -177,7 +178,7 @@ def next_experiment(
     of the fit, on each of which the limits are kept.  left_s: robot time that is left; a longer experiment is proposed
     only where none is so short.  StudyError where no candidate has an experiment within limits.
     """
-    settled = with_friction_damping(with_torques(problem))
+    settled = with_friction_damping(with_typical_spectrum(with_torques(problem), problem.excitation.torque_rms))
     options = _ranked(settled, candidates, known, goal, execution)
     options = [option for option in options if option.time_s <= left_s] or options
     refused: list[str] = []
@@ -187,7 +188,8 @@ def next_experiment(
         configuration = replace(option.configuration, name=name)
         chosen = [ChosenConfiguration(configuration, experiment.realisations)]
         try:
-            plan = replace(drawn, excitation=problem.excitation).plan(experiment, chosen)
+            spectra = best_spectra_of(settled, experiment, chosen, problem.excitation.torque_rms)
+            plan = replace(drawn, excitation=problem.excitation).plan(experiment, chosen, spectra)
             plan, use = _within_envelope(problem, plan, robots, execution)
         except StudyError as error:
             refused.append(f"{option.configuration.name}: {error}")

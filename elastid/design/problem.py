@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.design.choice import Candidates, draw_candidates
-from elastid.design.limits import within_limits
-from elastid.design.optimal import DesignCriterion
+from elastid.base.errors import DataError, StudyError
+from elastid.design.choice import Candidates, draw_candidates, visible
+from elastid.design.limits import power_costs, within_limits
+from elastid.design.optimal import DesignCriterion, best_powers, even_powers
 from elastid.design.prospect import ExpectedResponse, Prospect
 from elastid.design.spec import DesignSpec, interest
-from elastid.excitation.spec import MultisineSpec
+from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
 from elastid.experiment.simulated.plant import closed_loop_of
@@ -35,6 +36,7 @@ from elastid.record import Configuration, Motion
 from elastid.response import Response
 from elastid.robot import Robot
 
+Value = TypeVar("Value")
 # A prospect, its configuration, and the realisations in which it is measured.
 _Measurement: TypeAlias = tuple[Prospect, Configuration, int]
 
@@ -43,9 +45,9 @@ _Measurement: TypeAlias = tuple[Prospect, Configuration, int]
 class DesignProblem:
     """The sections of a study that a plan depends on, and earlier measurements.
 
-    left_out: configurations that the fit does not use.  measured: responses that the choice adds to.  fitted_values: of
-    parameters, from a fit of these.  model: of the fit.  friction: `none` if the estimator leaves that of the motors in
-    the responses.
+    left_out: configurations that the fit does not use.  measured: responses that the choice adds to.  fitted_values:
+    of parameters, from a fit of these.  model: of the fit.  typical (F, n_u): spectrum for all configurations
+    until each has its own.  friction: `none` if the estimator leaves that of the motors in the responses.
     """
 
     robot: Robot
@@ -59,6 +61,7 @@ class DesignProblem:
     measured: tuple[Response, ...] = ()
     fitted_values: tuple[tuple[str, float], ...] = ()
     model: ModelSpec = EXACT
+    typical: FloatArray | None = None
     friction: Friction = "none"
 
     @property
@@ -107,10 +110,19 @@ class DesignProblem:
             swing = reach(carrier, len(swing), excitation.period, run_s) / (1 - excitation.margin)
         return draw_candidates(design.candidates, self.robot, self.seed, swing)
 
-    def plan(self, experiment: ExperimentSpec, chosen: Sequence[ChosenConfiguration] = ()) -> Plan:
-        """A plan of the configurations of an experiment, and of those chosen."""
+    def plan(
+        self,
+        experiment: ExperimentSpec,
+        chosen: Sequence[ChosenConfiguration] = (),
+        spectra: dict[str, FloatArray] | None = None,
+    ) -> Plan:
+        """A plan in which all configurations without a spectrum of their own have the typical one, if there is one."""
+        own = dict(spectra or {})
+        if self.typical is not None:
+            for name in (*experiment.configurations, *(choice.configuration.name for choice in chosen)):
+                own.setdefault(name, self.typical)
         loop = closed_loop_of(self.robot, self.simulated.controller, self.excitation.rate_hz)
-        return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, loop)
+        return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, own, loop)
 
     def rig(self, plan: Plan) -> SimulatedRig:
         """The rig that rehearses a plan: the simulated one without its truth."""
@@ -130,6 +142,26 @@ class DesignProblem:
         return drawn.plan(
             experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(some)]
         )
+
+    def at_equilibria(
+        self, probe: Plan, value: Callable[[int, Configuration], Value], needed: Collection[str] = ()
+    ) -> list[Value]:
+        """value(q, configuration) of each configuration of a probe that has an equilibrium.
+
+        StudyError or DataError of a needed one (by its name), and of the last one where none has.
+        """
+        values: list[Value] = []
+        refused: StudyError | DataError | None = None
+        for q, configuration in enumerate(probe.configurations):
+            try:
+                values.append(value(q, configuration))
+            except (StudyError, DataError) as error:
+                if configuration.name in needed:
+                    raise
+                refused = error
+        if refused is not None and not values:
+            raise refused
+        return values
 
     def prospect(self, plan: Plan, q: int) -> Prospect:
         """The measurement of configurations like the q-th of a plan."""
@@ -182,6 +214,72 @@ def with_torques(problem: DesignProblem) -> DesignProblem:
         single = replace(problem.experiment, configurations={}, realisations=1)
         phases = np.angle(problem.plan(single, [ChosenConfiguration(probe.configurations[0], 1)]).R)
         probe = replace(probe, R=np.abs(probe.R) * np.exp(1j * phases))
-    probe, _ = within_limits(problem.rig(probe), excitation)
+    probe, _ = within_limits(problem.rig(probe), replace(excitation, flat="torque"))
     rms = np.sqrt(np.mean(np.sum(np.abs(probe.R) ** 2, axis=3) / 2, axis=(0, 1, 2)))
     return replace(problem, excitation=replace(excitation, torque_rms=tuple(rms.tolist())))
+
+
+def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> DesignProblem:
+    """The problem with the spectrum of the most information about a few configurations, for `flat: information`.
+
+    torque_rms: as the study has it, `limits` included.
+    """
+    if problem.excitation.flat != "information":
+        return problem
+    probe, excitation = problem.probe(problem.experiment), replace(problem.excitation, torque_rms=torque_rms)
+
+    def measurement(q: int, configuration: Configuration) -> tuple[_Measurement, FloatArray]:
+        prospect = problem.prospect(probe, q)
+        for x in problem.guesses:
+            prospect.expected(configuration, x)
+        single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
+        return (prospect, configuration, probe.realisations[q]), power_costs(problem.rig(single), excitation)
+
+    measurements, costs = zip(*problem.at_equilibria(probe, measurement), strict=True)
+    return replace(problem, typical=_best(problem, measurements, np.concatenate(costs), together=True)[0])
+
+
+def best_spectra_of(
+    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[ChosenConfiguration], torque_rms: AskedTorque
+) -> dict[str, FloatArray]:
+    """The best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
+
+    Empty without `flat: information`.
+    """
+    if problem.typical is None:
+        return {}
+    plan = problem.plan(experiment, chosen)
+    fitted = problem.fitted(plan)
+    names = [configuration.name for _, configuration, _ in fitted]
+    rows = [q for q, c in enumerate(plan.configurations) if c.name in names]
+    costs = power_costs(problem.rig(plan), replace(problem.excitation, torque_rms=torque_rms))
+    best = _best(problem, fitted, costs[rows])
+    return {c.name: problem.typical for c in plan.configurations} | dict(zip(names, best, strict=True))
+
+
+def _best(
+    problem: DesignProblem, measurements: Sequence[_Measurement], cost: FloatArray, together: bool = False
+) -> FloatArray:
+    """Amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
+
+    cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError where fewer experiments than inputs are run.
+    """
+    x, first = problem.guesses, measurements[0][0]
+    E, n_u = first.R.shape[1], first.R.shape[3]
+    if n_u > E:
+        raise StudyError(
+            "excitation/power",
+            f"information needs as many experiments as motors, and there are {E} for {n_u}: with fewer the inputs are "
+            "separated by neighbouring lines, which must all be strong; take another flat, or leave "
+            "experiment.experiments out",
+            "excitation.flat",
+        )
+    sources = [[prospect.source(c, guess, M) for guess in x] for prospect, c, M in measurements]
+    even = even_powers(cost)
+    H = [[source.information(P) for source in guesses] for guesses, P in zip(sources, even, strict=True)]
+    known = problem.prior_information(x)
+    criterion, ground = visible(problem.criterion, np.swapaxes(np.array(H), 0, 1), known, first.parameters)
+    groups = [sources] if together else [[guesses] for guesses in sources]
+    cost = cost.mean(axis=0, keepdims=True) if together else cost
+    best = best_powers(groups, cost, criterion, known + ground, problem.excitation.least)
+    return np.asarray(np.sqrt(best.P / E))

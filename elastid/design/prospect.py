@@ -20,13 +20,15 @@ from functools import lru_cache
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.errors import StudyError
 from elastid.base.statistics import mean_of_neighbours
+from elastid.design.optimal import PowerSource
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.hardware import logged_quantity, output_stds
 from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
-from elastid.fit.problem.weights import Weights, weigh
+from elastid.fit.problem.weights import Weights, weigh, with_diagonal_weights
 from elastid.fit.spec import FitSpec
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
@@ -118,10 +120,12 @@ class Prospect:
         """The linearisation of the fit's model."""
         return Linearisation.of_robot(self.robot, self.model, self.parameters.names)
 
-    def expected(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> ExpectedResponse:
-        """The response of a robot with parameters x (n_x,) in a configuration, with weights as the fit has them.
+    def expected(
+        self, configuration: Configuration, x: FloatArray, realisations: int = 0, fit: FitSpec | None = None
+    ) -> ExpectedResponse:
+        """The response of a robot with parameters x (n_x,) in a configuration, with weights as `fit` has them.
 
-        realisations: those of the prospect unless given.  StudyError where the configuration has no equilibrium.
+        realisations, fit: those of the prospect unless given.  StudyError where the configuration has no equilibrium.
         """
         model, G, motion = self._local(configuration, x)
         covariance = self._covariance(G, motion, configuration, realisations or self.realisations)
@@ -129,11 +133,34 @@ class Prospect:
         rates, sampled = (self.plan.rate_hz,) * len(self.robot.driven), (True,) * len(self.outputs)
         model = replace(model, hold=HeldTorque(rates, sampled))
         response = replace(to_response(model, self.parameters.expand(x), self.plan.freq_hz), total=covariance)
-        return ExpectedResponse(response, model, weigh(response, self.fit), self.parameters, self.fit)
+        return ExpectedResponse(response, model, weigh(response, fit or self.fit), self.parameters, fit or self.fit)
 
     def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
         """H (S, n_x, n_x) for guesses x (S, n_x)."""
         return np.stack([self.expected(configuration, guess).information(guess) for guess in x])
+
+    def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
+        """Information by elements one by one, a function of the powers of R; friction scatters as under R.
+
+        StudyError without noise.
+        """
+        M = realisations or self.realisations
+        _, G, motion = self._local(configuration, x)
+        expected = self.expected(configuration, x, M, with_diagonal_weights(self.fit))
+        sensitivity, U = self._torques(configuration, motion)
+        error = _diagonal(self._error(U, G, motion)) / M
+        ((_, J),) = expected_fit([expected]).blocks(x)
+        used = expected.weights.used
+        if not np.all(error > 0):
+            raise StudyError(
+                "excitation/power",
+                "information needs noise whose part in a response falls with the injected power: set "
+                "experiment.simulated.noise, or take another flat",
+                "excitation.flat",
+            )
+        spread = np.abs(np.linalg.inv(sensitivity)) ** 2
+        fixed = (expected.weights.floor**2 + self.distortion**2 / M) * np.abs(G) ** 2
+        return PowerSource(J * np.where(used, expected.weights.sigma, 0.0), error, spread, fixed, used)
 
     def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
         """The model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""

@@ -58,11 +58,17 @@ class MultisineSpec:
     margin: Annotated[float, Key("Margin to every limit of the robot, the part of it that stays free.", "more where "
         "the robot's file is rough, since the nominal model predicts the movement; 0 uses all of each limit. 0.1 "
         "covers errors of the masses of ten percent.")] = 0.1
-    flat: Annotated[Signal | Literal["precision"], Key("Quantity that has, closed loop and nominal "
+    flat: Annotated[Signal | Literal["precision", "information"], Key("Quantity that has, closed loop and nominal "
         "robot, the same amplitude at all lines: the injected `torque`, the motor's `position`, `velocity` or "
-        "`acceleration` (less around a resonance, wherever within 10 % it is), or the `precision` of its response "
-        "under the noise of the simulated rig.", "`torque` needs no model and is the default; `acceleration` or "
-        "`precision` move power from the resonances to where the response is weak.")] = "torque"
+        "`acceleration` (less around a resonance, wherever within 10 % it is), the `precision` of its response under "
+        "the noise of the simulated rig, or the `information` that a little more power would bring about the "
+        "parameters of the fit: then no other spectrum of the same torques gives more about them (by the criterion of "
+        "`design`; each configuration has its own).", "`torque` needs no model and is the default; `acceleration` or "
+        "`precision` move power from the resonances to where the response is weak; `information` where the parameters "
+        "are nearly known, for the smallest intervals.")] = "torque"
+    least: Annotated[float, Key("Part of a flat torque's power that every line keeps under flat: information.",
+        "more where the nominal numbers are rough, so that a mode elsewhere than expected is still excited; less gains "
+        "some percent of standard deviation. 0.1 keeps a third of the amplitude.")] = 0.1
     power: Annotated[float, Key("Exponent of frequency in the amplitude of the lines.", "positive where high "
         "resonances need more, negative where position limits allow and low lines drown in friction; 0 leaves the "
         "spectrum as `flat` says.")] = 0.0
@@ -110,6 +116,7 @@ class MultisineSpec:
         if any(not f > 0 or not a > 0 for f, a in self.spectrum):
             raise ValueError("spectrum: frequencies and amplitudes must be positive")
         self._check_grid_and_phases()
+        self._check_information()
 
     def _check_grid_and_phases(self) -> None:
         if not 2 <= self.group <= 100:
@@ -124,6 +131,23 @@ class MultisineSpec:
             raise ValueError(f"phases: {self.phases} needs all lines or all odd lines of a band; set grid: full or odd")
         if not self.compress:
             raise ValueError("compress is empty; name the signals whose peaks matter, for example [torque, velocity]")
+
+    def _check_information(self) -> None:
+        if not 0 < self.least <= 1:
+            raise ValueError(
+                f"least is {self.least:g}; with flat: information it is the part of a flat torque's power that every "
+                "line keeps, above 0 (a line without power has no response) and up to 1"
+            )
+        if self.flat != "information" and self.least != 0.1:
+            raise ValueError("least belongs to flat: information; set that, or leave least out")
+        if self.flat == "information" and len(self.levels) > 1:
+            raise ValueError(
+                f"flat: information finds the spectra of one amplitude, and torque_rms lists {len(self.levels)}; give "
+                "one of them, or take another flat"
+            )
+        if self.flat == "information" and (self.power or self.spectrum or self.phases in _SWEEPS):
+            other = f"phases: {self.phases}" if self.phases in _SWEEPS else "power and spectrum"
+            raise ValueError(f"flat: information finds the spectrum itself; leave out {other}, or take another flat")
 
     @property
     def levels(self) -> tuple[OneTorque, ...]:

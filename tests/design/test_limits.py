@@ -16,10 +16,14 @@ from plants.refusals import refused
 from elastid.app.cli import run_command
 from elastid.design.forecast import LimitUse
 from elastid.design.limits import (
+    limits_of,
+    peaks_of_movement,
     peaks_of_run,
+    power_costs,
     within_limits,
 )
 from elastid.experiment.plan.plan import Plan, make_plan
+from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.frf.estimate import estimate
@@ -106,6 +110,25 @@ def test_a_constant_velocity_shows_the_linear_robot_in_spite_of_gravity_and_fric
     true = frequency_response(linear, linear.theta_ref, plan.freq_hz)
     error = np.abs(np.einsum("fii->fi", G - true)) / np.abs(np.einsum("fii->fi", true))
     assert np.median(error, axis=0).max() < 0.03
+
+
+def test_power_costs_are_squared_peaks_in_the_room_of_each_limit() -> None:
+    """sum c P = kappa^2 rms^2 / room^2 with kappa^2 = 2 ln (2 F E M), of the closed loop; 1 for torque_rms."""
+    machine, spec = arm(), experiment()
+    excitation = replace(EXCITATION, torque_rms=(30.0, 20.0))
+    plan = make_plan(excitation, spec, machine, 1)
+    rig = SimulatedRig(machine, spec, plan, 1)
+    (cost,) = power_costs(rig, excitation)
+    P = np.sum(np.abs(plan.R[0, 0]) ** 2, axis=0)
+    used = np.einsum("ofl,fl->o", cost, P)
+    np.testing.assert_allclose(used[:2], 1.0)
+    base = peaks_of_movement(rig, plan.experiments[0])
+    room = 0.9 * limits_of(rig, plan.configurations[0]) - base
+    loop = closed_loop_of(machine, spec.as_simulated().controller, 500.0)(plan.configurations[0], plan.freq_hz)
+    S = np.einsum("foi,efi->eof", loop.stacked(("torque", "position", "velocity", "acceleration")), plan.R[0, 0])
+    mean_square = (np.sum(np.abs(S) ** 2, axis=2) / 2).mean(axis=0)
+    kappa_squared = 2 * math.log(2 * len(plan.lines) * 2)
+    np.testing.assert_allclose(used[2:], kappa_squared * mean_square / room[:4].ravel() ** 2, rtol=1e-9)
 
 
 def test_design_leaves_references_for_a_robot_controller(tiny: Path, tmp_path: Path) -> None:

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import LinearConstraint, minimize
 
 from elastid.base.arrays import FloatArray
 from elastid.design.optimal import (
     DesignCriterion,
+    PowerSource,
+    best_powers,
+    even_powers,
     relaxed_design,
     whole_experiments,
 )
@@ -92,3 +96,123 @@ def test_what_is_known_already_is_not_measured_again() -> None:
     np.testing.assert_allclose(relaxed_design(H, criterion).weights, [0.5, 0.5], atol=1e-3)
     known = np.array([[[5.0, 0], [0, 1e-9]]])
     assert whole_experiments(H, relaxed_design(H, criterion, known / 2).weights, 2, criterion, known).tolist() == [0, 2]
+
+
+Groups = list[list[list[PowerSource]]]
+
+
+def drawn(seed: int, groups: int, guesses: int = 1, lines: int = 12, n_u: int = 2, n_x: int = 4) -> Groups:
+    """Random sources with coupled inputs, outputs of unlike noise, and a floor that power does not lower."""
+    rng = np.random.default_rng(seed)
+
+    def source() -> PowerSource:
+        J = rng.standard_normal((2, n_x, lines, n_u, n_u)) * np.exp(rng.standard_normal((lines, 1, 1)))
+        T = np.eye(n_u) + 0.4 * rng.random((lines, n_u, n_u))
+        return PowerSource(
+            J[0] + 1j * J[1],
+            np.exp(rng.standard_normal((lines, n_u))),
+            T**2,
+            0.05 * rng.random((lines, n_u, n_u)),
+            rng.random((lines, n_u, n_u)) > 0.1,
+        )
+
+    return [[[source() for _ in range(guesses)]] for _ in range(groups)]
+
+
+def priced(seed: int, groups: int, lines: int = 12, n_u: int = 2) -> FloatArray:
+    """A limit of each input's own power, and two in which both count, dearer towards one end of the band."""
+    rng = np.random.default_rng([seed, 1])
+    own = np.repeat(np.eye(n_u)[:, None, :], lines, axis=1)
+    shared = np.exp(rng.standard_normal((2, 1, n_u))) * np.linspace(0.1, 3, lines)[:, None]
+    return np.repeat(np.concatenate([own, shared])[None], groups, axis=0)
+
+
+def information(groups: Groups, P: FloatArray, known: FloatArray) -> FloatArray:
+    each = zip(groups, P, strict=True)
+    return known + sum(np.stack([one.information(p) for one in group[0]]) for group, p in each)
+
+
+def test_quadratic_regression_puts_its_power_at_the_ends_and_in_the_middle() -> None:
+    """One input, noise alone: lines are candidates, and a third of the power goes to -1, 0 and 1 each."""
+    x = np.linspace(-1, 1, 201)
+    one = np.ones((201, 1, 1))
+    J = np.vander(x, 3).T.reshape(3, 201, 1, 1).astype(complex)
+    source = PowerSource(J, one[:, :, 0], one, 0 * one, one > 0)
+    best = best_powers([[[source]]], one[None, None, :, :, 0], DesignCriterion(np.eye(3)), np.zeros((1, 3, 3)), 0.01)
+    assert best.gap < 0.01
+    assert best.P.sum() == pytest.approx(1.0)
+    thirds = [best.P[0, where, 0].sum() for where in (x < -0.7, abs(x) < 0.3, x > 0.7)]
+    assert thirds == pytest.approx([1 / 3] * 3, abs=0.02)
+    assert best.P.min() == pytest.approx(0.01 / 201, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_an_independent_solver_finds_the_same(seed: int) -> None:
+    """Two configurations, overlapping limits, a floor: within the certified gap of SciPy's trust-region optimum."""
+    groups, cost = drawn(seed, 2), priced(seed, 2)
+    criterion, known = DesignCriterion(np.eye(4)), np.zeros((1, 4, 4))
+    best = best_powers(groups, cost, criterion, known, 0.1, 1e-3)
+    even = even_powers(cost)
+
+    def value(P: FloatArray) -> float:
+        return -float(criterion.value(information(groups, P.reshape(even.shape), known)))
+
+    rows = np.zeros((8, even.size))
+    for k in range(2):
+        rows[4 * k : 4 * k + 4, 24 * k : 24 * k + 24] = cost[k].reshape(4, -1)
+    found = minimize(
+        value,
+        even.ravel(),
+        method="SLSQP",
+        bounds=[(0.1 * p, None) for p in even.ravel()],
+        constraints=LinearConstraint(rows, -np.inf, 1.0),
+        options={"maxiter": 500, "ftol": 1e-9},
+    )
+    assert best.gap < 2e-3
+    assert best.value == pytest.approx(-found.fun, abs=3e-3)
+    assert best.value > -value(even)
+
+
+@settings(deadline=None, max_examples=15)
+@given(seed=st.integers(0, 10_000))
+def test_nothing_within_the_limits_exceeds_the_certified_bound(seed: int) -> None:
+    """Limits are kept, and every line keeps its least power."""
+    groups, cost = drawn(seed, 2, guesses=3), priced(seed, 2)
+    criterion, known = DesignCriterion(np.eye(4)[:, :3]), np.zeros((3, 4, 4))
+    best = best_powers(groups, cost, criterion, known, 0.2)
+    used = np.einsum("kofl,kfl->ko", cost, best.P)
+    assert used.max() <= 1 + 1e-9
+    assert np.min(best.P / (0.2 * even_powers(cost))) > 1 - 1e-9
+    assert best.value >= criterion.value(information(groups, even_powers(cost), known))
+    assert best.gap < 0.06
+    rng = np.random.default_rng(seed)
+    for spread in (0.1, 1.0, 3.0):
+        free = best.P * np.exp(spread * rng.standard_normal(best.P.shape))
+        least = 0.2 * even_powers(cost)
+        room = 1 - np.einsum("kofl,kfl->ko", cost, least)
+        P = least + free / (np.einsum("kofl,kfl->ko", cost, free) / room).max(axis=1)[:, None, None]
+        assert criterion.value(information(groups, P, known)) <= best.value + best.gap + 1e-9
+
+
+def test_the_gradient_is_that_of_the_information() -> None:
+    """d Tr(A H) / dP against differences, coupling and floor included."""
+    source = drawn(5, 1)[0][0][0]
+    rng = np.random.default_rng(0)
+    P, half = 0.5 + rng.random((12, 2)), rng.standard_normal((4, 4))
+    gradient = half @ half.T
+    gains = source.gains(P, gradient)
+    for k, i in ((0, 0), (3, 1), (11, 0)):
+        step = np.zeros_like(P)
+        step[k, i] = 1e-5
+        up, down = (np.sum(gradient * source.information(P + sign * step)) for sign in (1, -1))
+        assert gains[k, i] == pytest.approx((up - down) / 2e-5, rel=1e-6)
+
+
+def test_even_powers_take_every_input_to_a_limit() -> None:
+    """Own limits are filled; where a shared one binds first, that is full."""
+    cost = priced(7, 3)
+    even = even_powers(cost)
+    assert np.ptp(even, axis=1).max() == 0
+    assert np.einsum("kofl,kfl->ko", cost, even).max(axis=1) == pytest.approx([1.0] * 3)
+    own = np.repeat(np.diag([1.0, 4.0])[None, :, None, :], 12, axis=2)
+    assert even_powers(own)[0, 0] == pytest.approx([1 / 12, 1 / 48])

@@ -14,6 +14,7 @@ GOOD: tuple[dict[str, Any], ...] = (
     {"spectrum": ((1.0, 0.5), (60.0, 1.0)), "group": 100},
     {"grid": "lines", "lines": (3, 7)},
     {"phases": "schroeder", "grid": "odd"},
+    {"flat": "information", "least": 1.0, "band_hz": (1.0, 249.5)},
 )
 SPOILT: tuple[tuple[str, dict[str, Any]], ...] = (
     ("period", {"period": 2e6}),
@@ -32,6 +33,11 @@ SPOILT: tuple[tuple[str, dict[str, Any]], ...] = (
     ("lines", {"grid": "lines"}),
     ("lines", {"lines": (3, 7)}),
     ("compress", {"compress": ()}),
+    ("least", {"flat": "information", "least": 0.0}),
+    ("least", {"least": 0.2}),
+    ("flat", {"flat": "information", "torque_rms": ((20.0, 5.0), (10.0, 5.0))}),
+    ("flat", {"flat": "information", "power": 1.0}),
+    ("flat", {"flat": "information", "spectrum": ((1.0, 0.5),)}),
 )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, TypeAlias
@@ -53,13 +53,14 @@ def torque_spectra(
     lines: IntArray,
     configuration: Configuration,
     draws: Sequence[np.random.SeedSequence],
+    spectrum: FloatArray | None = None,
     closed_loop: PredictClosedLoop | None = None,
 ) -> ComplexArray:
     """R (M, n_u experiments, F, n_u) of one configuration, a realisation for each of the M draws.
 
-    closed_loop: as `make_plan` takes it.  With torque_rms: limits every motor has a share of its torque limit, to be
-    scaled.  Raises StudyError where fewer lines than inputs are excited, realisations would all be the same, or
-    closed_loop is missing.
+    spectrum, closed_loop: as `make_plan` takes them.  Flat in torque until `flat: information` has its spectrum; with
+    torque_rms: limits every motor has a share of its torque limit, to be scaled.  Raises StudyError where fewer lines
+    than inputs are excited, realisations would all be the same, or closed_loop is missing.
     """
     inputs = robot.motor_locations
     if refused := line_count_refusal(len(lines), len(inputs), "motors"):
@@ -69,7 +70,8 @@ def torque_spectra(
     freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
     relative = relative_amplitudes(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
     responses = np.repeat(np.eye(len(inputs))[None], len(lines), axis=0).astype(np.complex128)
-    if excitation.flat != "torque" or excitation.compress != ("torque",):
+    is_found = excitation.flat in ("torque", "information")
+    if not is_found or excitation.compress != ("torque",):
         if closed_loop is None:
             raise StudyError(
                 "excitation/power",
@@ -81,11 +83,11 @@ def torque_spectra(
         if excitation.flat == "precision":
             noise = experiment.as_simulated().noise
             relative = relative * _precision(closed_loop(configuration, freq_hz), noise, robot)
-        elif excitation.flat != "torque":
+        elif not is_found:
             nearby = [getattr(closed_loop(configuration, freq_hz * factor), excitation.flat) for factor in _NEARBY]
             relative = relative / np.max([_own(response) for response in nearby], axis=0)
         responses = closed_loop(configuration, freq_hz).stacked(excitation.compress)
-    amplitude = amplitudes(relative, torque_rms(excitation, robot))
+    amplitude = spectrum if spectrum is not None else amplitudes(relative, torque_rms(excitation, robot))
     how = (excitation.phases, excitation.orthogonal, lines, amplitude)
     search = (responses, len(draws) == 1)
     return np.array([experiments(*how, np.random.default_rng(d), *search) for d in draws])
@@ -269,16 +271,18 @@ def make_plan(
     robot: Robot,
     seed: int,
     chosen: Sequence[ChosenConfiguration] = (),
+    spectra: Mapping[str, FloatArray] | None = None,
     closed_loop: PredictClosedLoop | None = None,
 ) -> Plan:
     """The plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine, or the first.
 
     With several amplitudes each configuration is measured at every one, under a name of its own (`at_level`).
 
-    chosen: configurations that a design has added to those of the study.  closed_loop: needed where excitation.flat or
-    compress names a quantity other than the torque.  The phases of a set depend on seed, configuration index and
-    realisation alone, so that a further configuration or realisation leaves the others as they were (but for optimised
-    phases, the first other realisation).  Raises StudyError where the robot cannot do it.
+    chosen: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
+    has found, by the configuration's name.  closed_loop: needed where excitation.flat or compress names a quantity
+    other than the torque.  The phases of a set depend on seed, configuration index and realisation alone, so that a
+    further configuration or realisation leaves the others as they were (but for optimised phases, the first other
+    realisation).  Raises StudyError where the robot cannot do it.
     """
     given = [ChosenConfiguration(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
     everyone = [
@@ -291,9 +295,11 @@ def make_plan(
     R = np.zeros((len(everyone), M, E, len(lines.excited), n_u), complex)
     for q, (level, choice) in enumerate(everyone):
         draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(choice.realisations)]
+        spectrum = (spectra or {}).get(choice.configuration.name)
         every = torque_spectra(
-            excitation.at_level(level), experiment, robot, lines.excited, choice.configuration, draws, closed_loop
-        )
+            excitation.at_level(level), experiment, robot, lines.excited, choice.configuration, draws, spectrum,
+            closed_loop,
+        )  # fmt: skip
         R[q, : len(draws)] = every[:, :E]
     configurations, inputs = tuple(choice.configuration for _, choice in everyone), robot.motor_locations
     timing = excitation.rate_hz, excitation.period_samples, experiment.periods, experiment.transient_periods
