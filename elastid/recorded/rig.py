@@ -41,7 +41,7 @@ from elastid.recorded.link_side import (
     link_side_factor,
     to_joints,
 )
-from elastid.recorded.repair import Log, Repaired, counts
+from elastid.recorded.repair import Repaired, counts
 from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples, unstated_period_notes
@@ -154,12 +154,8 @@ class RecordedRig:
         gathered = gather_channels(recorded, file, self.base, self.robot)
         channels, where = gathered.channels, f"record {experiment.name}"
         where += f", {file.path}" if is_one_of_several else ""
-        known_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
-        log = Log(
-            str(self.base / file.path), tuple(c.full_name for c in channels), known_hz, gathered.first, gathered.rows
-        )
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
-        repaired, N, rate_hz = repaired_signals(gathered, recorded, log, is_one_of_several)
+        repaired, N, rate_hz = repaired_signals(gathered, recorded, is_one_of_several)
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
         notes = [replace(note, place=where) for note in gathered.notes]
         notes += [finding.note(where) for finding in findings]
@@ -192,7 +188,7 @@ class RecordedRig:
             u=signals[:, roles["u"]],
             y=signals[:, roles["y"]],
             r=signals[:, roles["r"]] if roles["r"] else None,
-            rate_is_known=known_hz is not None,
+            rate_is_known=gathered.log.rate_hz is not None,
             notes=tuple(notes),
             hold="zero-order" if any(held) else "band-limited",
             hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
@@ -212,10 +208,10 @@ def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
 
 
 def repaired_signals(
-    gathered: GatheredChannels, recorded: RecordedSpec, log: Log, is_one_of_several: bool = False
+    gathered: GatheredChannels, recorded: RecordedSpec, is_one_of_several: bool = False
 ) -> tuple[Repaired, int | None, float]:
     """The repaired signals, the samples of their period (None without one), and their rate."""
-    period, half_wave = gathered.period, recorded.half_wave
+    period, half_wave, log = gathered.period, recorded.half_wave, gathered.log
     if period is None:
         return repair_without_period(gathered.signals, log), None, gathered.rate_hz
     N = grid_samples(period, half_wave)
