@@ -32,7 +32,7 @@ from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.files.formats import read_channels
-from elastid.recorded.link_side import check_values, disturbances, link_side, to_joints
+from elastid.recorded.link_side import check_values, in_joints, link_side
 from elastid.recorded.repair import Repaired
 from elastid.recorded.repair.masks import step, without_lone
 from elastid.recorded.repair.missing import bridged_gaps
@@ -130,13 +130,11 @@ class _LogReader:
                 "study/recorded", "friction needs velocities; give recorded.rate_hz in Hz, not unknown", self.path
             )
         repaired, N, rate_hz = self._repaired(gathered, recorded)
-        values = repaired.signals @ to_joints(gathered.channels, self.robot).T
+        values, known = in_joints(gathered.channels, repaired.signals, self.robot)
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
         findings = (*gathered.findings, *repaired.findings)
         notes += [finding.note(f"record {self.name}") for finding in findings]
         of_motors = [c.at for c in gathered.channels if c.role == "u"]
-        known = disturbances(gathered.channels, values, of_motors)
-        values[:, [i for i, c in enumerate(gathered.channels) if c.role == "u"]] += known
         by_place: dict[tuple[str, str, str], FloatArray] = {
             (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
             for i, c in enumerate(gathered.channels)

@@ -35,9 +35,9 @@ from elastid.recorded.files.formats import is_log, naming, size_in_pieces
 from elastid.recorded.link_side import (
     UNWRAPPED,
     channel_refusals,
-    disturbances,
     drive_notes,
     hold_samples,
+    in_joints,
     link_side_factor,
     to_joints,
 )
@@ -167,11 +167,7 @@ class RecordedRig:
                 notes += end_notes(lost, n, N // 2 if recorded.half_wave else N, where)
         elif "none" not in (file.period, recorded.period):
             notes += unstated_period_notes(signals[:, roles["r"] or roles["u"]], where)
-        T = to_joints(channels, self.robot)
-        signals = signals if np.array_equal(T, np.eye(len(T))) else signals @ T.T
-        if any(channel.role == "d" for channel in channels):
-            signals = signals.copy()
-            signals[:, roles["u"]] += disturbances(channels, signals, [places[i] for i in roles["u"]])
+        signals, _ = in_joints(channels, signals, self.robot)
         held = hold_samples(recorded, channels, rate_hz)
         inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
         return Record(
