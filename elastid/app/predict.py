@@ -22,9 +22,9 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.report.figures.fit import octaves_figure
 from elastid.store.files import keep_checksums, write_text
 from elastid.store.friction_study import read_friction_records, read_friction_result
-from elastid.store.kinds import json_value
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears
+from elastid.store.values import json_value
 from elastid.study.source import read_source
 from elastid.validation.agreement import validate
 from elastid.validation.friction_twin import predict_logs

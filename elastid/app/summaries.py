@@ -25,7 +25,7 @@ from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
-from elastid.store.kinds import SCHEMA, json_value
+from elastid.store.values import SCHEMA, json_value
 from elastid.validation.agreement import Agreement, Validation
 from elastid.validation.twin import NO_PREDICTION, NO_TWIN, BandBalance, Prediction, TorqueBalance, TwinFindings
 

@@ -28,21 +28,18 @@ from elastid.recorded.repair.time_stamps import CLOCK, PASSBAND, at_times, clock
 
 @dataclass(frozen=True)
 class GatheredChannels:
-    """Signals (n, c) of channels, NaN where missing, at rate_hz (1 where unknown), from sample `first` of the file.
+    """Signals (n, c) of channels, NaN where missing, at rate_hz (1 where unknown); known disturbances stand last.
 
-    rows (n,): their numbers in the file where they lie on time stamps, as `repair.Log` has them, else None.  Known
-    disturbances (role d) stand last.
-    period: in samples, not always whole; None without one.
+    period: in samples, not always whole; None without one.  log: their names, and their numbers in the first file.
     """
 
     signals: FloatArray
     channels: tuple[ChannelSpec, ...]
     rate_hz: float
     period: float | None
-    first: int
+    log: Log
     notes: tuple[Note, ...]
     findings: tuple[Finding, ...]
-    rows: IntArray | None = None
 
 
 @dataclass(frozen=True)
@@ -109,16 +106,16 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     rows = parts[0].rows if len(parts) == 1 else None
     first = 0 if file.samples is None else file.samples[0]
     drivers = [i for i in keep if channels[i].role == "r"] or [i for i in keep if channels[i].role == "u"]
-    begin, rests = _begin(signals[:, drivers], period, Log("", (), known_hz, first, rows))
+    log = Log(str(experiment.paths[0]), tuple(channels[i].full_name for i in keep), known_hz, first, rows)
+    begin, rests = _begin(signals[:, drivers], period, log)
     return GatheredChannels(
         signals=signals[begin:, keep],
         channels=tuple(channels[i] for i in keep),
         rate_hz=lowest,
         period=period,
-        first=first + begin,
+        log=replace(log, first=first + begin, rows=None if rows is None else rows[begin:]),
         notes=tuple(notes),
         findings=(*periods, *(finding for part in at_rate for finding in part.findings), *shifts, *rests),
-        rows=None if rows is None else rows[begin:],
     )
 
 

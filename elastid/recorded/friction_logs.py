@@ -32,8 +32,8 @@ from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.files.formats import read_channels
-from elastid.recorded.link_side import check_values, disturbances, link_side, to_joints
-from elastid.recorded.repair import Log, Repaired
+from elastid.recorded.link_side import check_values, in_joints, link_side
+from elastid.recorded.repair import Repaired
 from elastid.recorded.repair.masks import step, without_lone
 from elastid.recorded.repair.missing import bridged_gaps
 from elastid.recorded.rig import repaired_signals
@@ -129,17 +129,12 @@ class _LogReader:
             raise StudyError(
                 "study/recorded", "friction needs velocities; give recorded.rate_hz in Hz, not unknown", self.path
             )
-        log = Log(
-            self.path, tuple(c.full_name for c in gathered.channels), gathered.rate_hz, gathered.first, gathered.rows
-        )
-        repaired, N, rate_hz = self._repaired(gathered, recorded, log)
-        values = repaired.signals @ to_joints(gathered.channels, self.robot).T
+        repaired, N, rate_hz = self._repaired(gathered, recorded)
+        values, known = in_joints(gathered.channels, repaired.signals, self.robot)
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
         findings = (*gathered.findings, *repaired.findings)
         notes += [finding.note(f"record {self.name}") for finding in findings]
         of_motors = [c.at for c in gathered.channels if c.role == "u"]
-        known = disturbances(gathered.channels, values, of_motors)
-        values[:, [i for i, c in enumerate(gathered.channels) if c.role == "u"]] += known
         by_place: dict[tuple[str, str, str], FloatArray] = {
             (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
             for i, c in enumerate(gathered.channels)
@@ -150,12 +145,11 @@ class _LogReader:
                 by_place["t", channel.at, ""] = self._thermometer(channel, np.arange(len(values)) / rate_hz)
         return self._of_joints(by_place, rate_hz, N, tuple(notes))
 
-    def _repaired(
-        self, gathered: GatheredChannels, recorded: RecordedSpec, log: Log
-    ) -> tuple[Repaired, int | None, float]:
+    def _repaired(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[Repaired, int | None, float]:
         """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
         if self.file.purpose == "at_rest":
-            return repaired_signals(gathered, recorded, log)
+            return repaired_signals(gathered, recorded)
+        log = gathered.log
         bridged = bridged_gaps(gathered.signals, log)
         torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
         of_torques = replace(log, names=tuple(log.names[i] for i in torques))

@@ -238,13 +238,18 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> in
     )
 
 
-def disturbances(channels: Sequence[ChannelSpec], signals: FloatArray, motors: Sequence[str]) -> FloatArray:
-    """Torque (n, n_u) of the known disturbances among signals (n, c) at some motors, 0 where there is none."""
-    total = np.zeros((len(signals), len(motors)))
+def in_joints(channels: Sequence[ChannelSpec], signals: FloatArray, robot: Places) -> tuple[FloatArray, FloatArray]:
+    """Signals (n, c) of the joints, where gears couple these, with the known disturbances in the torques; and these."""
+    T, torques = to_joints(channels, robot), [i for i, channel in enumerate(channels) if channel.role == "u"]
+    signals = signals if np.array_equal(T, np.eye(len(T))) else signals @ T.T
+    motors, known = [channels[i].at for i in torques], np.zeros((len(signals), len(torques)))
     for channel, signal in zip(channels, signals.T, strict=True):
         if channel.role == "d" and channel.at in motors:
-            total[:, motors.index(channel.at)] += signal
-    return total
+            known[:, motors.index(channel.at)] += signal
+    if known.any():
+        signals = signals.copy()
+        signals[:, torques] += known
+    return signals, known
 
 
 def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:

@@ -35,13 +35,13 @@ from elastid.recorded.files.formats import is_log, naming, size_in_pieces
 from elastid.recorded.link_side import (
     UNWRAPPED,
     channel_refusals,
-    disturbances,
     drive_notes,
     hold_samples,
+    in_joints,
     link_side_factor,
     to_joints,
 )
-from elastid.recorded.repair import Log, Repaired, counts
+from elastid.recorded.repair import Repaired, counts
 from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples, unstated_period_notes
@@ -154,12 +154,8 @@ class RecordedRig:
         gathered = gather_channels(recorded, file, self.base, self.robot)
         channels, where = gathered.channels, f"record {experiment.name}"
         where += f", {file.path}" if is_one_of_several else ""
-        known_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
-        log = Log(
-            str(self.base / file.path), tuple(c.full_name for c in channels), known_hz, gathered.first, gathered.rows
-        )
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
-        repaired, N, rate_hz = repaired_signals(gathered, recorded, log, is_one_of_several)
+        repaired, N, rate_hz = repaired_signals(gathered, recorded, is_one_of_several)
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
         notes = [replace(note, place=where) for note in gathered.notes]
         notes += [finding.note(where) for finding in findings]
@@ -171,11 +167,7 @@ class RecordedRig:
                 notes += end_notes(lost, n, N // 2 if recorded.half_wave else N, where)
         elif "none" not in (file.period, recorded.period):
             notes += unstated_period_notes(signals[:, roles["r"] or roles["u"]], where)
-        T = to_joints(channels, self.robot)
-        signals = signals if np.array_equal(T, np.eye(len(T))) else signals @ T.T
-        if any(channel.role == "d" for channel in channels):
-            signals = signals.copy()
-            signals[:, roles["u"]] += disturbances(channels, signals, [places[i] for i in roles["u"]])
+        signals, _ = in_joints(channels, signals, self.robot)
         held = hold_samples(recorded, channels, rate_hz)
         inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
         return Record(
@@ -192,7 +184,7 @@ class RecordedRig:
             u=signals[:, roles["u"]],
             y=signals[:, roles["y"]],
             r=signals[:, roles["r"]] if roles["r"] else None,
-            rate_is_known=known_hz is not None,
+            rate_is_known=gathered.log.rate_hz is not None,
             notes=tuple(notes),
             hold="zero-order" if any(held) else "band-limited",
             hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
@@ -212,10 +204,10 @@ def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
 
 
 def repaired_signals(
-    gathered: GatheredChannels, recorded: RecordedSpec, log: Log, is_one_of_several: bool = False
+    gathered: GatheredChannels, recorded: RecordedSpec, is_one_of_several: bool = False
 ) -> tuple[Repaired, int | None, float]:
     """The repaired signals, the samples of their period (None without one), and their rate."""
-    period, half_wave = gathered.period, recorded.half_wave
+    period, half_wave, log = gathered.period, recorded.half_wave, gathered.log
     if period is None:
         return repair_without_period(gathered.signals, log), None, gathered.rate_hz
     N = grid_samples(period, half_wave)

@@ -13,7 +13,7 @@ from urllib.parse import quote, unquote
 from elastid.fit.intervals import Profile
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.store.files import write_text
-from elastid.store.kinds import from_json, json_value
+from elastid.store.values import from_json, json_value
 from elastid.validation.comparison import Refit
 
 # Types of the parts by their kind in a file.

@@ -18,8 +18,7 @@ import numpy as np
 from elastid.base.arrays import NO_LABEL, Label, mapped, shown_range, shown_values, value_range
 from elastid.base.escape import group_name
 from elastid.store.artefacts import kind_of, opened, plain
-from elastid.store.kinds import Kind, fields_of, from_json, from_text, has_own_groups, kind_of_annotation
-from elastid.store.values import NAMES
+from elastid.store.values import NAMES, Kind, fields_of, from_json, from_text, has_own_groups, kind_of_annotation
 
 T = TypeVar("T")
 # Values that are in memory at a time where a range is found.

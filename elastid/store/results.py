@@ -16,9 +16,8 @@ from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import GearResult
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.files import write_rows, write_text
-from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part, reader
-from elastid.store.values import write_artefact, writer
+from elastid.store.values import from_json, json_value, or_text, write_artefact, writer
 from elastid.use.map import WorkspaceMap
 from elastid.validation.agreement import Validation
 from elastid.validation.comparison import Comparison

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from collections import Counter
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from pathlib import Path
 from elastid.base.errors import StudyError
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.sections import FleetSpec, MemberSpec
-from elastid.study.source import read_source
+from elastid.study.source import read_source, read_table
 
 # Columns of a table that are no keys of the study.
 ROBOT, DATE = "robot", "date"
@@ -82,22 +81,11 @@ def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
 
 
 def _rows(path: Path) -> Iterator[MemberSpec]:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = csv.DictReader(file)
-            missing = [name for name in (ROBOT, DATE) if name not in (rows.fieldnames or ())]
-            if missing:
-                text = "the first line names the columns, with commas between them"
-                raise StudyError("files/table", f"no column is called {missing[0]}; {text}", f"{path}:1:1")
-            for row in rows:
-                if None in row:
-                    raise StudyError(
-                        "files/table", "it has more values than the first line has names", f"{path}:{rows.line_num}:1"
-                    )
-                own = {key: value for key, value in row.items() if key not in (ROBOT, DATE) and value}
-                try:
-                    yield MemberSpec(str(row[ROBOT]).strip(), str(row[DATE]).strip(), own)
-                except ValueError as error:
-                    raise StudyError("files/table", str(error), f"{path}:{rows.line_num}:1") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise StudyError("files/table", f"cannot be read as a table ({error})", f"{path}:1:1") from None
+    for place, row in read_table(path, "members"):
+        if missing := [name for name in (ROBOT, DATE) if name not in row]:
+            raise StudyError("files/table", f"no column is called {missing[0]}", f"{path}:1:1")
+        own = {key: value for key, value in row.items() if key not in (ROBOT, DATE) and value}
+        try:
+            yield MemberSpec(row[ROBOT], row[DATE], own)
+        except ValueError as error:
+            raise StudyError("files/table", str(error), str(place)) from None

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.study.source import KeyPath, Place, YamlSource
+from elastid.study.source import KeyPath, Place, YamlSource, read_table
 
 # Columns by the key that they fill; several are its entries.
 _KEYS: Mapping[str, tuple[str, ...]] = {
@@ -38,7 +37,7 @@ def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
     if not isinstance(listed, list):
         return source
     robot = source.data.get("robot")
-    tests = _tests(path, _joints(robot))
+    tests = list(_tests(path, _joints(robot)))
     places: dict[KeyPath, tuple[Place, Place]] = {
         ("loads", "tests", i): (place, place) for i, (place, _) in enumerate(tests, start=len(listed))
     }
@@ -55,35 +54,16 @@ def _joints(robot: Any) -> tuple[str, ...]:
     return tuple(str(joint.get("name")) for joint in joints if joint.get("motor") is not None)
 
 
-def _tests(path: Path, joints: Sequence[str]) -> list[tuple[Place, dict[str, Any]]]:
+def _tests(path: Path, joints: Sequence[str]) -> Iterator[tuple[Place, dict[str, Any]]]:
     """The line of each test, and its keys."""
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise StudyError(
-            "files/table", f"not a text in UTF-8 (byte 0x{error.object[error.start]:02x})", f"{path}:1:1"
-        ) from None
-    rows = [(number, next(csv.reader([line]), [])) for number, line in enumerate(lines, start=1)]
-    rows = [(number, row) for number, row in rows if any(row) and not row[0].lstrip().startswith("#")]
-    if len(rows) < 2:
-        raise StudyError(
-            "files/table", "a file of load tests has a row of names and a row for each test", f"{path}:1:1"
-        )
-    (line, heads), *rest = rows
-    columns = [_column(f"{path}:{line}:1", head, joints) for head in heads]
-    tests = []
-    for number, row in rest:
-        if len(row) != len(heads):
-            raise StudyError(
-                "files/table", f"{len(row)} cells, and {len(heads)} names in line {line}", f"{path}:{number}:1"
-            )
+    for place, row in read_table(path, "load tests"):
+        columns = [_column(f"{path}:1:1", head, joints) for head in row]
         cells = {
-            column: f"{cell.strip()}{unit and f' {unit}'}"
-            for cell, (column, unit) in zip(row, columns, strict=True)
-            if cell.strip()
+            column: f"{cell}{unit and f' {unit}'}"
+            for cell, (column, unit) in zip(row.values(), columns, strict=True)
+            if cell
         }
-        tests.append((Place(1, number, 1, str(path)), _test(cells, joints)))
-    return tests
+        yield place, _test(cells, joints)
 
 
 def _column(place: str, head: str, joints: Sequence[str]) -> tuple[str, str]:

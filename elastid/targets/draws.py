@@ -10,7 +10,7 @@ import numpy as np
 from elastid.base.errors import StudyError
 from elastid.model.closed_posture import assembled
 from elastid.store.files import write_rows
-from elastid.store.kinds import text_of
+from elastid.store.values import text_of
 from elastid.targets.mujoco import NO_RODS, mjcf, rod_poses
 from elastid.use.draws import DrawnRobots
 

@@ -7,7 +7,7 @@ import random
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import h5py
 import hypothesis.strategies as st
@@ -15,14 +15,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import array_shapes, arrays
+from numpy.typing import NDArray
 from plants.artefacts import NAME, QUICK, STAMP, TEXT, same
+from typing_extensions import TypeAliasType
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import DataError
 from elastid.store.files import write_checksum
-from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part
-from elastid.store.values import write_artefact, write_value
+from elastid.store.values import from_json, is_array, json_value, or_text, write_artefact, write_value
 
 
 @dataclass(frozen=True)
@@ -235,3 +236,15 @@ def test_any_damage_under_a_checksum_that_fits_ends_in_a_sentence_or_a_value(tmp
             continue
         refused += 1
     assert refused > 40
+
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+# As numpy.typing has it from NumPy 2.5 and Python 3.12 on.
+Alias = TypeAliasType("Alias", np.ndarray[Any, np.dtype[Scalar]], type_params=(Scalar,))
+
+
+def test_an_alias_of_its_own_is_an_array() -> None:
+    assert is_array(NDArray[np.float64])
+    assert is_array(Alias[np.float64])
+    assert not is_array(tuple[float, ...])
+    assert not is_array(float)
