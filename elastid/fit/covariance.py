@@ -37,6 +37,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -49,9 +50,10 @@ from elastid.fit.line_sums import (
     correlation_length,
     disagreement,
     jackknife_variance,
-    sum_lines,
+    sums_of_lines,
     triangle,
 )
+from elastid.fit.problem.chunks import chunked
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.shared_bias import find_factors
 from elastid.fit.problem.weights import Weights
@@ -140,17 +142,18 @@ def estimate_uncertainty(
     """
     factors, n_x = find_factors(responses), len(x)
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
-    # To other processes each part goes by itself.
+    # To other processes each chunk goes by itself.
     work, bare = execution or Execution(), replace(fit, parts=(), loads=None)
     static_r, static_J = _static(fit, x, len(factors))
     configurations = list(zip(fit.parts, responses, weights, strict=True))
+    chunks = chunked(configurations)
     R = np.vstack([np.diag(prior), static_J])
-    pairs = list(zip(fit.parts, responses, strict=True))
-    for own in work.in_turn(partial(triangle, bare, x, factors), pairs):  # R of the stacked J = Q R
+    for own in work.at_home(partial(triangle, bare, x, factors), chunks):  # R of the stacked J = Q R
         R = np.asarray(np.linalg.qr(np.vstack([R, own]), mode="r"))
     half, singular_values, unreached = inverse_information(R)
     parts, floor_pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
-    for sums in work.in_turn(partial(sum_lines, bare, x, factors, half), configurations):
+    of_chunks = work.at_home(partial(sums_of_lines, bare, x, factors, half), chunks)
+    for sums in chain.from_iterable(of_chunks):
         for key, pull in sums.floor_pull.items():
             floor_pulls[key] = floor_pulls.get(key, 0.0) + pull
         parts.append(replace(sums, floor_pull={}))
