@@ -141,5 +141,6 @@ def _made(of: type[Any], values: dict[str, Any]) -> Any:
 
 
 def _frozen(values: Any) -> Any:
+    values = values.copy(order="K")  # what comes by pickle owns no memory, and would not be known
     values.flags.writeable = False
     return values

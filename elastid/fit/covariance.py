@@ -102,10 +102,9 @@ class Uncertainty:
 
     unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone;
     cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
-    share (Q, n_x): of each configuration in the information; informing_hz (n_x, 2): the middle half of it.
-    disagreement: T of the blocks, 1 for a true
-    model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise, ratios of gears and
-    declared floor alone.
+    costs (Q,): V of each configuration.  share (Q, n_x): of each configuration in the information; informing_hz
+    (n_x, 2): the middle half of it.  disagreement: T of the blocks, 1 for a true model (`blocks`).  shift (n_x,): the
+    deviation by the blocks over that by measured noise, ratios of gears and declared floor alone.
     repeated, lasting (n_x,): shares of the variance that a repeated measurement has, the robot's file erring as before,
     and that is left of the file by measurements without end; 1 and 0 where it is exact.
     """
@@ -121,6 +120,7 @@ class Uncertainty:
     shift: FloatArray
     repeated: FloatArray
     lasting: FloatArray
+    costs: FloatArray
 
 
 # Times the data of a measurement that counts as one without end: noise a hundredth.
@@ -168,7 +168,8 @@ def estimate_uncertainty(
     residuals = inflation * np.sum((half.T @ pulls) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
     by_blocks = block_variance(blocks, half)
-    cost = expected_cost if is_forecast else sum(part.cost for part in parts) + float(static_r @ static_r)
+    costs = np.array([part.cost for part in parts])
+    cost = expected_cost if is_forecast else sum(costs.tolist()) + float(static_r @ static_r)
     floor = _floor(parts, floor_pulls, half, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
     if is_in_error(cost, expected_cost, cost_dof):
         A = (R @ half.T).T @ (R @ half.T)
@@ -198,7 +199,7 @@ def estimate_uncertainty(
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept])
     parted = disagreement([part.disagreement for part in parts], len(half))
     estimate = covariance[kept, kept], singular_values, unreached[kept]
-    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept], lasting[kept])
+    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept], lasting[kept], costs)
 
 
 # Of a stiffness, of a damping, and of a motor's viscous friction: std of what friction or effects of gears leave that
