@@ -10,12 +10,13 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, release
 from elastid.base.display import Display, as_html, as_text
+from elastid.base.kept import Kept
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 
 
 @frozen_value
-class Covariance:
+class Covariance(Kept):
     """Covariance of vec G per line (column-major vec), in the form that the data support, with its degrees of freedom.
 
     full:       matrix (F, n_y n_u, n_y n_u) Hermitian

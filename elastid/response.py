@@ -18,6 +18,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.display import Display, as_html, as_text, notebook_package
 from elastid.base.errors import Note, check_kind, index_of
 from elastid.base.escape import control_label
+from elastid.base.kept import Kept
 from elastid.covariance import Covariance, CovarianceForm, scaled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
 
@@ -116,7 +117,7 @@ class MotorMotion:
 
 
 @frozen_value
-class Response:
+class Response(Kept):
     """G (F, n_y, n_u) at freq_hz (F,), complex, in `quantity` per Nm on the link side.
 
     noise: covariance of the disturbing noise (from periods), or None.  total: noise and stochastic nonlinear

@@ -5,139 +5,20 @@ Processes of this machine, or, inside `on_dask(address)`, the workers of a Dask 
 
 from __future__ import annotations
 
-import pickle
 import sys
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, MutableMapping, Sequence
-from concurrent.futures import CancelledError, as_completed
-from contextlib import closing, contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Generator, Iterator, MutableMapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
-from importlib.util import find_spec
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
-from urllib.parse import urlsplit
 
-from elastid.base.errors import ElastidError, StudyError
+from elastid.base.cluster import SCHEDULER, Remote, client_of, places_of
+from elastid.base.errors import ElastidError
 from elastid.base.workers import Outcome, outcomes
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
-
-# Seconds for a Dask scheduler to answer, and for the first worker to start, or to start again.
-ANSWER_S = 10.0
-WORKERS_S = 120.0
-# Schemes of an address over a network; those with True need certificates from the configuration of Dask.
-SCHEMES = {"tcp": False, "tls": True, "ws": False, "wss": True}
-# Address of the scheduler that work goes to; empty where it stays on this machine.
-SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
-
-
-@contextmanager
-def on_dask(address: str) -> Iterator[None]:
-    """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address: to processes.
-
-    Raises ElastidError where Dask is not installed, StudyError for a text that is no address.
-    """
-    if address and find_spec("distributed") is None:
-        raise ElastidError(
-            "install/missing-package",
-            "Dask is not installed; `uv sync --extra dask` does it, or leave --dask out",
-        )
-    if address and not _is_address(address):
-        raise StudyError(
-            "options/invalid",
-            "not the address of a Dask scheduler; give scheme, host and port as the scheduler "
-            "prints them, such as tcp://10.0.0.7:8786",
-            f"--dask {address}",
-        )
-    token = SCHEDULER.set(address)
-    try:
-        yield
-    finally:
-        SCHEDULER.reset(token)
-
-
-def _is_address(address: str) -> bool:
-    """True for [scheme://]host:port, and for inproc://host/process/number, a cluster within this process."""
-    scheme, separator, place = address.rpartition("://")
-    if scheme == "inproc":
-        return len(place.split("/")) == 3
-    try:
-        parts = urlsplit(address if separator else f"tcp://{address}")
-        return parts.scheme in SCHEMES and bool(parts.hostname and parts.port) and not any(map(str.isspace, address))
-    except ValueError:  # a port that is no number, or an unclosed bracket
-        return False
-
-
-@contextmanager
-def client_of(address: str) -> Iterator[Any]:
-    """A Dask cluster; ElastidError without certificates, where no scheduler answers, and where it gets no worker."""
-    from distributed import Client
-    from distributed.security import Security
-
-    # Of an encrypted connection.
-    if SCHEMES.get(address.partition("://")[0]) and not Security().get_connection_args("client").get("ssl_context"):
-        raise ElastidError(
-            "workers/cluster",
-            f"the Dask scheduler at {address} needs certificates, and none are configured; name them in the "
-            "configuration of Dask (distributed.comm.tls), or give the address of a tcp scheduler",
-        )
-    try:
-        client = Client(address, timeout=ANSWER_S, set_as_default=False)
-    except Exception as error:  # of a scheme, too, for which a package is missing
-        raise ElastidError("workers/cluster", f"no Dask scheduler answers at {address}: {error}") from error
-    try:
-        client.wait_for_workers(1, timeout=WORKERS_S)
-        yield client
-    except TimeoutError as error:
-        raise ElastidError("workers/cluster", f"the cluster at {address} has no worker; start one") from error
-    finally:
-        client.close()
-
-
-def outcome_of(result: Callable[[], Any]) -> Outcome:
-    """The end of a task of a cluster: its value, its error, or the death of its workers."""
-    from distributed import KilledWorker
-
-    try:
-        return Outcome(result())
-    except (CancelledError, KilledWorker):
-        return Outcome(died=True)
-    except Exception as error:
-        return Outcome(error=error)
-
-
-def _applied(function: Callable[[Item], Value], item: Item) -> Value:
-    return function(item)
-
-
-def _on_cluster(
-    address: str, function: Callable[[Item], Value], items: Mapping[int, Item], is_shared: bool
-) -> Generator[tuple[int, Outcome], None, None]:
-    """Outcomes from a cluster; is_shared: the function is sent to each worker once, and lost with the last of them."""
-    from distributed.comm import CommClosedError
-
-    with client_of(address) as client:
-        try:
-            work = client.scatter(function, broadcast=True, hash=False, timeout=WORKERS_S) if is_shared else function
-        except CommClosedError:  # of a worker that dies meanwhile
-            yield next(iter(items)), Outcome(died=True)
-            return
-        submit = client.get_executor(pure=False).submit
-        futures = {submit(_applied, work, item): index for index, item in items.items()}
-        for future in as_completed(futures):
-            yield futures[future], outcome_of(future.result)
-
-
-def _outcomes(
-    function: Callable[[Item], Value], items: Mapping[int, Item], jobs: int, is_shared: bool = True
-) -> Generator[tuple[int, Outcome], None, None]:
-    """Outcomes from the cluster, or from processes of this machine, as they finish."""
-    if address := SCHEDULER.get():
-        return _on_cluster(address, function, items, is_shared)
-    # Pickled here, so that an error of pickling is reported as such.
-    return outcomes(pickle.dumps(function), list(items.items()), min(jobs, len(items)))
-
 
 Progress: TypeAlias = Callable[[int, int], None]
 
@@ -151,61 +32,58 @@ def surviving(
 ) -> Iterator[tuple[int, Value | None]]:
     """`Execution.unordered`, always in other processes: a worker that dies costs the item that it was at: None.
 
-    For long work: each worker is a pool of its own. On a cluster the scheduler has then tried the item several times.
+    For long work: each worker is a pool of its own.
     """
-
-    def survived() -> Iterator[tuple[int, Value | None]]:
-        with closing(_outcomes(function, dict(enumerate(items)), jobs, is_shared=False)) as results:
-            for index, outcome in results:
-                if outcome.died and _main_is_unguarded():
-                    raise ElastidError("workers/died", _UNGUARDED)
-                yield index, None if outcome.died else outcome.result
-
-    return _counted(survived(), len(items), progress)
+    progress(0, len(items))
+    with closing(_outcomes(function, list(enumerate(items)), jobs)) as results:
+        for done, (index, outcome) in enumerate(results, start=1):
+            if outcome.died and _main_is_unguarded():
+                raise ElastidError("workers/died", _UNGUARDED)
+            yield index, None if outcome.died else outcome.result
+            progress(done, len(items))
 
 
-def _counted(results: Iterable[Value], total: int, progress: Progress) -> Iterator[Value]:
-    progress(0, total)
-    for done, result in enumerate(results, start=1):
-        yield result
-        progress(done, total)
+def _outcomes(
+    function: Callable[[Item], Value], items: Sequence[tuple[int, Item]], jobs: int, at_home: bool = False
+) -> Generator[tuple[int, Outcome], None, None]:
+    """Outcomes from the cluster of `on_dask`, or from processes of this machine, as they finish."""
+    address, new = SCHEDULER.get(), None
+    if address:
+        with client_of(address) as client:
+            jobs, new = len(places_of(client)), partial(Remote, address)
+    return outcomes(function, items, min(jobs, len(items)), at_home, new)
 
 
 @dataclass(frozen=True)
 class Execution:
     """How work is run: by `jobs` processes, reporting progress(done, total), keeping what is finished in `checkpoint`.
 
-    checkpoint: from where an interrupted computation of the same arguments is resumed; a dict, or a mapping that
-    outlives the process. Results do not depend on any of the three.
+    jobs: of a cluster all workers work; 0: none but this process.  checkpoint: from where an interrupted computation
+    of the same arguments is resumed; a dict, or a mapping that outlives the process. Results do not depend on any of
+    the three.
     """
 
     jobs: int = 1
     progress: Progress = silent
     checkpoint: MutableMapping[str, Any] = field(default_factory=dict)
 
+    def __reduce__(self) -> tuple[type[Execution], tuple[int]]:
+        """To another process: by that one."""
+        return Execution, (0,)
+
     @property
     def quiet(self) -> Execution:
         """Execution without progress: of short work within a stage."""
         return replace(self, progress=silent)
 
-    @property
-    def is_shared(self) -> bool:
-        """True if others than this process work."""
-        return self.jobs > 1 or bool(SCHEDULER.get())
+    def is_shared(self, count: int) -> bool:
+        """True if others than this process work at so many items."""
+        return self.jobs > 0 and (min(self.jobs, count) > 1 or bool(SCHEDULER.get()))
 
     def ordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> list[Value]:
         """[function(item) for item in items]."""
-        return list(self.in_turn(function, items))
-
-    def in_turn(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[Value]:
-        """function(item) of each item in turn, as soon as it and all before it are known."""
-        known: dict[int, Value] = {}
-        index = 0
-        for finished, value in self.unordered(function, items):
-            known[finished] = value
-            while index in known:
-                yield known.pop(index)
-                index += 1
+        found = dict(self.unordered(function, items))
+        return [found[index] for index in range(len(items))]
 
     def unordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
         """(index, function(item)) as they finish; in this process for one job or one item.
@@ -214,11 +92,32 @@ class Execution:
         again. On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
         Raises ElastidError where workers die again and again.
         """
-        if SCHEDULER.get() or min(self.jobs, len(items)) > 1:
-            results = _by_workers(function, items, self.jobs)
-        else:
-            results = ((index, function(item)) for index, item in enumerate(items))
-        return _counted(results, len(items), self.progress)
+        self.progress(0, len(items))
+        with closing(self._outcomes(function, items)) as results:
+            for done, (index, outcome) in enumerate(results, start=1):
+                yield index, outcome.result
+                self.progress(done, len(items))
+
+    def at_home(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[Value]:
+        """function(item) of each item in turn, by the worker that has the items of its place from earlier work.
+
+        Neighbours have the same one. The first error in turn is raised.
+        """
+        known: dict[int, Outcome] = {}
+        index = 0
+        with closing(self._outcomes(function, items, at_home=True)) as results:
+            for finished, outcome in results:
+                known[finished] = outcome
+                while index in known:
+                    yield known.pop(index).result
+                    index += 1
+
+    def _outcomes(
+        self, function: Callable[[Item], Value], items: Sequence[Item], at_home: bool = False
+    ) -> Generator[tuple[int, Outcome], None, None]:
+        if self.is_shared(len(items)):
+            return _by_workers(function, items, self.jobs, at_home)
+        return ((index, Outcome(function(item))) for index, item in enumerate(items))
 
     def resumed(self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]) -> list[Value]:
         """`ordered`, resumed: values in the checkpoint under the names are known, new ones are kept there."""
@@ -234,22 +133,25 @@ class Execution:
         return [found[index] for index in range(len(items))]
 
 
+HERE = Execution(0)
+
 # Workers that may die in one work; half as many go on each time, since most die for lack of memory.
 MOST_DEATHS = 4
 
 
-def _by_workers(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> Iterator[tuple[int, Value]]:
-    """Values from workers; the item of a worker that dies is done again, by half as many."""
+def _by_workers(
+    function: Callable[[Item], Value], items: Sequence[Item], jobs: int, at_home: bool = False
+) -> Generator[tuple[int, Outcome], None, None]:
+    """Outcomes from workers; the item of a worker that dies is done again, by half as many."""
     left, deaths = dict(enumerate(items)), 0
     while left:
-        with closing(_outcomes(function, left, max(1, jobs >> deaths))) as results:
+        with closing(_outcomes(function, list(left.items()), max(1, jobs >> deaths), at_home)) as results:
             for index, outcome in results:
                 if outcome.died:
                     deaths += 1
                     break
-                value = outcome.result
                 del left[index]
-                yield index, value
+                yield index, outcome
         if left and _main_is_unguarded():
             raise ElastidError("workers/died", _UNGUARDED)
         if deaths == MOST_DEATHS:

@@ -1,25 +1,28 @@
 """Worker processes of this machine: copies of one that has loaded what they need, ended at once on Ctrl-C.
 
 They start from nothing where the system has no copies. Inside `lasting_workers()` they stay for the next work, with the
-models that they have built.
+models that they have built and the values that they have (`base.kept`). Workers of a Dask cluster (`base.cluster`) are
+asked by the same messages.
 """
 
 from __future__ import annotations
 
 import logging
 import os
-import pickle
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 from multiprocessing import Pipe, get_all_start_methods, get_context, parent_process
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from signal import SIG_IGN, SIGINT, signal
 from threading import Thread
 from traceback import format_exc
 from typing import Any
+
+from elastid.base.kept import End, LostError
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +30,14 @@ class Worker:
     """A process, and this end of the pipe to it, which alone has the other end: whenever it dies, the pipe ends.
 
     A pool of the standard library waits for ever where a process dies amid an answer (CPython, `ProcessPoolExecutor`:
-    every process of the pool and its parent keep the pipe of the answers open).
+    every process of the pool and its parent keep the pipe of the answers open).  process: of this machine, or what does
+    as one; of it start, terminate, join, is_alive and pid are used.  place: among its fellows.
     """
 
-    process: BaseProcess
+    process: Any
     pipe: Connection
+    place: int
+    end: End = field(default_factory=lambda: End(keeps=False))
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,10 @@ _AT_REST: ContextVar[list[Worker] | None] = ContextVar("workers at rest", defaul
 
 @contextmanager
 def lasting_workers() -> Iterator[None]:
-    """Inside, workers that have ended one work rest until the next."""
+    """Inside, workers that have ended one work rest until the next; all of them until the outermost ends."""
+    if _AT_REST.get() is not None:
+        yield
+        return
     at_rest: list[Worker] = []
     token = _AT_REST.set(at_rest)
     try:
@@ -67,26 +76,40 @@ def lasting_workers() -> Iterator[None]:
         _dismiss(at_rest)
 
 
-def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Generator[tuple[int, Outcome], None, None]:
+# The process of a worker, not yet started, by its end of the pipe and its place.
+NewProcess = Callable[[Connection, int], Any]
+
+
+def outcomes(
+    function: Callable[[Any], Any],
+    items: Sequence[tuple[int, Any]],
+    count: int,
+    at_home: bool = False,
+    new: NewProcess | None = None,
+) -> Generator[tuple[int, Outcome], None, None]:
     """(index, outcome of function(item)) as they finish, by `count` workers; a worker that dies is replaced.
 
-    work: the function, pickled, which goes to each worker once. Workers that are at an item when this ends are ended.
+    The function goes to each worker once.  at_home: each item to the worker of its place, neighbours to the same one;
+    else to the next that is free.  Workers that are at an item when this ends are ended.
     """
-    waiting = iter(items)
+    ends = [len(items) * place // count for place in range(count + 1)] if at_home else [0, len(items)]
+    waiting = [deque(items[first:last]) for first, last in pairwise(ends)]
     lasting = _AT_REST.get()
     at_rest: list[Worker] = [] if lasting is None else lasting
     called: list[Worker] = []
     busy: dict[Connection, tuple[int, Worker]] = {}
 
-    def give(worker: Worker, first: bytes | None = None) -> Iterator[tuple[int, Outcome]]:
+    def give(worker: Worker, is_new: bool = False) -> Iterator[tuple[int, Outcome]]:
         """The next item, or rest; of a worker that is dead already, the outcome of the item."""
-        following = next(waiting, None)
+        own = waiting[worker.place % len(waiting)]
+        following = own.popleft() if own else None
+        message = REST if following is None else worker.end.packed((function if is_new else None, following[1]))
         if following is None:
             at_rest.append(worker)
         else:
             busy[worker.pipe] = following[0], worker
         try:
-            worker.pipe.send_bytes(_REST if following is None else pickle.dumps((first, following[1])))
+            worker.pipe.send_bytes(message)
         except (BrokenPipeError, ConnectionResetError):
             if following is not None:
                 yield from replace(worker.pipe)
@@ -96,17 +119,17 @@ def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Gener
         index, worker = busy.pop(pipe)
         end(worker)
         yield index, Outcome(died=True)
-        yield from give(_call(at_rest, called), work)
+        yield from give(_call(at_rest, called, worker.place, new), is_new=True)
 
     try:
-        for worker in [_call(at_rest, called) for _ in range(count)]:
-            yield from give(worker, work)
+        for worker in [_call(at_rest, called, place, new) for place in range(count)]:
+            yield from give(worker, is_new=True)
         while busy:
             ready = wait(list(busy))
             for pipe in [pipe for pipe in busy if pipe in ready]:
                 try:
-                    outcome: Outcome = pickle.loads(pipe.recv_bytes())
-                except (EOFError, ConnectionResetError):
+                    outcome: Outcome = busy[pipe][1].end.unpacked(pipe.recv_bytes())
+                except (EOFError, ConnectionResetError, LostError):
                     yield from replace(pipe)
                 else:
                     index, worker = busy.pop(pipe)
@@ -118,28 +141,6 @@ def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Gener
                 end(worker)
         if lasting is None:
             _dismiss(at_rest)
-
-
-def new_worker() -> Worker:
-    """A worker that nobody else asks; whoever called it has to `end` it."""
-    return _call([], [])
-
-
-def answers(given: Mapping[int, tuple[Worker, bytes]]) -> dict[int, Outcome]:
-    """Outcomes of a message to each `new_worker`: pickled (function, item), or (None, item) for the same function."""
-    known = dict[int, Outcome]()
-    for i, (worker, message) in given.items():
-        try:
-            worker.pipe.send_bytes(message)
-        except (BrokenPipeError, ConnectionResetError):
-            known[i] = Outcome(died=True)
-    for i, (worker, _) in given.items():
-        if i not in known:
-            try:
-                known[i] = pickle.loads(worker.pipe.recv_bytes())
-            except (EOFError, ConnectionResetError):
-                known[i] = Outcome(died=True)
-    return known
 
 
 def load_for_workers(modules: Sequence[str]) -> None:
@@ -167,13 +168,13 @@ def start_method() -> str:
     return "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
 
 
-def _call(at_rest: list[Worker], called: list[Worker]) -> Worker:
+def _call(at_rest: list[Worker], called: list[Worker], place: int, new: NewProcess | None) -> Worker:
     """A worker at rest that lives, or a new one; among those called, from its first moment.
 
     New ones start in a thread, which Ctrl-C does not reach: amid a start it would leave a worker that is never ended.
     """
-    while at_rest:
-        worker = at_rest.pop()
+    for worker in [worker for worker in at_rest if worker.place == place]:
+        at_rest.remove(worker)
         called.append(worker)
         if worker.process.is_alive():
             return worker
@@ -182,7 +183,7 @@ def _call(at_rest: list[Worker], called: list[Worker]) -> Worker:
 
     def start() -> None:
         try:
-            _start(called)
+            _start(called, place, new or _local)
         except BaseException as error:
             errors.append(error)
 
@@ -198,23 +199,28 @@ def _call(at_rest: list[Worker], called: list[Worker]) -> Worker:
     return called[-1]
 
 
-def _start(called: list[Worker]) -> None:
-    ours, theirs = Pipe()
+def _local(pipe: Connection, place: int) -> Any:
     context: Any = get_context(start_method())
-    process = context.Process(target=_serve, args=(theirs,))
-    called.append(Worker(process, ours))
+    return context.Process(target=_serve, args=(pipe,))
+
+
+def _start(called: list[Worker], place: int, new: NewProcess) -> None:
+    ours, theirs = Pipe()
+    process = new(theirs, place)
+    called.append(Worker(process, ours, place))
     # The pipe to a worker that starts from nothing breaks where it dies meanwhile, and so will its own.
     with suppress(BrokenPipeError):
         process.start()
-    theirs.close()
+    if new is _local:
+        theirs.close()
 
 
 def end(worker: Worker) -> None:
     """A worker ends at once."""
+    worker.pipe.close()
     if worker.process.pid is not None:
         worker.process.terminate()
         worker.process.join()
-    worker.pipe.close()
 
 
 def _dismiss(workers: Sequence[Worker]) -> None:
@@ -226,7 +232,7 @@ def _dismiss(workers: Sequence[Worker]) -> None:
 
 
 # Message to a worker that has nothing to do: the function goes, with all the data that it holds.
-_REST = b""
+REST = b""
 
 
 def _serve(pipe: Connection) -> None:
@@ -236,32 +242,40 @@ def _serve(pipe: Connection) -> None:
     logging.captureWarnings(True)
     logging.getLogger().addHandler(logging.NullHandler())
     Thread(target=_end_with_parent, daemon=True).start()
-    function: Callable[[Any], Any] | None = None
-    while True:
+    served = Served()
+    with suppress(EOFError, ConnectionResetError, LostError):
+        while True:
+            answer = served.answer(pipe.recv_bytes())
+            if answer is not None:
+                pipe.send_bytes(answer)
+
+
+class Served:
+    """What a worker has: the function of the work, and values that came with it."""
+
+    def __init__(self) -> None:
+        self._end = End(keeps=True)
+        self._function: Callable[[Any], Any] | None = None
+
+    def answer(self, message: bytes) -> Any:
+        """The outcome of a message's item, packed; None to one that has nothing to do."""
+        if message == REST:
+            self._function = None
+            return None
         try:
-            message = pipe.recv_bytes()
-        except (EOFError, ConnectionResetError):
-            return
-        if message == _REST:
-            function = None
-        else:
-            function, answer = _answered(function, message)
-            pipe.send_bytes(answer)
-
-
-def _answered(function: Callable[[Any], Any] | None, message: bytes) -> tuple[Callable[[Any], Any] | None, bytes]:
-    """The function from now on, and the outcome of the message's item, pickled."""
-    try:
-        work, item = pickle.loads(message)
-        function = function if work is None else pickle.loads(work)
-        assert function is not None, "the first item comes with the function"
-        return function, pickle.dumps(Outcome(function(item)))
-    except Exception as error:
-        failed = Outcome(error=error, trace=format_exc())
-    try:
-        return function, pickle.dumps(failed)
-    except Exception:  # an error that holds what does not pickle
-        return function, pickle.dumps(Outcome(error=RuntimeError(failed.trace)))
+            function, item = self._end.unpacked(message)
+            if function is not None:
+                self._function = function
+            assert self._function is not None, "the first item comes with the function"
+            return self._end.packed(Outcome(self._function(item)))
+        except LostError:
+            raise
+        except Exception as error:
+            failed = Outcome(error=error, trace=format_exc())
+        try:
+            return self._end.packed(failed)
+        except Exception:  # an error that holds what does not pickle
+            return self._end.packed(Outcome(error=RuntimeError(failed.trace)))
 
 
 def _end_with_parent() -> None:

@@ -21,7 +21,9 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
+from elastid.base.execution import HERE, Execution
+from elastid.fit.problem.chunks import each_at_home
+from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model, part_of
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     RESIDUALS,
@@ -32,6 +34,7 @@ from elastid.fit.problem.least_squares import (
     distance,
     is_far_from_noise,
 )
+from elastid.fit.problem.part import Part
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor
@@ -69,7 +72,8 @@ HALVINGS = 8
 class Assembly:
     """Shared by all linearisations: the measured responses with their weights, and the differentiated model.
 
-    model: how its equations were formulated.  loads: static load tests that are fitted, too.
+    model: how its equations were formulated.  loads: static load tests that are fitted, too.  home: who evaluates its
+    chunks, this process where it is linearised again at every step.
     """
 
     responses: tuple[Response, ...]
@@ -79,6 +83,7 @@ class Assembly:
     spec: FitSpec
     model: ModelSpec = EXACT
     loads: StaticLoads | None = None
+    home: Execution = HERE
 
     @classmethod
     def of(
@@ -89,15 +94,16 @@ class Assembly:
         parameters: Parameters,
         model: ModelSpec = EXACT,
         loads: Sequence[PlacedTest] = (),
-        weights: tuple[Weights, ...] | None = None,
+        weights: Sequence[Weights] | None = None,
+        home: Execution = HERE,
     ) -> Assembly:
         """Weigh the responses, unless their weights are known, and build the model, under the static loads, too."""
-        weights = weights or tuple(weigh(response, spec) for response in responses)
+        weights = tuple(weights or (weigh(response, spec) for response in responses))
         linearisation = Linearisation.of_robot(robot, model, parameters.names)
         static = StaticLoads.of(loads, robot, model, parameters) if loads else None
         assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model, static)
         if linearisation.is_affine_in(assembly._moved):
-            return assembly
+            return assembly if linearisation.follows else replace(assembly, home=home)
         return replace(assembly, linearisation=Linearisation.of(linearisation.model, follows=True))
 
     def only(self, of_tool: bool) -> Assembly:
@@ -110,7 +116,7 @@ class Assembly:
     def with_floor(self, floor: float | None) -> Assembly:
         """Assembly with the weights of a floor."""
         spec, pairs = with_floor(self.spec, floor), zip(self.responses, self.weights, strict=True)
-        return replace(self, spec=spec, weights=tuple(weigh(G, spec, weights.noise) for G, weights in pairs))
+        return replace(self, spec=spec, weights=tuple(each_at_home(partial(_weigh, spec), list(pairs), self.home)))
 
     @property
     def _moved(self) -> set[str]:
@@ -124,7 +130,9 @@ class Assembly:
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
         """The fit with every configuration linearised at x; full covariances weigh in the last stage only."""
-        return self.of_models(self.models(x), criterion)
+        own = partial(_part, self.linearisation, self.parameters, x, criterion, criterion == self.spec.criterion)
+        pairs = list(zip(self.responses, self.weights, strict=True))
+        return self._of(ElasticFit(self.parameters, tuple(each_at_home(own, pairs, self.home))))
 
     def models(self, x: FloatArray) -> list[LinearModel]:
         """Every configuration linearised at x."""
@@ -135,7 +143,11 @@ class Assembly:
         """The fit with the linear model of each configuration."""
         correlated = criterion == self.spec.criterion
         fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
-        return replace(fit, inertias=moved_inertias(self.parameters, self.linearisation.model.robot), loads=self.loads)
+        return self._of(fit)
+
+    def _of(self, fit: ElasticFit) -> ElasticFit:
+        inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
+        return replace(fit, inertias=inertias, loads=self.loads, home=self.home)
 
     @cached_property
     def is_local(self) -> bool:
@@ -208,6 +220,24 @@ class Assembly:
         factors = find_factors(self.responses)
         corrected = (replace(G, G=G.G - np.tensordot(c, bias_of(G, factors), axes=1)) for G in self.responses)
         return replace(self, responses=tuple(corrected))
+
+
+def _part(
+    linearisation: Linearisation,
+    parameters: Parameters,
+    x: FloatArray,
+    criterion: ResidualKind,
+    correlated: bool,
+    own: tuple[Response, Weights],
+) -> Part:
+    """The part of one configuration linearised at x."""
+    response, weights = own
+    model = linear_model(linearisation, response, parameters.expand(x, response.configuration.name))
+    return part_of(response, model, weights, parameters, criterion, correlated)
+
+
+def _weigh(spec: FitSpec, own: tuple[Response, Weights]) -> Weights:
+    return weigh(own[0], spec, own[1].noise)
 
 
 def is_at_tool(response: Response) -> bool:
@@ -299,11 +329,12 @@ def relinearise(
         try:
             if i < len(AT_REST_SHARES):
                 rested = assembly.at_rest(end.x, AT_REST_SHARES[i])
-            current, models = rested.reweighted(end.x), rested.models(end.x)
+            current = rested.reweighted(end.x)
             if len(c):
+                models = rested.models(end.x)
                 current = current.with_modelled_bias(current.of_models(models, criterion), end.x)
                 c = next_factors(current.unbiased(c).of_models(models, criterion), current.responses, end.x, c)
-            fit = current.unbiased(c).of_models(models, criterion)
+            fit = current.unbiased(c).of_models(models, criterion) if len(c) else current.at(end.x, criterion)
             # A logarithm counts other elements at each x.
             if first is not None and current is known and criterion == "complex":
                 fit = fit.with_residuals_of(first)

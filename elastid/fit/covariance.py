@@ -37,6 +37,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -49,9 +50,10 @@ from elastid.fit.line_sums import (
     correlation_length,
     disagreement,
     jackknife_variance,
-    sum_lines,
+    sums_of_lines,
     triangle,
 )
+from elastid.fit.problem.chunks import chunked
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.shared_bias import find_factors
 from elastid.fit.problem.weights import Weights
@@ -100,10 +102,9 @@ class Uncertainty:
 
     unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone;
     cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
-    share (Q, n_x): of each configuration in the information; informing_hz (n_x, 2): the middle half of it.
-    disagreement: T of the blocks, 1 for a true
-    model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise, ratios of gears and
-    declared floor alone.
+    costs (Q,): V of each configuration.  share (Q, n_x): of each configuration in the information; informing_hz
+    (n_x, 2): the middle half of it.  disagreement: T of the blocks, 1 for a true model (`blocks`).  shift (n_x,): the
+    deviation by the blocks over that by measured noise, ratios of gears and declared floor alone.
     repeated, lasting (n_x,): shares of the variance that a repeated measurement has, the robot's file erring as before,
     and that is left of the file by measurements without end; 1 and 0 where it is exact.
     """
@@ -119,6 +120,7 @@ class Uncertainty:
     shift: FloatArray
     repeated: FloatArray
     lasting: FloatArray
+    costs: FloatArray
 
 
 # Times the data of a measurement that counts as one without end: noise a hundredth.
@@ -140,17 +142,18 @@ def estimate_uncertainty(
     """
     factors, n_x = find_factors(responses), len(x)
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
-    # To other processes each part goes by itself.
+    # To other processes each chunk goes by itself.
     work, bare = execution or Execution(), replace(fit, parts=(), loads=None)
     static_r, static_J = _static(fit, x, len(factors))
     configurations = list(zip(fit.parts, responses, weights, strict=True))
+    chunks = chunked(configurations)
     R = np.vstack([np.diag(prior), static_J])
-    pairs = list(zip(fit.parts, responses, strict=True))
-    for own in work.in_turn(partial(triangle, bare, x, factors), pairs):  # R of the stacked J = Q R
+    for own in work.at_home(partial(triangle, bare, x, factors), chunks):  # R of the stacked J = Q R
         R = np.asarray(np.linalg.qr(np.vstack([R, own]), mode="r"))
     half, singular_values, unreached = inverse_information(R)
     parts, floor_pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
-    for sums in work.in_turn(partial(sum_lines, bare, x, factors, half), configurations):
+    of_chunks = work.at_home(partial(sums_of_lines, bare, x, factors, half), chunks)
+    for sums in chain.from_iterable(of_chunks):
         for key, pull in sums.floor_pull.items():
             floor_pulls[key] = floor_pulls.get(key, 0.0) + pull
         parts.append(replace(sums, floor_pull={}))
@@ -165,7 +168,8 @@ def estimate_uncertainty(
     residuals = inflation * np.sum((half.T @ pulls) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
     by_blocks = block_variance(blocks, half)
-    cost = expected_cost if is_forecast else sum(part.cost for part in parts) + float(static_r @ static_r)
+    costs = np.array([part.cost for part in parts])
+    cost = expected_cost if is_forecast else sum(costs.tolist()) + float(static_r @ static_r)
     floor = _floor(parts, floor_pulls, half, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
     if is_in_error(cost, expected_cost, cost_dof):
         A = (R @ half.T).T @ (R @ half.T)
@@ -195,7 +199,7 @@ def estimate_uncertainty(
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept])
     parted = disagreement([part.disagreement for part in parts], len(half))
     estimate = covariance[kept, kept], singular_values, unreached[kept]
-    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept], lasting[kept])
+    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept], lasting[kept], costs)
 
 
 # Of a stiffness, of a damping, and of a motor's viscous friction: std of what friction or effects of gears leave that

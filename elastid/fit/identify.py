@@ -15,13 +15,14 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError, Note, StudyError, check_kind
 from elastid.base.execution import Execution
+from elastid.base.workers import lasting_workers
 from elastid.fit import checks
 from elastid.fit.assembly import (
     Assembly,
@@ -41,11 +42,12 @@ from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.parameter_choice import choose
+from elastid.fit.problem.chunks import each_at_home, home_of
 from elastid.fit.problem.elastic import ElasticFit, by_criterion
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh_all, with_floor
+from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh, with_floor
 from elastid.fit.release import release
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import multistart, spread
@@ -58,6 +60,7 @@ from elastid.response import Response
 from elastid.robot import Robot
 
 
+@lasting_workers()
 def identify(
     responses: Sequence[Response],
     robot: Robot,
@@ -147,9 +150,10 @@ def _search(
     check_factors(responses, spec)
     # A search by noise alone would follow lines at resonances into false valleys.
     searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
-    weights = weigh_all(responses, searched, execution)
-    assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights)
-    fit = _at_start(assembly, robot, execution)
+    home = home_of(responses, execution)
+    weights = each_at_home(partial(weigh, spec=searched), responses, home)
+    assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights, home)
+    fit = _at_start(assembly, robot)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError("fit/undetermined", reason, "nothing is left to fit")
@@ -164,11 +168,11 @@ def _search(
     return assembly, fit if spec.weights.floor is not None else None, starts, hits
 
 
-def _at_start(assembly: Assembly, robot: Robot, execution: Execution) -> ElasticFit:
+def _at_start(assembly: Assembly, robot: Robot) -> ElasticFit:
     """The fit at the start of its parameters; StudyError names a place or length with which the robot cannot stand."""
     parameters = assembly.parameters
     try:
-        return _at_workers(assembly, parameters.x, execution)
+        return assembly.at(parameters.x, assembly.spec.criterion)
     except StudyError as error:
         moved = [p for p in parameters.free if p.stands_for in robot.geometry]
         if not moved:
@@ -186,20 +190,11 @@ def _from_all_starts(
     problems = [assembly.search_problem(fit, spec.criterion)]
     if spec.criterion == "complex":
         logarithmic = by_criterion(fit, assembly.responses, assembly.weights, "log")
-        if fit.placed is not None:
-            logarithmic = logarithmic.at_workers(execution)
         problems.insert(0, assembly.search_problem(logarithmic, "log"))
     drawn = feasible_starts(
         spread(parameters, spec.starts, spec.start_factor, spec.seed or 0), fit.inertias, parameters
     )
-    with fit.evaluated_by(execution) as alone:
-        return multistart(problems, drawn, spec.solver, alone)
-
-
-def _at_workers(assembly: Assembly, x: FloatArray, execution: Execution) -> ElasticFit:
-    """The fit linearised at x (n_x,), its configurations at workers unless it is linearised again at every step."""
-    fit = assembly.at(x, assembly.spec.criterion)
-    return fit if assembly.is_local else fit.at_workers(execution)
+    return multistart(problems, drawn, spec.solver, fit.evaluated_by(execution))
 
 
 _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]
@@ -223,13 +218,13 @@ def _with_found_floor(
     if first is not None:
         return assembly, *_estimate(assembly, first, starts, hits, execution)
     bare = assembly.with_floor(None)
-    found = _estimate(bare, _at_workers(bare, starts[0].x, execution), starts, hits, execution)
+    found = _estimate(bare, bare.at(starts[0].x, spec.criterion), starts, hits, execution)
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if found[0].end.converged and not found[2].exceeds_noise and not is_distorted:
         return bare, *found
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
     del bare, found  # its weights are most of the memory of a fit
-    return floored, *_estimate(floored, _at_workers(floored, starts[0].x, execution), starts, hits, execution)
+    return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
 
 
 def _with_agreements(

@@ -219,8 +219,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     else:
         names = match_names(spec.profile, result.parameters)
     if names:
-        with optimum.fit.evaluated_by(execution) as alone:
-            ends = profile_ends(problem, x, variance, names, alone)
+        ends = profile_ends(problem, x, variance, names, optimum.fit.evaluated_by(execution))
         result = replace(result, profile95=_natural(result.parameters, ends))
     if spec.bootstrap:
         draws = bootstrap(optimum.fit, optimum.weights, x, spec.bootstrap, spec.seed or 0, execution)

@@ -79,11 +79,22 @@ class LineSums:
 
 
 def triangle(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], configuration: tuple[Part, Response]
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], chunk: Sequence[tuple[Part, Response, Weights]]
 ) -> FloatArray:
-    """R (n_x, n_x) of J = Q R of one configuration; arguments as `sum_lines`."""
-    part, response = configuration
-    return _triangle(_rows(_block(fit, x, factors, part, response, part.mixing)[1]))
+    """R (n_x, n_x) of J = Q R of some configurations; arguments as `sum_lines`."""
+    blocks = (_block(fit, x, factors, part, response, part.mixing)[1] for part, response, _ in chunk)
+    return _triangle(np.vstack([_triangle(_rows(J)) for J in blocks]))
+
+
+def sums_of_lines(
+    fit: ElasticFit,
+    x: FloatArray,
+    factors: Sequence[Factor],
+    half: FloatArray,
+    chunk: Sequence[tuple[Part, Response, Weights]],
+) -> list[LineSums]:
+    """`sum_lines` of some configurations."""
+    return [sum_lines(fit, x, factors, half, configuration) for configuration in chunk]
 
 
 def sum_lines(

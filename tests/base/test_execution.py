@@ -25,9 +25,9 @@ class Heavy:
         return item * len(self.data)
 
 
-def test_the_work_is_packed_once_for_all_items():
+def test_the_work_is_packed_once_for_each_worker():
     assert ordered(Heavy(), list(range(12)), 2) == [1000 * i for i in range(12)]
-    assert Heavy.packed == 1
+    assert Heavy.packed == 2
 
 
 def test_work_that_does_not_pickle_is_told_at_once():

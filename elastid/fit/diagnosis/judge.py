@@ -23,9 +23,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -46,7 +47,7 @@ from elastid.fit.diagnosis.hypothesis import (
     hypothesis_of,
     hypothesis_of_index,
 )
-from elastid.fit.diagnosis.prediction import spread_out, thinned
+from elastid.fit.diagnosis.prediction import spread_out, thinning
 from elastid.fit.diagnosis.readings import as_delay
 from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, HeldNumber, ScoreTest, find_load, free_step
 from elastid.fit.diagnosis.second_source import contradictions
@@ -60,17 +61,18 @@ from elastid.fit.diagnosis.status import (
     with_status,
 )
 from elastid.fit.diagnosis.undetectable_errors import find_elastic_base, find_rigid_parts, find_undetectable_errors
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.chunks import chunked
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.problem.part import Part
 from elastid.fit.result import ModificationIndex, Result
+from elastid.parameters import Parameters
 from elastid.robot import Robot
 
 RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
 
 
-# J^T J (n, n), J^T r (n,) and r^T r, and the names of the columns of J after those of x (n_x,).
-_Sums: TypeAlias = tuple[FloatArray, FloatArray, float, tuple[str, ...]]
+# J^T J (n, n), J^T r (n,) and r^T r, residuals, and the names of the columns of J after those of x (n_x,).
+_Sums: TypeAlias = tuple[FloatArray, FloatArray, float, int, tuple[str, ...]]
 
 
 def score(evidence: Evidence) -> Scores:
@@ -78,19 +80,20 @@ def score(evidence: Evidence) -> Scores:
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
     held = HeldModel.of(assembly, fit.parts[0].kernel.model)
     # Each configuration brings some twenty numbers.
-    thin = thinned(replace(fit, parts=fit.parts[spread_out(len(fit.parts))]), RESIDUALS)
-    columns = tuple(h.columns for h in evidence.hypotheses if h.columns is not None)
-    sums = partial(_sums, held, replace(thin, parts=()), x, columns)  # each part goes by itself
-    A, b, V, names = _added(evidence.execution.ordered(sums, [part for part in thin.parts if part.n_residuals]), len(x))
+    few = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
+    chosen, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
+    sums = partial(_sums, held, fit.parameters, x, columns, chosen, thinning(few, RESIDUALS))
+    of_chunks = evidence.execution.at_home(sums, chunked(fit.parts))
+    A, b, V, counted, names = _added(chain.from_iterable(of_chunks), len(x))
     numbers, scale = _held_numbers(names, evidence, held, x)
-    every, lines = np.concatenate([np.ones(len(x)), scale]), thin.n_residuals / max(fit.n_residuals, 1)
+    every, lines = np.concatenate([np.ones(len(x)), scale]), counted / max(fit.n_residuals, 1)
     A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
     numbers += beyond
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
     freed = tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses))
     moved, drop = free_step(A, b, ~evidence.result.at_bound)
     noise, V = evidence.noise_cost * lines, V + pull - drop
-    level = (noise or V) / max(thin.n_residuals - len(x), 1)
+    level = (noise or V) / max(counted - len(x), 1)
     return Scores(held, test, freed, V - noise, level, lines, evidence.noise_cost, moved)
 
 
@@ -121,19 +124,33 @@ def _with_priors(
     return A, b, numbers, float(lines * (distance @ distance + r @ r))
 
 
-def _sums(held: HeldModel, fit: ElasticFit, x: FloatArray, columns: Sequence[Columns], part: Part) -> _Sums:
-    # Residuals are those of the fit's own model: what is rigid there gives way a little in the other.
-    G = part.kernel.response(fit.theta(part, x))
-    evaluated = replace(evaluate_held(held, fit.parameters, x, columns, part), G=G)
-    J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
-    r = evaluated.residual
-    return J @ J.T, J @ r, float(r @ r), tuple(evaluated.held)
+def _sums(
+    held: HeldModel,
+    fitted: Parameters,
+    x: FloatArray,
+    columns: Sequence[Columns],
+    chosen: Container[str],
+    thin: Callable[[Part], Part],
+    chunk: Sequence[Part],
+) -> list[_Sums]:
+    """The sums of each of the chosen configurations in a chunk, some lines of which count."""
+    found = list[_Sums]()
+    for part in map(thin, (part for part in chunk if part.configuration in chosen)):
+        if not part.n_residuals:
+            continue
+        # Residuals are those of the fit's own model: what is rigid there gives way a little in the other.
+        G = part.kernel.response(part.theta(fitted, x))
+        evaluated = replace(evaluate_held(held, fitted, x, columns, part), G=G)
+        J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
+        r = evaluated.residual
+        found.append((J @ J.T, J @ r, float(r @ r), part.n_residuals, tuple(evaluated.held)))
+    return found
 
 
 def _added(every: Iterable[_Sums], n_x: int) -> _Sums:
     names: dict[str, int] = {}
-    A, b, V = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0
-    for own_A, own_b, own_V, held in every:
+    A, b, V, counted = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0, 0
+    for own_A, own_b, own_V, own_count, held in every:
         for name in held:
             names.setdefault(name, len(names))
         more = n_x + len(names) - len(b)
@@ -141,8 +158,8 @@ def _added(every: Iterable[_Sums], n_x: int) -> _Sums:
         places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in held]]).astype(int)
         A[np.ix_(places, places)] += own_A
         b[places] += own_b
-        V += own_V
-    return A, b, V, tuple(names)
+        V, counted = V + own_V, counted + own_count
+    return A, b, V, counted, tuple(names)
 
 
 def _held_numbers(

@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.execution import HERE
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.part import Part
@@ -63,18 +65,25 @@ def spread_out(count: int) -> slice:
 def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
     """The fit on every so many lines of each configuration, about so many real residuals in total.
 
-    At least 20 lines each, 5 of very many configurations: V of one by itself is judged, too.
     Without static load tests, which say nothing about readings of the responses.
     """
+    return replace(fit, parts=tuple(map(thinning(fit, residuals), fit.parts)), loads=None, home=HERE)
+
+
+def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
+    """What leaves every so many lines of each configuration, about so many real residuals in total.
+
+    At least 20 lines each, 5 of very many configurations: V of one by itself is judged, too.
+    """
     every, least = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
+    return partial(_thin, every, least)
 
-    def thin(part: Part) -> Part:
-        lines = slice(None, None, min(every, max(1, len(part.measured) // least)))
-        kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
-        whitening = part.whitening and part.whitening.lines(lines)
-        return replace(part, kernel=kernel, measured=part.measured[lines], gain=part.gain[lines], whitening=whitening)
 
-    return replace(fit, parts=tuple(thin(part) for part in fit.parts), loads=None)
+def _thin(every: int, least: int, part: Part) -> Part:
+    lines = slice(None, None, min(every, max(1, len(part.measured) // least)))
+    kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
+    whitening = part.whitening and part.whitening.lines(lines)
+    return replace(part, kernel=kernel, measured=part.measured[lines], gain=part.gain[lines], whitening=whitening)
 
 
 def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:

@@ -262,17 +262,18 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
 
     All amplitudes of a posture are one configuration here: gears that are not linear need no second robot.
     """
-    result, x = evidence.result, evidence.optimum.end.x
+    result = evidence.result
     # What a cause leaves may be chance where V is little above the noise.
     left, by_chance = result.cost - evidence.best_drop, largest_by_chance(result.cost_dof) * result.cost_expected
     is_explained = evidence.best_share >= LIMITS.explained_share or (evidence.best_drop and left < by_chance)
     if is_explained or result.model_error <= 1:
         return ()
     sums: dict[str, tuple[float, int]] = {}
-    for part in (part for part in evidence.optimum.fit.parts if part.n_residuals):
-        name = posture_of(part.configuration)
-        V, count = sums.get(name, (0.0, 0))
-        sums[name] = V + part.normal.at(evidence.optimum.fit.theta(part, x))[0], count + part.n_residuals
+    for part, cost in zip(evidence.optimum.fit.parts, evidence.uncertainty.costs.tolist(), strict=True):
+        if part.n_residuals:
+            name = posture_of(part.configuration)
+            V, count = sums.get(name, (0.0, 0))
+            sums[name] = V + cost, count + part.n_residuals
     level = np.sqrt([V / count for V, count in sums.values()])
     others = "those of the other configurations; is it of the same robot, with the same load, at the stated angles?"
     return tuple(

@@ -6,26 +6,30 @@ a chunk is worked out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.execution import Execution
-from elastid.base.placed import Placed
+from elastid.base.execution import HERE, Execution
+from elastid.base.kept import Kept
 from elastid.fit.problem.part import Part
-from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
+from elastid.response import Response
 
 # Configurations of a chunk.
 CHUNK = 4
+# Lines of all configurations from which on an evaluation is worth the work of others.
+MIN_LINES = 5_000
+Item = TypeVar("Item")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk:
+class Chunk(Kept):
     """Some configurations over one set of parameters."""
 
     parameters: Parameters
@@ -50,42 +54,23 @@ class Chunk:
             groups.setdefault((own, part.kernel.wanted), []).append(part)
         return tuple(map(tuple, groups.values()))
 
-    @property
-    def bare(self) -> Chunk:
-        """Chunk without what is worked out again where it goes."""
-        parts = (replace(part, kernel=replace(part.kernel), compressed=None) for part in self.parts)
-        return Chunk(self.parameters, tuple(parts))
 
-    def with_models(self, parameters: Parameters, kernels: Sequence[Kernel]) -> Chunk:
-        """Chunk with data and weights by other models."""
-        pairs = zip(self.parts, kernels, strict=True)
-        parts = (replace(part, kernel=kernel, compressed=part.normal.residuals) for part, kernel in pairs)
-        return Chunk(parameters, tuple(parts))
+def chunked(items: Sequence[Item]) -> list[tuple[Item, ...]]:
+    """What belongs to each configuration in chunks of neighbours."""
+    return [tuple(items[first : first + CHUNK]) for first in range(0, len(items), CHUNK)]
 
 
-def chunked(parameters: Parameters, parts: tuple[Part, ...]) -> tuple[Chunk, ...]:
-    """All configurations in chunks of neighbours."""
-    return tuple(Chunk(parameters, parts[first : first + CHUNK]) for first in range(0, len(parts), CHUNK))
+def home_of(responses: Sequence[Response], execution: Execution) -> Execution:
+    """Who evaluates the chunks of all configurations: others where these are many, else starts are shared."""
+    is_large = sum(response.n_lines for response in responses) >= MIN_LINES
+    is_large &= len(chunked(responses)) >= 2 * execution.jobs
+    return Execution(execution.jobs) if is_large and execution.is_shared(len(responses)) else HERE
 
 
-class PlacedChunks:
-    """All configurations at workers as long as a fit holds this; to another process it goes as None."""
+def each_at_home(function: Callable[[Item], Value], items: Sequence[Item], home: Execution) -> list[Value]:
+    """[function(item) for item in items], what belongs to each configuration where its chunk is."""
+    return [value for values in home.at_home(partial(_each, function), chunked(items)) for value in values]
 
-    def __init__(self, parameters: Parameters, parts: tuple[Part, ...], execution: Execution) -> None:
-        self._parameters, self._parts = parameters, parts
-        self.items = Placed([chunk.bare for chunk in chunked(parameters, parts)], execution)
 
-    def is_of(self, parameters: Parameters, parts: tuple[Part, ...]) -> bool:
-        """True if these are there."""
-        return parameters is self._parameters and parts is self._parts
-
-    def move(self, parameters: Parameters, parts: tuple[Part, ...]) -> None:
-        """Other models of the same data and weights take the place of those that are there."""
-        bare = [chunk.bare for chunk in chunked(parameters, parts)]
-        kernels = [[part.kernel for part in chunk.parts] for chunk in bare]
-        moves = [partial(Chunk.with_models, parameters=parameters, kernels=each) for each in kernels]
-        self.items.change(bare, moves)
-        self._parameters, self._parts = parameters, parts
-
-    def __reduce__(self) -> tuple[type[None], tuple[()]]:
-        return type(None), ()
+def _each(function: Callable[[Item], Value], chunk: Sequence[Item]) -> list[Value]:
+    return [function(item) for item in chunk]

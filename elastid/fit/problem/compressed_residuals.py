@@ -23,7 +23,7 @@ The residuals are compressed (`compressed_residuals`), and their derivatives are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
@@ -31,6 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, kept_beside, release
+from elastid.base.kept import Kept
 from elastid.base.kernels import call
 from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
@@ -131,7 +132,7 @@ def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
 
 
 @dataclass(frozen=True, eq=False)
-class CompressedResiduals:
+class CompressedResiduals(Kept):
     """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `Part`.
 
     elements: rows and columns (n_e,) of the elements g, of `Columns`.  is_symmetric: whether G = G^T.
@@ -146,10 +147,6 @@ class CompressedResiduals:
     criterion: ResidualKind
     whitening: Whitening | None
     known: Compressed | None = None
-
-    def __reduce__(self) -> tuple[type[CompressedResiduals], tuple[object, ...]]:
-        """Pickled form without what other processes work out again."""
-        return CompressedResiduals, tuple(getattr(self, f.name) for f in fields(self))
 
     def has_data_of(self, other: CompressedResiduals) -> bool:
         """True if these are residuals of the very same data, with the very same weights."""
@@ -273,9 +270,6 @@ class NormalEquations:
 
     columns: Columns
     residuals: CompressedResiduals
-
-    def __reduce__(self) -> tuple[type[NormalEquations], tuple[object, ...]]:
-        return NormalEquations, (Columns(self.columns.kernel), self.residuals)
 
     def at(self, theta: FloatArray, precision: Precision = np.float64) -> tuple[float, FloatArray, FloatArray]:
         """V, J^T r (P,) and J^T J (P, P) at theta (n_theta,), P the kernel's wanted parameters.

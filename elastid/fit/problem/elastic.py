@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -19,13 +18,13 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution, on_dask
-from elastid.fit.problem.chunks import Chunk, PlacedChunks, chunked
+from elastid.base.execution import HERE, Execution
+from elastid.fit.problem.chunks import Chunk, chunked, each_at_home
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, as_real, error_gain
 from elastid.fit.problem.part import Part
 from elastid.fit.problem.static_loads import StaticLoads
-from elastid.fit.problem.weights import MIN_LINES, Weights, Whitening
+from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.loaded import acted_on, moved_by
@@ -39,39 +38,22 @@ class ElasticFit:
     """The parts of all configurations over one set of parameters; it pickles, so that processes can work with it.
 
     inertias: bodies whose inertia must stay physically possible.  loads: static load tests, if there are any.
-    placed: where its configurations are at workers.
+    home: who evaluates its chunks.
     """
 
     parameters: Parameters
     parts: tuple[Part, ...]
     inertias: tuple[BodyInertia, ...] = ()
     loads: StaticLoads | None = None
-    placed: PlacedChunks | None = None
+    home: Execution = HERE
 
     def with_residuals_of(self, other: ElasticFit) -> ElasticFit:
         """Fit with what another one of the same data and weights has worked out of them, here or at workers."""
-        fit = replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
-        if other.placed is None:
-            return fit
-        other.placed.move(fit.parameters, fit.parts)
-        return replace(fit, placed=other.placed)
+        return replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
 
-    def at_workers(self, execution: Execution) -> ElasticFit:
-        """Fit with its configurations at workers, if there are any and the configurations are many."""
-        is_large = sum(len(part.measured) for part in self.parts) >= MIN_LINES
-        is_large &= len(self.chunks) >= 2 * execution.jobs  # else starts are shared more evenly
-        if not (is_large and execution.is_shared):
-            return self
-        return replace(self, placed=PlacedChunks(self.parameters, self.parts, execution))
-
-    @contextmanager
-    def evaluated_by(self, execution: Execution) -> Iterator[Execution]:
-        """The execution of work that evaluates it: one item after the other where its configurations are at workers."""
-        if self.placed is None:
-            yield execution
-            return
-        with on_dask(""):
-            yield replace(execution, jobs=1)
+    def evaluated_by(self, execution: Execution) -> Execution:
+        """The execution of work that evaluates it: one item after the other where its chunks are at workers."""
+        return replace(execution, jobs=0) if self.home.jobs else execution
 
     @property
     def n_residuals(self) -> int:
@@ -100,14 +82,12 @@ class ElasticFit:
 
     def _added(self, sums: Callable[[Chunk], tuple[Any, ...]]) -> list[Any]:
         """Sums of all `chunks`, added in their order, wherever they are worked out."""
-        at = self.placed if self.placed is not None and self.placed.is_of(self.parameters, self.parts) else None
-        every = [sums(chunk) for chunk in self.chunks] if at is None else at.items.ask(sums)
-        return [sum(each) for each in zip(*every, strict=True)]
+        return [sum(each) for each in zip(*self.home.at_home(sums, self.chunks), strict=True)]
 
     @cached_property
     def chunks(self) -> tuple[Chunk, ...]:
         """Configurations, so many neighbours at a time."""
-        return chunked(self.parameters, self.parts)
+        return tuple(Chunk(self.parameters, parts) for parts in chunked(self.parts))
 
     def besides(self, x: FloatArray) -> Evaluation:
         """V, its gradient and 2 J^T J at x of static loads, priors and the barrier of the inertias alone."""
@@ -187,21 +167,34 @@ def elastic_fit(
     at all (an axis that does not couple).  correlated: whether elements that err together weigh together, where the
     weights know how.  StudyError where a response has an input or output that the model has not.
     """
-    parts = []
-    for G, model, weight in zip(responses, models, weights, strict=True):
-        counted = weight if correlated else replace(weight, is_correlated=False)
-        kernel = kernel_of(at_measured_places(model, G), parameters, G.freq_hz)
-        parts.append(_part(G, kernel, counted, criterion))
-    return ElasticFit(parameters, tuple(parts))
+    each = zip(responses, models, weights, strict=True)
+    return ElasticFit(parameters, tuple(part_of(*own, parameters, criterion, correlated) for own in each))
+
+
+def part_of(
+    response: Response,
+    model: LinearModel,
+    weights: Weights,
+    parameters: Parameters,
+    criterion: ResidualKind,
+    correlated: bool,
+) -> Part:
+    """The part of one configuration; arguments as `elastic_fit`."""
+    kernel = kernel_of(at_measured_places(model, response), parameters, response.freq_hz)
+    return _part(response, kernel, weights if correlated else replace(weights, is_correlated=False), criterion)
 
 
 def by_criterion(
     fit: ElasticFit, responses: Sequence[Response], weights: Sequence[Weights], criterion: ResidualKind
 ) -> ElasticFit:
     """The fit with the same models by another criterion, element by element."""
-    each = zip(fit.parts, responses, weights, strict=True)
-    parts = (_part(G, part.kernel, replace(own, is_correlated=False), criterion) for part, G, own in each)
-    return replace(fit, parts=tuple(parts), placed=None)
+    each = list(zip(fit.parts, responses, weights, strict=True))
+    return replace(fit, parts=tuple(each_at_home(partial(_by_criterion, criterion), each, fit.home)))
+
+
+def _by_criterion(criterion: ResidualKind, own: tuple[Part, Response, Weights]) -> Part:
+    part, response, weights = own
+    return _part(response, part.kernel, replace(weights, is_correlated=False), criterion)
 
 
 def at_measured_places(model: LinearModel, response: Response | LinearModel) -> LinearModel:
@@ -265,4 +258,5 @@ def _part(response: Response, kernel: Kernel, weights: Weights, criterion: Resid
         sigma = weights.sigma if criterion == "complex" else np.where(used, weights.sigma, np.inf)
         phase = np.ones((1, 1, 1)) if criterion == "complex" else np.conj(slope) / np.abs(slope)
         whitening = Whitening(weights.correlated, weights.floor, response.G, sigma, phase)
-    return Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, whitening)
+    part = Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, whitening)
+    return replace(part, compressed=part.normal.residuals)

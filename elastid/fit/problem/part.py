@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.kept import Kept
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind, error_gain
 from elastid.fit.problem.weights import Whitening
@@ -17,7 +18,7 @@ from elastid.parameters import Parameters
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class Part(Kept):
     """One configuration: measured G (F, n_y, n_u), the kernel of its model, and what its residuals are divided by.
 
     gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of

@@ -38,6 +38,7 @@ import numpy as np
 from scipy.special import fdtr, gammainc, gammaincinv
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, kept_beside
+from elastid.base.kept import Kept
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
@@ -128,7 +129,7 @@ def _ratio(measured: FloatArray, expected: FloatArray) -> FloatArray:
 
 
 @frozen_value
-class SmoothedNoise:
+class SmoothedNoise(Kept):
     """measured: the sample covariance taken; smooth: of neighbouring lines, so that weights 1 / v are unbiased.
 
     Both in the same form: matrices of all elements are worked out where they are needed and not kept.
@@ -146,7 +147,7 @@ class SmoothedNoise:
     def is_of(self, response: Response, width: int) -> bool:
         """True if this is what `smooth_noise` finds, the numbers of the response being the very same."""
         is_noise = self.measured is response.total or self.measured is response.noise
-        return self.G is response.G and is_noise and self.width == width
+        return is_noise and self.width == width and np.array_equal(self.G, response.G)
 
     @property
     def variance(self) -> FloatArray:

@@ -5,22 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, frozen_value
 from elastid.base.errors import DataError, Note, StudyError, did_you_mean
-from elastid.base.execution import Execution
+from elastid.base.kept import Kept
 from elastid.base.names import posture_of
-from elastid.fit.problem.smoothed_noise import SmoothedNoise, larger, smooth_noise
+from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec, misnamed
 from elastid.response import Covariance, Response
 
 
 @dataclass(frozen=True, eq=False)
-class Whitening:
+class Whitening(Kept):
     """Whitens errors relative to sigma (F, n_y, n_u), inf where an element is left out; small, since not worked out.
 
     noise: C~.  floor: alpha, of |G| (F, n_y, n_u).  phase (F, n_y, n_u), or (1, 1, 1): factors of modulus one between
@@ -68,8 +68,6 @@ class Whitening:
         return Whitening(noise, self.floor, self.G[keep], self.sigma[keep], phase)
 
 
-# Lines of all configurations from which on these are worth the work of others.
-MIN_LINES = 20_000
 # The floor of a search, and of responses whose noise was not measured, where the study leaves it to the data: the
 # most that the residuals may then show.
 USUAL_FLOOR = 0.01
@@ -119,7 +117,7 @@ def _is_singular(C: ComplexArray, sigma: FloatArray) -> bool:
 
 
 @frozen_value
-class Weights:
+class Weights(Kept):
     """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
 
     factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.
@@ -195,27 +193,6 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
     scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated)
     notes = tuple(Note(code, text, f"configuration {where}") for code, text in texts)
     return Weights(sigma, noise, scale, floor, notes, factor, correlated)
-
-
-def weigh_all(responses: Sequence[Response], spec: FitSpec, execution: Execution) -> tuple[Weights, ...]:
-    """`weigh` of each response: smoothing the noise of very many lines is worth the work of others."""
-    if not (execution.is_shared and sum(response.n_lines for response in responses) >= MIN_LINES):
-        return tuple(weigh(response, spec) for response in responses)
-    try:
-        found = execution.quiet.ordered(partial(weigh, spec=spec), responses)
-    except DataError:  # the first in order, not in time
-        return tuple(weigh(response, spec) for response in responses)
-    return tuple(map(_of_response, found, responses))
-
-
-def _of_response(weights: Weights, response: Response) -> Weights:
-    """Weights from another process with the numbers of the response here, and those that all share."""
-    each, noise = (weights.factor, weights.scale), weights.noise
-    factor, scale = (_ones(part.shape) if np.all(part == 1) else part for part in each)
-    if noise is not None and (known := larger(response)) is not None:
-        smooth = known if noise.smooth is noise.measured else noise.smooth
-        noise = replace(noise, measured=known, smooth=smooth, G=response.G)
-    return replace(weights, noise=noise, factor=factor, scale=scale)
 
 
 def with_floor(spec: FitSpec, floor: float | None) -> FitSpec:

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.base.kept import Kept
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.response.ldl import Elimination, solved_products
@@ -104,7 +105,7 @@ def rank_one_terms(slopes: Sequence[Slope], n: int) -> tuple[FloatArray, tuple[R
 
 
 @frozen_value(eq=False)
-class Kernel:
+class Kernel(Kept):
     """G and dG of one LinearModel on the lines freq_hz (F,), for the parameters `wanted` (P names).
 
     Prepared once, evaluated at many theta; it pickles. KeyError for a name that the model does not have.

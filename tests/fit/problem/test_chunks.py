@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,11 +10,12 @@ from plants.refusals import refused
 from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 
 import elastid.base.arrays as base_arrays
-import elastid.fit.problem.elastic as elastic
-import elastid.fit.problem.weights as weights
-from elastid.base.execution import Execution
+import elastid.fit.problem.chunks as chunks
+from elastid.base.execution import HERE, Execution
+from elastid.base.workers import lasting_workers
+from elastid.fit.problem.chunks import each_at_home, home_of
 from elastid.fit.problem.elastic import elastic_fit
-from elastid.fit.problem.weights import weigh, weigh_all
+from elastid.fit.problem.weights import weigh
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.store.measured import read_responses, write_responses
@@ -36,7 +38,7 @@ def responses(tmp_path, monkeypatch):
     write_responses(tmp_path / "frf.h5", every)
     monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", 1000)
     monkeypatch.setattr(base_arrays, "MIN_LARGE_FILE", 0)
-    monkeypatch.setattr(elastic, "MIN_LINES", 0)
+    monkeypatch.setattr(chunks, "MIN_LINES", 0)
     return read_responses(tmp_path / "frf.h5")
 
 
@@ -52,25 +54,23 @@ def same(first, second, x) -> bool:
 
 
 def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses):
-    """At two points, in both precisions, and after the models have moved on; other parameters are summed up here."""
+    """At two points, in both precisions, and after the models have moved on; of fewer configurations, too."""
     here, x = fit_at(responses), parameters().x
-    there = fit_at(responses).at_workers(Execution(2))
-    assert there.placed is not None
-    assert same(here, there, x)
-    assert here.rough(x + 0.1).hessian.tobytes() == there.rough(x + 0.1).hessian.tobytes()
-    moved = fit_at(responses, 1.1)
-    followed = moved.with_residuals_of(there)
-    assert followed.placed is there.placed
-    assert same(moved, followed, x + 0.1)
-    assert same(here, there, x)
-    fewer = replace(followed, parts=followed.parts[:3])
-    assert same(replace(moved, parts=moved.parts[:3]), fewer, x)
+    there = replace(here, home=home_of(responses, Execution(2)))
+    assert there.home.jobs == 2
+    with lasting_workers():
+        assert same(here, there, x)
+        assert here.rough(x + 0.1).hessian.tobytes() == there.rough(x + 0.1).hessian.tobytes()
+        moved = fit_at(responses, 1.1)
+        followed = replace(moved.with_residuals_of(here), home=there.home)
+        assert same(moved, followed, x + 0.1)
+        assert same(here, there, x)
+        assert same(replace(moved, parts=moved.parts[:3]), replace(followed, parts=followed.parts[:3]), x)
 
 
-def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(responses, monkeypatch):
+def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(responses):
     """The smoothed covariance as well; of a response that cannot be weighed the first in order is named."""
-    monkeypatch.setattr(weights, "MIN_LINES", 0)
-    here, there = (weigh_all(responses, NO_FLOOR, Execution(jobs)) for jobs in (1, 2))
+    here, there = (each_at_home(partial(weigh, spec=NO_FLOOR), responses, home) for home in (HERE, Execution(2)))
     for one, other, response in zip(here, there, responses, strict=True):
         assert other.noise.is_of(response, 0)
         assert (other.noise.smooth is other.noise.measured) == (one.noise.smooth is one.noise.measured)
@@ -80,12 +80,11 @@ def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(
         assert isinstance(other.noise.smooth.matrix, base_arrays.FileArray)
     bare = [replace(response, noise=None) for response in responses]
     with refused("fit/weights", place="configuration c0"):
-        weigh_all(bare, NO_FLOOR, Execution(2))
+        each_at_home(partial(weigh, spec=NO_FLOOR), bare, Execution(2))
 
 
 def test_one_process_or_few_lines_keep_configurations_here(responses, monkeypatch):
     """The work of others is then worth less than what it takes to ask them."""
-    fit = fit_at(responses)
-    assert fit.at_workers(Execution(1)).placed is None
-    monkeypatch.setattr(elastic, "MIN_LINES", 20_000)
-    assert fit.at_workers(Execution(2)).placed is None
+    assert home_of(responses, Execution(1)) == HERE
+    monkeypatch.setattr(chunks, "MIN_LINES", 20_000)
+    assert home_of(responses, Execution(2)) == HERE

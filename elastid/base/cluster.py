@@ -1,0 +1,161 @@
+"""Workers of a Dask cluster, which must see the same files: asked by the messages of `base.workers`, in tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
+from contextvars import ContextVar
+from importlib.util import find_spec
+from multiprocessing.connection import Connection
+from threading import Thread
+from typing import Any
+from urllib.parse import urlsplit
+from uuid import uuid4
+
+from elastid.base.errors import ElastidError, StudyError
+from elastid.base.kept import LostError
+from elastid.base.workers import Served
+
+# Seconds for a Dask scheduler to answer, and for the first worker to start, or to start again.
+ANSWER_S = 10.0
+WORKERS_S = 120.0
+# And from one look to the next whether a worker is still there.
+ALIVE_S = 1.0
+# Bytes of a message from which on it goes to its worker past the scheduler.
+LARGE = 1 << 20
+# Schemes of an address over a network; those with True need certificates from the configuration of Dask.
+SCHEMES = {"tcp": False, "tls": True, "ws": False, "wss": True}
+# Address of the scheduler that work goes to; empty where it stays on this machine.
+SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
+
+
+@contextmanager
+def on_dask(address: str) -> Iterator[None]:
+    """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address: to processes.
+
+    Raises ElastidError where Dask is not installed, StudyError for a text that is no address.
+    """
+    if address and find_spec("distributed") is None:
+        raise ElastidError(
+            "install/missing-package",
+            "Dask is not installed; `uv sync --extra dask` does it, or leave --dask out",
+        )
+    if address and not _is_address(address):
+        raise StudyError(
+            "options/invalid",
+            "not the address of a Dask scheduler; give scheme, host and port as the scheduler "
+            "prints them, such as tcp://10.0.0.7:8786",
+            f"--dask {address}",
+        )
+    token = SCHEDULER.set(address)
+    try:
+        yield
+    finally:
+        SCHEDULER.reset(token)
+
+
+def _is_address(address: str) -> bool:
+    """True for [scheme://]host:port, and for inproc://host/process/number, a cluster within this process."""
+    scheme, separator, place = address.rpartition("://")
+    if scheme == "inproc":
+        return len(place.split("/")) == 3
+    try:
+        parts = urlsplit(address if separator else f"tcp://{address}")
+        return parts.scheme in SCHEMES and bool(parts.hostname and parts.port) and not any(map(str.isspace, address))
+    except ValueError:  # a port that is no number, or an unclosed bracket
+        return False
+
+
+@contextmanager
+def client_of(address: str) -> Iterator[Any]:
+    """A Dask cluster; ElastidError without certificates, where no scheduler answers, and where it gets no worker."""
+    from distributed import Client
+    from distributed.security import Security
+
+    # Of an encrypted connection.
+    if SCHEMES.get(address.partition("://")[0]) and not Security().get_connection_args("client").get("ssl_context"):
+        raise ElastidError(
+            "workers/cluster",
+            f"the Dask scheduler at {address} needs certificates, and none are configured; name them in the "
+            "configuration of Dask (distributed.comm.tls), or give the address of a tcp scheduler",
+        )
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except Exception as error:  # of a scheme, too, for which a package is missing
+        raise ElastidError("workers/cluster", f"no Dask scheduler answers at {address}: {error}") from error
+    try:
+        client.wait_for_workers(1, timeout=WORKERS_S)
+        yield client
+    except TimeoutError as error:
+        raise ElastidError("workers/cluster", f"the cluster at {address} has no worker; start one") from error
+    finally:
+        client.close()
+
+
+def places_of(client: Any) -> list[str]:
+    """The address of the worker of each thread."""
+    return [place for place, threads in sorted(client.nthreads().items()) for _ in range(threads)]
+
+
+class Remote(Thread):
+    """The process of a `Worker` on a cluster: messages of a pipe become tasks there, their values its answers."""
+
+    pid = 0
+
+    def __init__(self, address: str, pipe: Connection, place: int) -> None:
+        super().__init__(daemon=True)
+        self._stack, self._pipe = ExitStack(), pipe
+        self._task: Any = None
+        self._client = self._stack.enter_context(client_of(address))
+        places = places_of(self._client)
+        self._name, self._at = uuid4().hex, places[place % len(places)]
+
+    def run(self) -> None:
+        """Pass messages on until the pipe or the worker ends."""
+        from distributed import CancelledError, KilledWorker
+
+        is_first, lost = True, (OSError, CancelledError, KilledWorker, LostError)
+        with self._stack, closing(self._pipe), suppress(*lost):
+            with suppress(EOFError):
+                while True:
+                    message: Any = self._pipe.recv_bytes()
+                    if len(message) >= LARGE:
+                        message = self._client.scatter(message, hash=False, workers=[self._at])
+                    answer, is_first = self._asked(_answer, is_first, message), False
+                    if answer is not None:
+                        self._pipe.send_bytes(answer)
+            self._asked(_forget)
+
+    def _asked(self, function: Callable[..., Any], *given: Any) -> Any:
+        """The value there; LostError where the worker is gone, for which the scheduler would wait for ever."""
+        self._task = self._client.submit(function, self._name, *given, pure=False, workers=[self._at])
+        while True:
+            try:
+                return self._task.result(ALIVE_S)
+            except TimeoutError:
+                if self._at not in self._client.nthreads():
+                    raise LostError from None
+
+    def terminate(self) -> None:
+        """End at once; a task that runs already ends by itself."""
+        with suppress(RuntimeError):  # where it has ended by itself
+            if self._task is not None:
+                self._task.cancel()
+
+
+# What the workers of a process on a cluster have, by their names.
+_SERVED = dict[str, Served]()
+
+
+def _answer(name: str, is_first: bool, message: bytes) -> bytes | None:
+    """Answer of the worker of a name; LostError where it was another process."""
+    if is_first:
+        _SERVED[name] = Served()
+    if name not in _SERVED:
+        raise LostError
+    answer = _SERVED[name].answer(message)
+    return None if answer is None else bytes(answer)
+
+
+def _forget(name: str) -> None:
+    _SERVED.pop(name, None)
