@@ -19,11 +19,8 @@ from elastid.validation.twin import MOTION, describe_run
 
 robot, (low_hz, high_hz) = estimated_robot(bench.result), bench.excitation["band_hz"]
 soft = robot.with_parameters({"k_1": bench.result["k_1"].value / 2})
-runs = [
-    run
-    for each in (robot, soft)
-    for run in elastic_runs(bench.records[0], FittedTwin(each, 0.0, EXACT), (low_hz, high_hz))
-]
+twins = [FittedTwin(each, 0.0, EXACT) for each in (robot, soft)]
+runs = [run for each in twins for run in elastic_runs(bench.records[0], each, (low_hz, high_hz))]
 twin, poor = (run.of(MOTION)[0] for run in runs)
 
 if __name__ == "__main__":
