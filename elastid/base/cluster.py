@@ -16,13 +16,9 @@ from elastid.base.errors import ElastidError, StudyError
 from elastid.base.kept import LostError
 from elastid.base.workers import Served
 
-# Seconds for a Dask scheduler to answer, and for the first worker to start, or to start again.
+# Seconds for a Dask scheduler to answer, and to look whether a worker is there; for the first one to start again.
 ANSWER_S = 10.0
 WORKERS_S = 120.0
-# And from one look to the next whether a worker is still there.
-ALIVE_S = 1.0
-# Bytes of a message from which on it goes to its worker past the scheduler.
-LARGE = 1 << 20
 # Schemes of an address over a network; those with True need certificates from the configuration of Dask.
 SCHEMES = {"tcp": False, "tls": True, "ws": False, "wss": True}
 # Address of the scheduler that work goes to; empty where it stays on this machine.
@@ -118,9 +114,7 @@ class Remote(Thread):
         with self._stack, closing(self._pipe), suppress(*lost):
             with suppress(EOFError):
                 while True:
-                    message: Any = self._pipe.recv_bytes()
-                    if len(message) >= LARGE:
-                        message = self._client.scatter(message, hash=False, workers=[self._at])
+                    message = self._client.scatter(self._pipe.recv_bytes(), hash=False, workers=[self._at])
                     answer, is_first = self._asked(_answer, is_first, message), False
                     if answer is not None:
                         self._pipe.send_bytes(answer)
@@ -131,7 +125,7 @@ class Remote(Thread):
         self._task = self._client.submit(function, self._name, *given, pure=False, workers=[self._at])
         while True:
             try:
-                return self._task.result(ALIVE_S)
+                return self._task.result(ANSWER_S)
             except TimeoutError:
                 if self._at not in self._client.nthreads():
                     raise LostError from None

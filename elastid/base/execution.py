@@ -101,16 +101,18 @@ class Execution:
     def at_home(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[Value]:
         """function(item) of each item in turn, by the worker that has the items of its place from earlier work.
 
-        Neighbours have the same one. The first error in turn is raised.
+        Neighbours have the same one. The first error in turn is raised, once all others have ended.
         """
         known: dict[int, Outcome] = {}
         index = 0
         with closing(self._outcomes(function, items, at_home=True)) as results:
             for finished, outcome in results:
                 known[finished] = outcome
-                while index in known:
-                    yield known.pop(index).result
+                while index in known and known[index].error is None:
+                    yield known.pop(index).value
                     index += 1
+        if known:
+            yield known[index].result
 
     def _outcomes(
         self, function: Callable[[Item], Value], items: Sequence[Item], at_home: bool = False

@@ -1,7 +1,6 @@
 """Values that go to another process once: large frozen arrays, and instances of `Kept`, which stay there as here.
 
-Both ends of a pipe know what the other one has by names. A value that dies where it was made, or where it first came
-from, is forgotten at the other end with the next message.
+Both ends of a pipe know what the other one has by names. What is gone here is forgotten there with the next work.
 """
 
 from __future__ import annotations
@@ -13,14 +12,11 @@ from contextvars import ContextVar
 from dataclasses import fields
 from io import BytesIO
 from typing import Any
-from weakref import WeakSet, WeakValueDictionary, finalize
+from weakref import WeakValueDictionary, finalize
 
 import numpy as np
 
-from elastid.base.arrays import FileArray, kept_in
-
-# Bytes of an array from which on a name is shorter.
-MIN_BYTES = 1 << 12
+from elastid.base.arrays import MIN_PART_BYTES, FileArray, kept_in
 
 
 class Kept:
@@ -33,7 +29,6 @@ class LostError(Exception):
 
 _NAMES = dict[int, bytes]()  # by the identity of what lives
 _VALUES = WeakValueDictionary[bytes, Any]()
-_ENDS = WeakSet["End"]()
 _ARRIVED: ContextVar[dict[bytes, Any]] = ContextVar("values that come with a message")
 
 
@@ -41,20 +36,16 @@ class End:
     """This end of a pipe: what the other one has; keeps: whether what comes stays until the other end forgets it."""
 
     def __init__(self, keeps: bool) -> None:
-        self.known, self._gone = set[bytes](), list[bytes]()
-        self._keeps, self._held = keeps, dict[bytes, Any]()
-        _ENDS.add(self)
+        self._known, self._keeps, self._held = set[bytes](), keeps, dict[bytes, Any]()
 
-    def packed(self, value: Any) -> memoryview:
-        """A message to the other end."""
+    def packed(self, value: Any, is_first: bool = False) -> memoryview:
+        """A message to the other end; is_first: of a work, with which that end forgets what is gone here."""
+        gone = [name for name in self._known if name not in _VALUES] if is_first else []
         file = BytesIO()
-        pickler = _Pickler(file, self.known)
+        pickler = _Pickler(file, self._known)
         pickler.dump(value)
-        gone, self._gone = self._gone, []
         pickle.dump(gone, file)
-        self.known.update(pickler.new)
-        if self._keeps:
-            self._held |= pickler.new
+        self._has(pickler.new, gone)
         return file.getbuffer()
 
     def unpacked(self, message: bytes) -> Any:
@@ -65,19 +56,16 @@ class End:
             value = pickle.load(file)
         finally:
             _ARRIVED.reset(token)
-        for name in pickle.load(file):
-            self._held.pop(name, None)
-            self.known.discard(name)
-        self.known |= arrived.keys()
-        if self._keeps:
-            self._held |= arrived
+        self._has(arrived, pickle.load(file))
         return value
 
-    def forget(self, name: bytes) -> None:
-        """Tell the other end with the next message that a value is gone."""
-        if name in self.known:
-            self.known.discard(name)
-            self._gone.append(name)
+    def _has(self, new: dict[bytes, Any], gone: list[bytes]) -> None:
+        self._known.difference_update(gone)
+        self._known.update(new)
+        if self._keeps:
+            self._held |= new
+            for name in gone:
+                self._held.pop(name, None)
 
 
 class _Pickler(pickle.Pickler):
@@ -91,7 +79,7 @@ class _Pickler(pickle.Pickler):
         parts: tuple[Any, ...]
         if isinstance(value, Kept):
             parts = (_made, type(value), {f.name: getattr(value, f.name) for f in fields(value)})  # type: ignore[arg-type]
-        elif not isinstance(value, np.ndarray) or value.flags.writeable or value.nbytes < MIN_BYTES:
+        elif not isinstance(value, np.ndarray) or value.flags.writeable or value.nbytes < MIN_PART_BYTES:
             return NotImplemented
         elif type(value) is np.ndarray and value.flags.owndata and not value.dtype.hasobject:
             parts = (_frozen, value.view())
@@ -108,14 +96,8 @@ class _Pickler(pickle.Pickler):
 
 def _named(name: bytes, value: Any) -> bytes:
     _NAMES[id(value)], _VALUES[name] = name, value
-    finalize(value, _forget, id(value), name).atexit = False
+    finalize(value, _NAMES.pop, id(value)).atexit = False
     return name
-
-
-def _forget(key: int, name: bytes) -> None:
-    del _NAMES[key]
-    for end in list(_ENDS):
-        end.forget(name)
 
 
 def _recalled(name: bytes) -> Any:
@@ -128,8 +110,7 @@ def _recalled(name: bytes) -> Any:
 def _arrived(name: bytes, make: Callable[..., Any], *parts: Any) -> Any:
     value = _VALUES.get(name)  # as in a worker that is a thread of this process
     if value is None:
-        value = make(*parts)
-        _named(name, value)
+        _named(name, value := make(*parts))
     _ARRIVED.get()[name] = value
     return value
 

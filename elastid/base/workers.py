@@ -76,21 +76,18 @@ def lasting_workers() -> Iterator[None]:
         _dismiss(at_rest)
 
 
-# The process of a worker, not yet started, by its end of the pipe and its place.
-NewProcess = Callable[[Connection, int], Any]
-
-
 def outcomes(
     function: Callable[[Any], Any],
     items: Sequence[tuple[int, Any]],
     count: int,
     at_home: bool = False,
-    new: NewProcess | None = None,
+    new: Callable[[Connection, int], Any] | None = None,
 ) -> Generator[tuple[int, Outcome], None, None]:
     """(index, outcome of function(item)) as they finish, by `count` workers; a worker that dies is replaced.
 
     The function goes to each worker once.  at_home: each item to the worker of its place, neighbours to the same one;
-    else to the next that is free.  Workers that are at an item when this ends are ended.
+    else to the next that is free.  new: the process of a worker, not yet started, by its end of the pipe and its place.
+    Workers that are at an item when this ends are ended.
     """
     ends = [len(items) * place // count for place in range(count + 1)] if at_home else [0, len(items)]
     waiting = [deque(items[first:last]) for first, last in pairwise(ends)]
@@ -103,7 +100,7 @@ def outcomes(
         """The next item, or rest; of a worker that is dead already, the outcome of the item."""
         own = waiting[worker.place % len(waiting)]
         following = own.popleft() if own else None
-        message = REST if following is None else worker.end.packed((function if is_new else None, following[1]))
+        message = REST if following is None else worker.end.packed((function if is_new else None, following[1]), is_new)
         if following is None:
             at_rest.append(worker)
         else:
@@ -119,10 +116,10 @@ def outcomes(
         index, worker = busy.pop(pipe)
         end(worker)
         yield index, Outcome(died=True)
-        yield from give(_call(at_rest, called, worker.place, new), is_new=True)
+        yield from give(_call(at_rest, called, worker.place, new or _local), is_new=True)
 
     try:
-        for worker in [_call(at_rest, called, place, new) for place in range(count)]:
+        for worker in [_call(at_rest, called, place, new or _local) for place in range(count)]:
             yield from give(worker, is_new=True)
         while busy:
             ready = wait(list(busy))
@@ -168,7 +165,7 @@ def start_method() -> str:
     return "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
 
 
-def _call(at_rest: list[Worker], called: list[Worker], place: int, new: NewProcess | None) -> Worker:
+def _call(at_rest: list[Worker], called: list[Worker], place: int, new: Callable[..., Any]) -> Worker:
     """A worker at rest that lives, or a new one; among those called, from its first moment.
 
     New ones start in a thread, which Ctrl-C does not reach: amid a start it would leave a worker that is never ended.
@@ -183,7 +180,7 @@ def _call(at_rest: list[Worker], called: list[Worker], place: int, new: NewProce
 
     def start() -> None:
         try:
-            _start(called, place, new or _local)
+            _start(called, place, new)
         except BaseException as error:
             errors.append(error)
 
@@ -204,7 +201,7 @@ def _local(pipe: Connection, place: int) -> Any:
     return context.Process(target=_serve, args=(pipe,))
 
 
-def _start(called: list[Worker], place: int, new: NewProcess) -> None:
+def _start(called: list[Worker], place: int, new: Callable[..., Any]) -> None:
     ours, theirs = Pipe()
     process = new(theirs, place)
     called.append(Worker(process, ours, place))

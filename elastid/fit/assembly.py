@@ -22,8 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError
 from elastid.base.execution import HERE, Execution
-from elastid.fit.problem.chunks import each_at_home
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model, part_of
+from elastid.fit.problem.elastic import ElasticFit, each_at_home, elastic_fit, linear_model, part_of
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     RESIDUALS,
@@ -290,18 +289,9 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
     """The least floor with which V at an optimum is no more than its degrees of freedom; at most the usual one."""
     x, dof, criterion = optimum.end.x, optimum.fit.problem.dof, assembly.spec.criterion
     unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_floor(USUAL_FLOOR)
-    models = unbiased.models(x)
-    usual = unbiased.of_models(models, criterion)
-    at_x = [part.kernel.response(usual.theta(part, x)) for part in usual.parts]
-    besides = usual.besides(x).cost
 
-    def exceeds(floor: float) -> bool:
-        parts = unbiased.with_floor(floor).of_models(models, criterion).parts
-        try:
-            residuals = (part.residual(G, part.mixing) for part, G in zip(parts, at_x, strict=True))
-            return besides + sum(float(np.sum(np.abs(r) ** 2)) for r in residuals) > dof
-        except np.linalg.LinAlgError:  # a covariance that is singular with so small a floor
-            return True
+    def exceeds(floor: float) -> bool:  # as where a covariance is singular with so small a floor: V is infinite
+        return unbiased.with_floor(floor).at(x, criterion).evaluate(x).cost > dof
 
     low, high = USUAL_FLOOR / 100, USUAL_FLOOR
     if exceeds(high):

@@ -37,7 +37,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 
 import numpy as np
 
@@ -50,11 +49,10 @@ from elastid.fit.line_sums import (
     correlation_length,
     disagreement,
     jackknife_variance,
-    sums_of_lines,
+    sum_lines,
     triangle,
 )
-from elastid.fit.problem.chunks import chunked
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, chunked, each_at_home
 from elastid.fit.problem.shared_bias import find_factors
 from elastid.fit.problem.weights import Weights
 from elastid.fit.result import is_in_error
@@ -143,17 +141,15 @@ def estimate_uncertainty(
     factors, n_x = find_factors(responses), len(x)
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
     # To other processes each chunk goes by itself.
-    work, bare = execution or Execution(), replace(fit, parts=(), loads=None)
+    home, bare = execution or Execution(), replace(fit, parts=(), loads=None)
     static_r, static_J = _static(fit, x, len(factors))
     configurations = list(zip(fit.parts, responses, weights, strict=True))
-    chunks = chunked(configurations)
     R = np.vstack([np.diag(prior), static_J])
-    for own in work.at_home(partial(triangle, bare, x, factors), chunks):  # R of the stacked J = Q R
+    for own in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
         R = np.asarray(np.linalg.qr(np.vstack([R, own]), mode="r"))
     half, singular_values, unreached = inverse_information(R)
     parts, floor_pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
-    of_chunks = work.at_home(partial(sums_of_lines, bare, x, factors, half), chunks)
-    for sums in chain.from_iterable(of_chunks):
+    for sums in each_at_home(partial(sum_lines, bare, x, factors, half), configurations, home):
         for key, pull in sums.floor_pull.items():
             floor_pulls[key] = floor_pulls.get(key, 0.0) + pull
         parts.append(replace(sums, floor_pull={}))

@@ -42,8 +42,7 @@ from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.parameter_choice import choose
-from elastid.fit.problem.chunks import each_at_home, home_of
-from elastid.fit.problem.elastic import ElasticFit, by_criterion
+from elastid.fit.problem.elastic import ElasticFit, by_criterion, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
@@ -151,7 +150,7 @@ def _search(
     # A search by noise alone would follow lines at resonances into false valleys.
     searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
     home = home_of(responses, execution)
-    weights = each_at_home(partial(weigh, spec=searched), responses, home)
+    weights = tuple(each_at_home(partial(weigh, spec=searched), responses, home))
     assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights, home)
     fit = _at_start(assembly, robot)
     if fit.n_residuals == 0:

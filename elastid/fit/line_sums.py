@@ -86,17 +86,6 @@ def triangle(
     return _triangle(np.vstack([_triangle(_rows(J)) for J in blocks]))
 
 
-def sums_of_lines(
-    fit: ElasticFit,
-    x: FloatArray,
-    factors: Sequence[Factor],
-    half: FloatArray,
-    chunk: Sequence[tuple[Part, Response, Weights]],
-) -> list[LineSums]:
-    """`sum_lines` of some configurations."""
-    return [sum_lines(fit, x, factors, half, configuration) for configuration in chunk]
-
-
 def sum_lines(
     fit: ElasticFit,
     x: FloatArray,

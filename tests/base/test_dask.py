@@ -90,8 +90,9 @@ class DyingOnce:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
-def test_work_outlives_the_only_worker_of_a_cluster(tmp_path):
+def test_work_outlives_the_only_worker_of_a_cluster(tmp_path, monkeypatch):
     """And with it the function that the items share: its successor is given both; a death costs one item at most."""
+    monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 2.0)
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
@@ -109,8 +110,9 @@ def process(item: int) -> int:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
-def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp_path):
+def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp_path, monkeypatch):
     """Each at one of them; one that dies is followed by another."""
+    monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 2.0)
     with on_dask(address), lasting_workers():
         there, large = Execution(), [np.zeros(n) for n in (200_000, 1000, 100)]
         for array in large:

@@ -112,7 +112,7 @@ def test_a_value_that_is_gone_here_is_gone_there():
 
 
 def test_a_name_of_what_the_other_end_does_not_have_is_no_value():
-    item, here, there = data(1000), End(keeps=False), End(keeps=True)
+    item, here, there = data(10_000), End(keeps=False), End(keeps=True)
     arrived = there.unpacked(here.packed([item, item.values]))
     assert arrived[1] is arrived[0].values
     named = bytes(here.packed(item))

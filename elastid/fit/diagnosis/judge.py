@@ -26,7 +26,6 @@ from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -61,7 +60,7 @@ from elastid.fit.diagnosis.status import (
     with_status,
 )
 from elastid.fit.diagnosis.undetectable_errors import find_elastic_base, find_rigid_parts, find_undetectable_errors
-from elastid.fit.problem.chunks import chunked
+from elastid.fit.problem.elastic import each_at_home
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.problem.part import Part
 from elastid.fit.result import ModificationIndex, Result
@@ -83,8 +82,8 @@ def score(evidence: Evidence) -> Scores:
     few = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
     chosen, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
     sums = partial(_sums, held, fit.parameters, x, columns, chosen, thinning(few, RESIDUALS))
-    of_chunks = evidence.execution.at_home(sums, chunked(fit.parts))
-    A, b, V, counted, names = _added(chain.from_iterable(of_chunks), len(x))
+    every_sum = each_at_home(sums, fit.parts, evidence.execution)
+    A, b, V, counted, names = _added((own for own in every_sum if own is not None), len(x))
     numbers, scale = _held_numbers(names, evidence, held, x)
     every, lines = np.concatenate([np.ones(len(x)), scale]), counted / max(fit.n_residuals, 1)
     A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
@@ -131,20 +130,17 @@ def _sums(
     columns: Sequence[Columns],
     chosen: Container[str],
     thin: Callable[[Part], Part],
-    chunk: Sequence[Part],
-) -> list[_Sums]:
-    """The sums of each of the chosen configurations in a chunk, some lines of which count."""
-    found = list[_Sums]()
-    for part in map(thin, (part for part in chunk if part.configuration in chosen)):
-        if not part.n_residuals:
-            continue
-        # Residuals are those of the fit's own model: what is rigid there gives way a little in the other.
-        G = part.kernel.response(part.theta(fitted, x))
-        evaluated = replace(evaluate_held(held, fitted, x, columns, part), G=G)
-        J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
-        r = evaluated.residual
-        found.append((J @ J.T, J @ r, float(r @ r), part.n_residuals, tuple(evaluated.held)))
-    return found
+    part: Part,
+) -> _Sums | None:
+    """The sums of a configuration, some lines of which count; None of one that is not chosen."""
+    if part.configuration not in chosen or not (part := thin(part)).n_residuals:
+        return None
+    # Residuals are those of the fit's own model: what is rigid there gives way a little in the other.
+    G = part.kernel.response(part.theta(fitted, x))
+    evaluated = replace(evaluate_held(held, fitted, x, columns, part), G=G)
+    J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
+    r = evaluated.residual
+    return J @ J.T, J @ r, float(r @ r), part.n_residuals, tuple(evaluated.held)
 
 
 def _added(every: Iterable[_Sums], n_x: int) -> _Sums:

@@ -150,8 +150,9 @@ class CompressedResiduals(Kept):
 
     def has_data_of(self, other: CompressedResiduals) -> bool:
         """True if these are residuals of the very same data, with the very same weights."""
-        are_same = (getattr(self, name) is getattr(other, name) for name in ("measured", "gain", "whitening"))
-        return all(are_same) and (self.criterion, self.is_symmetric) == (other.criterion, other.is_symmetric)
+        are_same = (np.array_equal(getattr(self, name), getattr(other, name)) for name in ("measured", "gain"))
+        form = (self.whitening is other.whitening, self.criterion, self.is_symmetric)
+        return form == (True, other.criterion, other.is_symmetric) and all(are_same)
 
     @property
     def worked_out(self) -> CompressedResiduals:

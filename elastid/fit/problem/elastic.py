@@ -3,7 +3,9 @@ r"""Meeting place of the wings: responses and linear models of all configuration
 .. math:: V(x) = \sum_i \sum_k \sum_{ab} 2 \frac{|e^{(i)}_{ab}(k; \theta(x))|^2}{\sigma^{(i)}_{ab}(k)^2}
           + \text{priors}
 
-One configuration after the other: cost, J^T r and J^T J are summed up and J is never stacked.
+One configuration after the other: cost, J^T r and J^T J are summed up and J is never stacked. Sums of all
+configurations are those of chunks of neighbours, added in their order: the same to the last bit wherever a chunk is
+worked out, here or at a worker that has it.
 """
 
 from __future__ import annotations
@@ -12,14 +14,15 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from itertools import chain
+from typing import Any, TypeVar
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
 from elastid.base.execution import HERE, Execution
-from elastid.fit.problem.chunks import Chunk, chunked, each_at_home
+from elastid.base.kept import Kept
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, as_real, error_gain
 from elastid.fit.problem.part import Part
@@ -31,6 +34,61 @@ from elastid.linear.loaded import acted_on, moved_by
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
 from elastid.response import Response
+
+# Configurations of a chunk.
+CHUNK = 4
+# Lines of all configurations from which on an evaluation is worth the work of others.
+MIN_LINES = 5_000
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk(Kept):
+    """Some configurations over one set of parameters."""
+
+    parameters: Parameters
+    parts: tuple[Part, ...]
+
+    def sums(self, x: FloatArray, precision: type[np.floating[Any]]) -> tuple[float, FloatArray, FloatArray]:
+        """V, J^T r (n_x,) and J^T J (n_x, n_x) at x; precision: of J^T J."""
+        V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
+        with np.errstate(all="ignore"):
+            for group in self._groups:
+                theta, T = group[0].theta(self.parameters, x), group[0].chain(self.parameters, x)
+                costs, gradients, normals = zip(*(part.normal.at(theta, precision) for part in group), strict=True)
+                V, g, A = V + sum(costs), g + T.T @ sum(gradients), A + T.T @ sum(normals) @ T
+        return V, g, A
+
+    @cached_property
+    def _groups(self) -> tuple[tuple[Part, ...], ...]:
+        """The parts in groups with the same theta and the same wanted parameters at any x."""
+        groups: dict[tuple[str, tuple[str, ...]], list[Part]] = {}
+        for part in self.parts:
+            own = self.parameters.configuration_of_its_own(part.configuration)
+            groups.setdefault((own, part.kernel.wanted), []).append(part)
+        return tuple(map(tuple, groups.values()))
+
+
+def chunked(items: Sequence[Item]) -> list[tuple[Item, ...]]:
+    """What belongs to each configuration in chunks of neighbours."""
+    return [tuple(items[first : first + CHUNK]) for first in range(0, len(items), CHUNK)]
+
+
+def home_of(responses: Sequence[Response], execution: Execution) -> Execution:
+    """Who evaluates the chunks of all configurations: others where these are many, else starts are shared."""
+    is_large = sum(response.n_lines for response in responses) >= MIN_LINES
+    is_large &= len(chunked(responses)) >= 2 * execution.jobs
+    return Execution(execution.jobs) if is_large and execution.is_shared(len(responses)) else HERE
+
+
+def each_at_home(function: Callable[[Item], Value], items: Sequence[Item], home: Execution) -> Iterator[Value]:
+    """function(item) of each item in turn, what belongs to each configuration where its chunk is."""
+    return chain.from_iterable(home.at_home(partial(_each, function), chunked(items)))
+
+
+def _each(function: Callable[[Item], Value], chunk: Sequence[Item]) -> list[Value]:
+    return [function(item) for item in chunk]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +128,8 @@ class ElasticFit:
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
         try:
-            V, g, A = self._added(partial(Chunk.sums, x=x, precision=precision))
+            every = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
+            V, g, A = (sum(each) for each in zip(*every, strict=True))  # in the order of the chunks
             besides = self.besides(x)
         except np.linalg.LinAlgError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
@@ -79,10 +138,6 @@ class ElasticFit:
     def rough(self, x: FloatArray) -> Evaluation:
         """Evaluation with J^T J from single precision, enough to step."""
         return self.evaluate(x, np.float32)
-
-    def _added(self, sums: Callable[[Chunk], tuple[Any, ...]]) -> list[Any]:
-        """Sums of all `chunks`, added in their order, wherever they are worked out."""
-        return [sum(each) for each in zip(*self.home.at_home(sums, self.chunks), strict=True)]
 
     @cached_property
     def chunks(self) -> tuple[Chunk, ...]:

@@ -10,11 +10,10 @@ from plants.refusals import refused
 from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 
 import elastid.base.arrays as base_arrays
-import elastid.fit.problem.chunks as chunks
+import elastid.fit.problem.elastic as chunks
 from elastid.base.execution import HERE, Execution
 from elastid.base.workers import lasting_workers
-from elastid.fit.problem.chunks import each_at_home, home_of
-from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.problem.elastic import each_at_home, elastic_fit, home_of
 from elastid.fit.problem.weights import weigh
 from elastid.record import Configuration
 from elastid.response import Covariance
@@ -80,7 +79,7 @@ def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(
         assert isinstance(other.noise.smooth.matrix, base_arrays.FileArray)
     bare = [replace(response, noise=None) for response in responses]
     with refused("fit/weights", place="configuration c0"):
-        each_at_home(partial(weigh, spec=NO_FLOOR), bare, Execution(2))
+        list(each_at_home(partial(weigh, spec=NO_FLOOR), bare, Execution(2)))
 
 
 def test_one_process_or_few_lines_keep_configurations_here(responses, monkeypatch):
