@@ -176,9 +176,8 @@ def _twin_runs(own: Validated, path: Path) -> tuple[TwinRun, ...]:
     if not responses:
         return ()
     ((robot, _),) = robots_by_group(result, own.study.as_robot(), [chosen]).values()
-    numbers = dict(zip(result.parameters.names, result.theta_of(chosen).tolist(), strict=True))
     moved = with_findings(robot, own.friction, own.gears)
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
-    twin = elastic_twin.FittedTwin(moved, numbers.get(DELAY, 0.0), own.study.model)
+    twin = elastic_twin.FittedTwin(moved, result.parameters.numbers(result.x, chosen).get(DELAY, 0.0), own.study.model)
     return elastic_twin.elastic_runs(record, twin, band_hz)
