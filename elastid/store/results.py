@@ -82,7 +82,7 @@ def write_fit(path: Path | str, result: Result, stamp: Stamp = NO_STAMP) -> None
 def write_validation(
     path: Path | str, validation: Validation, stamp: Stamp = NO_STAMP, twin: TwinFindings = NO_TWIN
 ) -> None:
-    """validation.h5: agreement of each configuration, folds, and the twin."""
+    """validation.h5: agreement of each configuration, and the twin."""
     parts = {"validation": (validation, Validation), "twin": (twin, TwinFindings)}
     write_artefact(path, VALIDATION, stamp, parts)
 
