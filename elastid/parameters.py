@@ -278,10 +278,13 @@ class Parameters:
     def as_dict(self, x: FloatArray | None = None) -> dict[str, float]:
         """Names to SI values, at the start or at x; ratios and stand-ins at the end."""
         x = self.x if x is None else x
-        theta = dict(zip(self.names, self.expand(x).tolist(), strict=True))
         free = dict(zip(self.free_names, self._natural(x).tolist(), strict=True))
         outside = {p.name: free.get(p.name, p.value) for p in self.parameters if not p.is_of_model}
-        return Named("parameter", theta | outside)
+        return Named("parameter", self.numbers(x) | outside)
+
+    def numbers(self, x: FloatArray, configuration: str = "") -> dict[str, float]:
+        """Names of the model's parameters to SI values in a configuration, the delay of torques included."""
+        return dict(zip(self.names, self.expand(x, configuration).tolist(), strict=True))
 
 
 @dataclass(frozen=True)

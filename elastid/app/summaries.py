@@ -142,11 +142,9 @@ def summary(
 def validation_summary(name: str, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
     """The content of validation.json: that of validation.h5 without its curves.
 
-    configurations: FRF errors, of the fit or, where left_out, of the prediction.  folds: errors of each
-    configuration under the fit to the others; null where there was none, and message says why; an empty list where
-    nothing was left out in turn.  predictions: of responses at the tool.  verdict, cost
-    and folded: the same in words.  torque: shares of the parts of the model.
-    twin: errors of the model simulated along a record.
+    configurations: FRF errors, of the fit or, where left_out, of the prediction.  predictions: of responses at the
+    tool.  verdict and cost: the same in words.  torque: shares of the parts of the model.  twin: errors of the model
+    simulated along a record.
     """
     agreement = f"configuration left_out {_ERRORS}"
     return {
@@ -160,8 +158,6 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
             | {"inputs": list(each.measured.inputs), "outputs": list(each.measured.outputs)}
             for each in validation.predictions
         ],
-        "folded": validation.folded,
-        "folds": json_value(validation.folds),
     }
 
 

@@ -161,12 +161,12 @@ def robots_by_group(
     """The robot with the fitted numbers of each group of configurations, by its label, and their names."""
     robots = {}
     for label, members in group_labels(result.parameters, list(configurations)).items():
-        numbers = dict(zip(result.parameters.names, result.theta_of(members[0]).tolist(), strict=True))
+        numbers = result.parameters.numbers(result.x, members[0])
         numbers.pop(DELAY, None)
         robots[label] = robot.with_parameters(numbers), tuple(members)
     return robots
 
 
 def _theta(result: Result, model: ElasticModel, configuration: str) -> FloatArray:
-    numbers = dict(zip(result.parameters.names, result.theta_of(configuration).tolist(), strict=True))
+    numbers = result.parameters.numbers(result.x, configuration)
     return np.array([numbers[name] for name in (*model.parameters, DELAY)])

@@ -38,15 +38,14 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
         raise StudyError("fit/no-robot", "this result holds no robot; fit again with this version of elastid")
     covariance = result.covariance_of_prediction
     names = result.parameters.moved(configuration)
-    places = [result.parameters.names.index(name) for name in names]
     values, robots, refused = [], [], 0
     exact = replace(result.robot, tolerances="exact")
     for x, sizes in _draws(result.x, covariance, len(result.doubts), seed):
         for size, doubt in zip(sizes, result.doubts, strict=True):
             x = x + size * doubt.effects
         x = np.clip(x, *result.parameters.x_bounds)
-        theta = result.parameters.expand(x, configuration)
-        numbers = dict(zip(result.parameters.names, theta.tolist(), strict=True))
+        numbers = result.parameters.numbers(x, configuration)
+        moved = [numbers[name] for name in names]
         numbers.pop(DELAY, None)
         for size, doubt in zip(sizes, result.doubts, strict=True):
             numbers |= {
@@ -64,7 +63,7 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
                     "little of masses or inertias; give them a prior, or hold them",
                 ) from None
             continue
-        values.append(theta[places])
+        values.append(moved)
         if len(robots) == count:
             break
     held = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
@@ -75,8 +74,7 @@ def estimated_robot(result: Result) -> Robot:
     """The robot with the fitted numbers, those that all configurations share."""
     if result.robot is None:
         raise StudyError("fit/no-robot", "this result holds no robot; fit again with this version of elastid")
-    theta = result.parameters.expand(result.x)
-    numbers = dict(zip(result.parameters.names, theta.tolist(), strict=True))
+    numbers = result.parameters.numbers(result.x)
     numbers.pop(DELAY, None)
     return result.robot.with_parameters(numbers)
 

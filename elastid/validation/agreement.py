@@ -209,22 +209,19 @@ class Fold:
     misfit: float
     rms_log_db: float
     phase_rms_deg: float
-    message: str = ""
 
 
 @frozen_value
 class Validation:
     """The agreement of every configuration, in the order measured, and the verdict on the model in one sentence.
 
-    cost: explanation of the cost of the fit, in words.  folds: cross-validation, where asked for; folded: its summary.
+    cost: explanation of the cost of the fit, in words.
     predictions: of responses at the tool, by `Result.at`.
     """
 
     configurations: tuple[Agreement, ...] = labelled(entry="configuration")
     verdict: str
     cost: str = ""
-    folds: tuple[Fold, ...] = ()
-    folded: str = ""
     predictions: tuple[PredictedResponse, ...] = ()
 
     __repr__, _repr_html_ = as_text, as_html

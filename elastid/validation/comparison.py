@@ -49,7 +49,7 @@ from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.agreement import Agreement, Fold, agreement, generalises
+from elastid.validation.agreement import Fold, agreement
 
 # The coordinates that are elastic in a model, in the order of the robot, by their labels.
 Elastic: TypeAlias = tuple[str, ...]
@@ -68,11 +68,6 @@ class Refit:
     cost: float
     dof: int
     left_out: dict[str, Fold]
-
-    def fold(self, configuration: str) -> Fold:
-        """Fold of a configuration left out."""
-        unknown = Fold(configuration, math.nan, math.nan, math.nan, self.message)
-        return self.left_out.get(configuration, unknown)
 
 
 @frozen_value
@@ -142,37 +137,6 @@ def divide(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
     n = min(parts or len(postures), len(postures))
     own = [postures[i::n] for i in range(n)] if n > 1 else []
     return tuple(tuple(name for name in names if posture_of(name) in part) for part in own)
-
-
-def gather_folds(parts: Sequence[Sequence[str]], refits: Sequence[Refit]) -> tuple[Fold, ...]:
-    """One fold for each configuration; parts: the configurations left out of each of the refits."""
-    pairs = zip(parts, refits, strict=True)
-    return tuple(refit.fold(name) for part, refit in pairs for name in part)
-
-
-def describe_folds(folds: Sequence[Fold], fitted: Sequence[Agreement]) -> str:
-    """The errors of the folds compared with those of the fit to all, with advice."""
-    failed = [fold for fold in folds if math.isnan(fold.rms_log_db)]
-    met = [fold for fold in folds if fold not in failed]
-    if not met:
-        return f"Cross-validation: every fit without some configurations failed; the first with: {failed[0].message}"
-    of_all = {a.configuration: a.overall_rms_log_db for a in fitted}
-    db = math.sqrt(np.mean([fold.rms_log_db**2 for fold in met]))
-    of_fit = math.sqrt(np.mean([of_all[fold.configuration] ** 2 for fold in met]))
-    worst = max(met, key=lambda fold: fold.rms_log_db)
-    words = (
-        f"Cross-validation: the fit to the others predicts a left-out configuration with {db:.2g} dB rms, the fit to "
-        f"all has {of_fit:.2g} dB; worst is {worst.configuration} with {worst.rms_log_db:.2g} dB. "
-    )
-    words += (
-        "The parameters do not depend on single configurations."
-        if generalises(db, of_fit)
-        else f"Some parameters depend on single configurations; measure more configurations like {worst.configuration}."
-    )
-    if failed:
-        names = ", ".join(fold.configuration for fold in failed)
-        words += f" The fit without {names} failed: {failed[0].message}"
-    return words
 
 
 Fit: TypeAlias = Callable[[Sequence[Elastic]], Mapping[Elastic, ComparedModel]]

@@ -17,18 +17,13 @@ class ValidationSpec:
     left_out: Annotated[tuple[str, ...], Key("Configurations that are not fitted; in a study of friction logs of "
         "motions, by the names of their files without extension.", "one where there are five or more, and not the most "
         "extreme one, which the others cannot predict; none leaves residual tests on fitted data alone.")] = ()
-    folds: Annotated[int, Key("Number of parts into which the other configurations are divided, each left out of one "
-        "more fit; 0 for no cross-validation.", "3 to 5 where parameters are to be compared between parts of the data; "
-        "each costs a fit.")] = 0
     tool: Annotated[ToolSpec | None, Key("Responses measured at the tool, which the fitted robot predicts.", "where "
         "the model is to say how the tool behaves: a few taps with a hammer show whether it does; taps under the "
         "section tool are fitted, too.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse repeated configurations, and one part, which leaves nothing to fit."""
-        if self.folds < 0 or self.folds == 1:
-            raise ValueError(f"folds is {self.folds}; it must be at least 2, or 0 for none")
+        """Refuse repeated configurations."""
         if len(set(self.left_out)) < len(self.left_out):
             raise ValueError(f"left_out repeats a name ({', '.join(self.left_out)})")
 

@@ -20,13 +20,12 @@ from elastid.base import execution
 from elastid.base.workers import load_for_workers
 from elastid.study import load
 
-# Friction is sought, starts, repetitions and refits are several: all that works in parallel.
+# Friction is sought, starts and repetitions are several: all that works in parallel.
 ELASTIC = (
     "experiment.realisations=2",
     "estimator.friction=coulomb",
     "fit.bootstrap=40",
     "fit.profile=[k_1]",
-    "validation.folds=2",
     "compare.variants=[{name: other weights, set: [fit.start_factor=2]}]",
     "report.formats=[png]",
 )

@@ -63,7 +63,6 @@ def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     [
         ([], []),
         (["report.formats=[png]"], ["report"]),
-        (["validation.folds=2"], ["validate", "report"]),
         (["compare.folds=2"], ["report"]),
         (["validation.left_out=[b]"], ALL),  # the plan's forecast
         (["fit.starts=3"], ["fit", "validate", "report"]),

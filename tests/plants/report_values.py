@@ -14,7 +14,7 @@ from elastid.record import Configuration
 from elastid.report.content import ReportContent
 from elastid.report.modes import ModeRow
 from elastid.response import Covariance, Response
-from elastid.validation.agreement import Fold, validate
+from elastid.validation.agreement import validate
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 
@@ -138,8 +138,6 @@ def full_content():
     validation = replace(
         content.validation,
         cost="The cost is what the noise alone would leave.",
-        folds=(Fold("c1", 1.21, 0.5, 2.5), Fold("c2", math.nan, math.nan, math.nan, "no start led anywhere")),
-        folded="Left out in turn, 0.5 dB.",
     )
     return replace(content, validation=validation)
 

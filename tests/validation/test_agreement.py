@@ -17,6 +17,7 @@ from elastid.validation.agreement import (
     agreement,
     are_white,
     explain_cost,
+    generalises,
     noise_p,
     paired_resonances,
     resonances,
@@ -238,3 +239,9 @@ def test_a_peak_above_the_noise_counts_though_its_base_is_below():
     G = 0.05 / (1 - (f / 33.3) ** 2 + 0.02j * f / 33.3) + 0.1 * circular(rng, len(f))
     (found,) = resonances(f, G, np.full(len(f), 0.1))
     assert found == pytest.approx(33.3, rel=0.01)
+
+
+@pytest.mark.parametrize(("left_out_db", "carries"), [(0.84, True), (0.86, False)])
+def test_a_model_generalises_that_is_hardly_worse_where_it_was_not_fitted(left_out_db, carries):
+    """By a factor of 1.5 and a tenth of a decibel."""
+    assert generalises(left_out_db, 0.5) == carries

@@ -26,9 +26,8 @@ from elastid.store.measured import read_configurations, read_friction, read_reco
 from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.study import Study
 from elastid.validation import elastic_twin
-from elastid.validation.agreement import Fold, Validation, explain_cost
+from elastid.validation.agreement import Validation, explain_cost
 from elastid.validation.agreement import validate as validate_responses
-from elastid.validation.comparison import ComparedVariant, RefitTask, describe_folds, divide, gather_folds, refit
 from elastid.validation.predicted import PredictedResponse, predict_response
 from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
 
@@ -62,12 +61,12 @@ def validate(study: Study, work: Work) -> Artefacts:
     fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
     gears = read_gears(work.sources.get("gears"))
     own = Validated(study, fitted, read_friction(work.sources["estimate"]), gears)
-    unfinished, records = work.checkpoint(), work.sources.get("measure")
+    records = work.sources.get("measure")
     if records is None and study.experiment.responses is None:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is simulated in time")
-    with work.execution(unfinished) as execution:
+    with work.execution() as execution:
         twin = in_time(own, records, work.console, execution)
-        judged = _validation(own, execution)
+    judged = _validation(own)
     at_tool = at_tool_predicted(own, tool_responses(study.validation.tool, study, work.base))
     tapped = at_tool_predicted(own, tool_responses(study.tool, study, work.base), is_fitted=True)
     judged = replace(judged, predictions=(*at_tool, *tapped))
@@ -77,7 +76,7 @@ def validate(study: Study, work: Work) -> Artefacts:
         console.say(f"validate: {judged.verdict}")
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
-        further = [judged.folded, judged.cost]
+        further = [judged.cost]
         if balances:
             further.append(describe_balance(max(balances, key=lambda balance: balance.left)))
         for words in filter(None, (*further, *twin.run_words)):
@@ -99,18 +98,15 @@ def in_time(own: Validated, records: Path | None, console: Console, execution: E
     return TwinFindings(_balances(own, records, console, execution), _twin_runs(own, records))
 
 
-def _validation(own: Validated, execution: Execution) -> Validation:
+def _validation(own: Validated) -> Validation:
     """Prediction errors and the reasons for the cost."""
     left_out, responses, result = own.left_out, own.responses, own.fitted.result
     modelled = own.fitted.responses
     measured = [response.configuration.name for response in responses]
     shifts = {name: own.fitted.response_shifts(name) for name in left_out if name in measured}
     judged = validate_responses(responses, modelled, left_out, shifts)
-    pairs = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
-    folds = _folds(own, [Ghat for Ghat, _ in pairs], execution)
-    cost = explain_cost(result, [Ghat for Ghat, _ in pairs], judged.fitted)
-    folded = describe_folds(folds, judged.fitted) if folds else ""
-    return replace(judged, cost=cost, folds=folds, folded=folded)
+    fitted = [response for response in responses if response.configuration.name not in left_out]
+    return replace(judged, cost=explain_cost(result, fitted, judged.fitted))
 
 
 def at_tool_predicted(
@@ -123,17 +119,6 @@ def at_tool_predicted(
         predict_response(own.fitted.result, G, is_fitted=counted and G.configuration.name not in own.left_out)
         for G in measured
     )
-
-
-def _folds(own: Validated, responses: Sequence[Response], execution: Execution) -> tuple[Fold, ...]:
-    study, folds = own.study, own.study.validation.folds
-    parts = divide([r.configuration.name for r in responses], folds) if folds else ()
-    if not parts:
-        return ()
-    variant = ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
-    tasks = [RefitTask(variant, part) for part in parts]
-    names = [f"refit-{i}" for i in range(len(tasks))]
-    return gather_folds(parts, execution.resumed(partial(refit, responses), tasks, names))
 
 
 def _balances(own: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
@@ -176,9 +161,8 @@ def _twin_runs(own: Validated, path: Path) -> tuple[TwinRun, ...]:
     if not responses:
         return ()
     ((robot, _),) = robots_by_group(result, own.study.as_robot(), [chosen]).values()
-    numbers = dict(zip(result.parameters.names, result.theta_of(chosen).tolist(), strict=True))
     moved = with_findings(robot, own.friction, own.gears)
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
-    twin = elastic_twin.FittedTwin(moved, numbers.get(DELAY, 0.0), own.study.model)
+    twin = elastic_twin.FittedTwin(moved, result.parameters.numbers(result.x, chosen).get(DELAY, 0.0), own.study.model)
     return elastic_twin.elastic_runs(record, twin, band_hz)

@@ -67,8 +67,8 @@ PLAN_KEYS = ("realisations", "periods", "transient_periods", "ramp", "hold")
 _FILES = "experiment.recorded.files.*"
 # Dotted keys (* for the entries of a list) by the kinds of study that do not use them.
 UNUSED: tuple[tuple[tuple[Kind, ...], tuple[str, ...]], ...] = (
-    (_FRICTION, ("excitation", "design", "estimator", "model", "fit", "compare", "loads", "tool", "validation.folds",
-                 "validation.tool", "gears", "modal", "experiment.without_payload", "experiment.responses")),
+    (_FRICTION, ("excitation", "design", "estimator", "model", "fit", "compare", "loads", "tool", "validation.tool",
+                 "gears", "modal", "experiment.without_payload", "experiment.responses")),
     (("friction",), ("validation.left_out", *(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments")),
                      *(f"experiment.simulated.{key}" for key in ("outputs", "carrier", "warming")))),
     (("friction-recorded",), ("seed", "friction.rate_hz", "friction.loads.*.configuration",

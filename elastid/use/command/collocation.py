@@ -85,7 +85,7 @@ def plan(
     if status == "NonIpopt_Exception_Thrown":
         raise KeyboardInterrupt
     g = solution["g"].full()[:, 0]
-    violation = float(np.maximum(problem.low - g, g - problem.high).max(initial=problem.beyond_at_rest))
+    violation = float(np.maximum(problem.low - g, g - problem.high).max(initial=0.0))
     return Planned(problem.spline(solution["x"].full()[:, 0]), status, violation)
 
 
@@ -142,13 +142,6 @@ class _Problem:
         clipped = np.clip(u, -limits.torque, limits.torque) / self.u_0
         self.start = np.concatenate([guess[self.inner].ravel(), clipped.ravel(), np.zeros(self.n_c * self.n)])
         self._build()
-
-    @property
-    def beyond_at_rest(self) -> float:
-        """Part by which a limit of angle or torque is exceeded at an end, where gravity deflects the robot."""
-        middle, reach = self.limits.range
-        angle = np.abs(self.ends @ self.commanded.model.B - middle) / reach
-        return max(0.0, float(angle.max()) - 1, float(np.max(np.abs(self.holding) / self.limits.torque)) - 1)
 
     def _guess(self, move: Move) -> FloatArray:
         """Coefficients (count, n_q) of the rigid robot's motion, deflected as at rest at both ends."""

@@ -283,13 +283,15 @@ class _Asked:
         for attempt in range(PASSES):
             progress(attempt * (n + 1), PASSES * (n + 1))
             planned = best_plan(commanded, self.move, narrowed, self.margin_s)
-            if not planned.is_feasible:
+            references = sampled(commanded, planned, given.rate_hz, SETTLING_S)
+            # Gravity deflects the robot at rest: its motors may stand beyond their limits.
+            at_rest = references.use(limits)["angle"][[0, -1]]
+            if not planned.is_feasible or np.any(at_rest > 1):
                 raise DataError(
                     "use/move",
                     f"no motion within the limits makes the move in {self.move.duration:.4g} s; give it more time, as "
                     "--fastest finds, or ends that the motors hold against gravity",
                 )
-            references = sampled(commanded, planned, given.rate_hz, SETTLING_S)
             target = self._path(references.time_s)
             used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
             errors, most = [], np.abs(references.torque).max(axis=0)

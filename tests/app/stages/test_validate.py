@@ -1,4 +1,4 @@
-"""The stage validate: configurations left out in turn, and the cost explained."""
+"""The stage validate: what it holds, and when it is done again."""
 
 import json
 import shutil
@@ -18,24 +18,14 @@ def run_of(study, folder, *overrides):
 
 @pytest.fixture(scope="module")
 def validated(tmp_path_factory, finished):
-    """The folder of a study that was run, with configurations left out in turn."""
+    """The folder of a study that was run."""
     folder = Path(shutil.copytree(finished, tmp_path_factory.mktemp("validated") / "study"))
-    run_all(run_of(folder / "study.yml", folder / "run", "validation.folds=2"))
+    run_all(run_of(folder / "study.yml", folder / "run"))
     return folder
 
 
-def test_configurations_are_left_out_in_turn(validated):
-    """Two folds of two configurations: each predicted about as well as it is fitted."""
-    found = read_validation(validated / "run" / "validation.h5")
-    assert [fold.configuration for fold in found.folds] == ["a", "b"]
-    errors = {a.configuration: a.overall_rms_log_db for a in found.configurations}
-    for fold in found.folds:
-        assert fold.rms_log_db == pytest.approx(errors[fold.configuration], rel=0.2)
-    assert "do not depend on single configurations" in found.folded
-
-
 def test_validation_json_says_what_validation_h5_holds(validated):
-    """Errors of configurations left out in turn, errors of the fit; every number the same."""
+    """Errors of the fit; every number the same."""
     found = read_validation(validated / "run" / "validation.h5")
     summary_json = json.loads((validated / "run" / "validation.json").read_text())
     assert (summary_json["schema"], summary_json["study"], summary_json["verdict"]) == (1, "tiny", found.verdict)
@@ -43,17 +33,13 @@ def test_validation_json_says_what_validation_h5_holds(validated):
     summary = json.loads((validated / "run" / "summary.json").read_text())
     keys = ("configuration", "rms_log_db", "phase_rms_deg", "rms_sigma")
     assert [{key: c[key] for key in keys} for c in summary_json["configurations"]] == summary["frf_error"]
-    assert [(f["configuration"], f["rms_log_db"]) for f in summary_json["folds"]] == [
-        (f.configuration, f.rms_log_db) for f in found.folds
-    ]
-    assert summary_json["folded"] == found.folded
 
 
 @pytest.mark.slow
 def test_a_validation_is_whole_and_never_that_of_another_fit(validated, tmp_path):
     """Without its JSON file it is done again; a fit to other data takes the old one away, the same fit keeps it."""
     folder = Path(shutil.copytree(validated, tmp_path / "copy"))
-    run = run_of(folder / "study.yml", folder / "run", "validation.folds=2")
+    run = run_of(folder / "study.yml", folder / "run")
     assert run.is_current("validate")
     summary_json = (folder / "run" / "validation.json").read_bytes()
     (folder / "run" / "validation.json").unlink()
