@@ -417,6 +417,7 @@ class Writer:
     parts: Mapping[str, tuple[Any, Any]]
 
     def __call__(self, path: Path | str, value: Any, stamp: Stamp = NO_STAMP, *others: Any, **named: Any) -> None:
+        """A file at a path, in place of one that is there."""
         given = dict(zip(self.parts, (value, *others), strict=False)) | named
         content = {name: (given.get(name, default), annotation) for name, (annotation, default) in self.parts.items()}
         content = {n: (tuple(each) if isinstance(each, list) else each, type_) for n, (each, type_) in content.items()}
