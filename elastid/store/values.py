@@ -405,24 +405,25 @@ def write_artefact(
 
 
 @dataclass(frozen=True)
-class _Writer:
-    """Writer of files of a kind, which goes to other processes."""
+class Writer:
+    """The function (path, value, stamp, *others) that writes files of a kind, in workers too.
+
+    parts: annotation of each by name, None for the type of the value, and its value where none is given; the first is
+    that of `value`.  entries: as of `write_artefact`.
+    """
 
     kind: str
     entries: Mapping[str, str]
     parts: Mapping[str, tuple[Any, Any]]
 
     def __call__(self, path: Path | str, value: Any, stamp: Stamp = NO_STAMP, *others: Any, **named: Any) -> None:
+        """A file at a path, in place of one that is there."""
         given = dict(zip(self.parts, (value, *others), strict=False)) | named
         content = {name: (given.get(name, default), annotation) for name, (annotation, default) in self.parts.items()}
         content = {n: (tuple(each) if isinstance(each, list) else each, type_) for n, (each, type_) in content.items()}
         write_artefact(path, self.kind, stamp, content, self.entries)
 
 
-def writer(kind: str, entries: Mapping[str, str] | None = None, **parts: tuple[Any, Any]) -> Callable[..., None]:
-    """The writer (path, value, stamp, *others) of files of a kind.
-
-    parts: annotation of each by name, None for the type of the value, and its value where none is given; the first is
-    that of `value`.  entries: as of `write_artefact`.
-    """
-    return _Writer(kind, entries or {}, parts)
+def writer(kind: str, entries: Mapping[str, str] = MappingProxyType({}), **parts: tuple[Any, Any]) -> Writer:
+    """The writer of files of a kind with these parts."""
+    return Writer(kind, dict(entries), parts)
