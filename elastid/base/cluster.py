@@ -13,8 +13,8 @@ from urllib.parse import urlsplit
 from uuid import uuid4
 
 from elastid.base.errors import ElastidError, StudyError
-from elastid.base.kept import LostError
-from elastid.base.workers import Served
+from elastid.base.kept import End, LostError
+from elastid.base.workers import Outcome, Served
 
 # Seconds for a Dask scheduler to answer, and to look whether a worker is there; for the first one to start again.
 ANSWER_S = 10.0
@@ -115,7 +115,11 @@ class Remote(Thread):
             with suppress(EOFError):
                 while True:
                     message = self._client.scatter(self._pipe.recv_bytes(), hash=False, workers=[self._at])
-                    answer, is_first = self._asked(_answer, is_first, message), False
+                    try:
+                        answer = self._asked(_answer, is_first, message)
+                    except ImportError as error:  # its workers have other libraries
+                        answer = End(keeps=False).packed(Outcome(error=error))
+                    is_first = False
                     if answer is not None:
                         self._pipe.send_bytes(answer)
             self._asked(_forget)

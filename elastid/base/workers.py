@@ -11,6 +11,7 @@ import logging
 import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -176,23 +177,8 @@ def _call(at_rest: list[Worker], called: list[Worker], place: int, new: Callable
         if worker.process.is_alive():
             return worker
         end(worker)
-    errors: list[BaseException] = []
-
-    def start() -> None:
-        try:
-            _start(called, place, new)
-        except BaseException as error:
-            errors.append(error)
-
-    thread = Thread(target=start)
-    try:
-        thread.start()
-        thread.join()
-    finally:
-        if thread.is_alive():
-            thread.join()
-    if errors:
-        raise errors[0]
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(_start, called, place, new).result()
     return called[-1]
 
 

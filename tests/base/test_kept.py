@@ -2,13 +2,13 @@
 
 import gc
 import os
+import signal
 from dataclasses import dataclass
 from functools import cached_property
 from multiprocessing.connection import Connection
 
 import numpy as np
 import pytest
-from plants.refusals import refused
 
 from elastid.base.execution import Execution
 from elastid.base.kept import _NAMES, End, Kept, LostError
@@ -48,20 +48,6 @@ def without_sum(item: Data) -> None:
     raise ArithmeticError(f"no sum of {len(item.values)}")
 
 
-class DyingAt:
-    """The length of an item; the process that has the one of a length dies, so many times."""
-
-    def __init__(self, folder, size: int, times: int) -> None:
-        self.folder, self.size, self.times = folder, size, times
-
-    def __call__(self, item: Data) -> int:
-        deaths = len(list(self.folder.iterdir()))
-        if len(item.values) == self.size and deaths < self.times:
-            (self.folder / str(deaths)).touch()
-            os._exit(1)
-        return len(item.values)
-
-
 @pytest.fixture
 def sent(monkeypatch) -> list[int]:
     """Bytes of each message that leaves this process."""
@@ -75,7 +61,7 @@ def sent(monkeypatch) -> list[int]:
     return sizes
 
 
-def test_each_value_goes_to_one_process_once_and_what_comes_from_there_does_not_go_back(sent, tmp_path):
+def test_each_value_goes_to_one_process_once_and_what_comes_from_there_does_not_go_back(sent):
     """What is worked out stays there; the successor of a process that dies is given them again."""
     items = [data(n) for n in (10_000, 20_000, 30_000)]
     with lasting_workers():
@@ -89,12 +75,10 @@ def test_each_value_goes_to_one_process_once_and_what_comes_from_there_does_not_
         twice = list(there.at_home(doubled, items))
         assert list(there.at_home(length, twice)) == [20_000, 40_000, 60_000]
         assert sum(sent) < 15 * 500
-        assert list(there.at_home(DyingAt(tmp_path, 30_000, 1), items)) == [10_000, 20_000, 30_000]
+        os.kill(one, signal.SIGKILL)
         with pytest.raises(ArithmeticError, match="no sum of 10000"):
             list(there.at_home(without_sum, items))
         assert list(there.at_home(length, items)) == [10_000, 20_000, 30_000]
-        with refused("workers/died"):
-            list(there.at_home(DyingAt(tmp_path, 30_000, 99), items))
 
 
 def lives(item: Data) -> int:
