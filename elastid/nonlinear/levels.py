@@ -140,6 +140,9 @@ def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
 class Limits:
     """Thresholds of the choice of shapes."""
 
+    # Of what a sign has, the share of a shape's power that is not linear, at least: a sign in a multisine has 0.36 to
+    # 0.6, beside slow lines of great power, such as those of a carrier, 0.02 and less; a stop longer than the motion 0.
+    part_of_sign: float = 0.14
     left_share: float = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
     # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.25 of a motor that never
     # sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes levels right in
@@ -176,8 +179,8 @@ def choose(
     """Shapes by cross-validation, and the candidates (n,) that they are."""
     motor_of = _motors(candidates, places)
     _, equations = find_levels(data, motor_of)
-    every = [np.flatnonzero(motor_of == i) for i in range(len(places))]
-    choices = [choose_shapes(equations, i, own, _rivals(candidates)) for i, own in enumerate(every)]
+    own = telling_shapes(data, motor_of)
+    choices = [choose_shapes(equations, i, members, _rivals(candidates)) for i, members in enumerate(own)]
     choices = [each if not auto or each[1] <= LIMITS.left_share else (each[0][:0], 1.0) for each in choices]
     chosen, left = np.concatenate([own for own, _ in choices]), np.array([left for _, left in choices])
     return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
@@ -190,6 +193,16 @@ def _motors(shapes: Sequence[Shape], places: Sequence[str]) -> IntArray:
 def _rivals(shapes: Sequence[Shape]) -> IntArray:
     """The shapes (n,) of which a motor has one at most, and none alone: Stribeck curves together have no F_c."""
     return np.flatnonzero([shape.kind == "stribeck" for shape in shapes])
+
+
+def telling_shapes(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
+    """Shapes of each motor whose level distortion shows; others are a spring or a damper of the response.
+
+    The first of a motor is Coulomb friction.
+    """
+    share = np.mean([configuration.nonlinear_share() for configuration in data], axis=0)
+    every = [np.flatnonzero(motor_of == i) for i in np.unique(motor_of)]
+    return [own[share[own] > LIMITS.part_of_sign * share[own[0]]] for own in every]
 
 
 # Speeds over which a sign turns, over the RMS speed.

@@ -64,6 +64,19 @@ class ConfigurationSpectra:
         """Spectra with some of the shapes (n,)."""
         return replace(self, Phi=self.Phi[:, chosen])
 
+    def nonlinear_share(self) -> FloatArray:
+        """The share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
+
+        From the experiments beyond those that separate the inputs; without any, from lines that are not excited.
+        """
+        on, (_, n_m, K) = self.excited, self.U.shape
+        power = np.sum(np.abs(self.Phi[on]) ** 2, axis=(0, 2))
+        if n_m < K:
+            X = self.net(np.zeros_like(self.U))[1][on]
+            return np.asarray(np.sum(np.abs(X) ** 2, axis=(0, 2)) * K / (K - n_m) / np.maximum(power, 1e-300))
+        off = np.mean(np.abs(self.Phi[~on]) ** 2, axis=(0, 2))
+        return np.asarray(off / np.maximum(off + power / (on.sum() * K), 1e-300))
+
     def net(self, friction: ComplexArray) -> tuple[ComplexArray, ComplexArray, BoolArray]:
         """Residuals e (F, n_m, K) and shapes X (F, n_f, K) where `friction` (F, n_m, K) is taken out of U.
 

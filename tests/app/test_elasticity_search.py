@@ -38,12 +38,9 @@ def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path)
         (2, "gear 2"): False,
     }
     freed, spurious = trials[1, "2x"], trials[2, "1x"]
-    assert -freed["change"] > freed["standard_error"] > 0
-    assert freed["criterion"] < -100
-    assert freed["change"] == pytest.approx(freed["after"] - freed["before"])
+    assert freed["after"] < 0.1 * freed["before"]
     assert freed["after"] == spurious["before"] == pytest.approx(0.9, abs=0.15)
-    assert freed["n_free"] + 1 == spurious["n_free"]
-    assert spurious["change"] == pytest.approx(0, abs=0.05)
+    assert spurious["after"] == pytest.approx(spurious["before"], abs=0.05)
     assert content["verdict"].startswith("Elastic coordinates are gear 1, gear 2, 2x; 1x can be rigid")
     names = {"two", "driven joints alone", "1x elastic", "2x elastic"}
     names |= {"2x elastic, gear 1 rigid", "2x elastic, gear 2 rigid"}
@@ -89,11 +86,9 @@ def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, see
     ]
     for trial in content["search"]:
         if trial["coordinates"] in (["gear 3"], ["rod rod"]):
-            assert abs(trial["change"]) > 2 * trial["standard_error"]
-            assert abs(trial["criterion"]) > 1000
+            assert abs(trial["after"] - trial["before"]) > 1
         else:
-            assert abs(trial["change"]) < 0.2
-            assert abs(trial["criterion"]) < 10
+            assert abs(trial["after"] - trial["before"]) < 0.2
     names = {row["name"] for row in content["models"]}
     assert {"linkage", "driven joints alone", "rod rod elastic", "rod rod elastic, gear 2 rigid"} <= names
 

@@ -16,7 +16,9 @@ from elastid.nonlinear.levels import (
     choose_shapes,
     refined,
     solve,
+    telling_shapes,
 )
+from elastid.nonlinear.spectra import ConfigurationSpectra
 
 EVERY, NONE = np.arange(3), np.arange(0)
 F_C = 9.0
@@ -70,6 +72,30 @@ def test_a_stribeck_curve_is_not_chosen_alone() -> None:
     assert {0, 1} <= {*chosen.tolist()}
     alone, _ = choose_shapes(folds, 0, np.array([1]), rivals)
     assert alone.tolist() == []
+
+
+def on_a_carrier(power: float) -> ConfigurationSpectra:
+    """Three experiments of one motor whose slowest line, alike in all, has `power` times that of the others.
+
+    Two shapes: a sign, of which no response explains half at the other lines, and a spring, which one explains.
+    """
+    rng = np.random.default_rng(0)
+    U, others = rng.standard_normal((2, 20, 1, 3)) + 1j * rng.standard_normal((2, 20, 1, 3))
+    U[0] = others[0] = 1
+    size = np.where(np.arange(20) == 0, np.sqrt(power), 1.0)[:, None, None]
+    Phi = size * np.concatenate([U + others, U], axis=1)
+    lines = np.arange(2, 22)
+    return ConfigurationSpectra(
+        lines, lines / 2.0, np.ones(20, bool), size * U, size * U, Phi, np.arange(3),
+        np.zeros(1),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("power", [1.0, 1e3])
+def test_friction_is_told_from_a_spring_beside_a_carrier(power: float) -> None:
+    """Most of a sign's power is then at the carrier's line, where it is in proportion to the torque."""
+    (own,) = telling_shapes([on_a_carrier(power)], np.zeros(2, np.int64))
+    assert own.tolist() == [0]
 
 
 PLACES = ("motor 1", "motor 2")
