@@ -1,4 +1,4 @@
-"""Failures of a command, which `cli` turns into message and exit code, and notes; each has a code of `base.codes`.
+"""Failures of a command, which `cli` turns into message and exit code, and notes; each has a code of `CODES`.
 
 Codes of all errors and notes, each with what it means and what to do: `elastid explain CODE`.
 """
@@ -18,7 +18,7 @@ T = TypeVar("T")
 class ElastidError(Exception):
     """A failure that the user can act on: the message states fault, place, reason and remedy.
 
-    code: of the table `base.codes.CODES`, for programs ("records/period-mismatch").  text: one sentence with its
+    code: of the table `CODES`, for programs ("records/period-mismatch").  text: one sentence with its
     numbers filled in.  place: the file, line, key, configuration or channel that it is about, printed in front.
     """
 

@@ -68,7 +68,7 @@ class Execution:
     checkpoint: MutableMapping[str, Any] = field(default_factory=dict)
 
     def __reduce__(self) -> tuple[type[Execution], tuple[int]]:
-        """To another process: by that one."""
+        """Execution in another process: by that one alone."""
         return Execution, (0,)
 
     @property

@@ -76,6 +76,7 @@ class _Pickler(pickle.Pickler):
         self._known, self.new = known, dict[bytes, Any]()
 
     def reducer_override(self, value: Any) -> Any:
+        """The name of a value that the other end has; of one that stays there its parts, too."""
         parts: tuple[Any, ...]
         if isinstance(value, Kept):
             parts = (_made, type(value), {f.name: getattr(value, f.name) for f in fields(value)})  # type: ignore[arg-type]

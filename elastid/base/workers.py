@@ -234,7 +234,7 @@ def _serve(pipe: Connection) -> None:
 
 
 class Served:
-    """What a worker has: the function of the work, and values that came with it."""
+    """The function of a work, and the values that came with it, in a worker."""
 
     def __init__(self) -> None:
         self._end = End(keeps=True)

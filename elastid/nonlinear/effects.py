@@ -8,8 +8,7 @@ both act across the gear; friction behind the gear brakes the link, -F_l sgn l'.
 
 Friction's sign along a velocity that is known at points of a period, by its means over the cells between them.
 
-The velocity of an inertia at the points depends on the means over cells alone, and is exact with their spectrum over
-sinc.
+The velocity of an inertia at the points depends on the means over cells alone, exact with their spectrum over sinc.
 """
 
 from __future__ import annotations

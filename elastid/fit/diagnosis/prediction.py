@@ -71,7 +71,7 @@ def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
 
 
 def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
-    """What leaves every so many lines of each configuration, about so many real residuals in total.
+    """Function from a part to every so many of its lines, about so many real residuals in total.
 
     At least 20 lines each, 5 of very many configurations: V of one by itself is judged, too.
     """

@@ -71,12 +71,12 @@ class Chunk(Kept):
 
 
 def chunked(items: Sequence[Item]) -> list[tuple[Item, ...]]:
-    """What belongs to each configuration in chunks of neighbours."""
+    """Chunks of neighbours, of items that each belong to a configuration."""
     return [tuple(items[first : first + CHUNK]) for first in range(0, len(items), CHUNK)]
 
 
 def home_of(responses: Sequence[Response], execution: Execution) -> Execution:
-    """Who evaluates the chunks of all configurations: others where these are many, else starts are shared."""
+    """Execution of the chunks of all configurations: by others where these are many, else starts are shared."""
     is_large = sum(response.n_lines for response in responses) >= MIN_LINES
     is_large &= len(chunked(responses)) >= 2 * execution.jobs
     return Execution(execution.jobs) if is_large and execution.is_shared(len(responses)) else HERE
