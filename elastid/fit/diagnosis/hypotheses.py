@@ -53,20 +53,16 @@ def angle(index: ModificationIndex) -> str:
     """Offset of an axis, in one configuration or in all."""
     axis, _, configuration = index.name.partition("_")[2].partition("@")
     where = f"in configuration {configuration}" if configuration else "in all configurations"
-    if index.units[0] == "m":
-        return f"a position of axis {axis} {1e3 * float(index.steps[0]):+.2g} mm {where}"
     return f"an angle of axis {axis} {math.degrees(float(index.steps[0])):+.2g} deg {where}"
 
 
 def angles(index: ModificationIndex) -> str:
     """Offsets of an axis that differ between configurations, the largest first."""
     by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda each: -abs(each[0]))
-    slides = index.units[0] == "m"
     where = ", ".join(
-        f"{f'{1e3 * step:+.2g} mm' if slides else f'{math.degrees(step):+.2g} deg'} in {member.partition('@')[2]}"
-        for step, member in by_size[: LIMITS.named]
+        f"{math.degrees(step):+.2g} deg in {member.partition('@')[2]}" for step, member in by_size[: LIMITS.named]
     )
-    return f"{'positions' if slides else 'angles'} of axis {axis(index)} that are off by {where}"
+    return f"angles of axis {axis(index)} that are off by {where}"
 
 
 def compliance(index: ModificationIndex) -> str:

@@ -167,7 +167,6 @@ def _held_numbers(
     values = dict(zip(held.parameters, theta.tolist(), strict=True))
     units = {name: unit for name, (_, unit) in robot.parameters(held.linearisation.model.parameters).items()}
     numbers, scale = [], []
-    units |= {f"angle_{joint.name}": "m" for joint in robot.driven if joint.slides}
     turning = (joint for joint in robot.joints if not joint.slides and f"k_{joint.name}" not in held.rigid)
     springs = [joint.spring.stiffness for joint in turning if joint.spring is not None]
     for name in names:
@@ -192,10 +191,7 @@ def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence
     payload changes mass, centre and inertia of a body; the angle of an axis may be off in every posture.
     """
     place = {number.name: i for i, number in enumerate(numbers)}
-    doubled = {f"angle_{name.removeprefix('zero_')}" for name in place if name.startswith("zero_")}
-    parts = doubled | {
-        name for name in place for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name
-    }
+    parts = {name for name in place for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name}
     every = [
         Candidate(n.name, n.family, np.array([i]), np.eye(1)) for i, n in enumerate(numbers) if n.name not in parts
     ]

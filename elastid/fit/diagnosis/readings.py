@@ -319,10 +319,10 @@ def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated,
 def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """The indices with the forms of lateness of the delays that explain a part."""
     optimum, result = evidence.optimum, evidence.result
+    if not (evidence.is_unexplained and optimum.fit.n_residuals):
+        return indices
     fit = thinned(optimum.fit)
     evaluated = evaluate(fit, optimum.end.x)
-    if not (evidence.is_unexplained and evaluated):
-        return indices
     prior, free = fit.prior_slopes, ~result.at_bound
     cost = predict(AS_READ, evaluated, prior, free).cost
     noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)

@@ -3,7 +3,7 @@ r"""Residuals at the optimum and their derivatives to everything that the fit he
 `HeldModel` has the numbers that the fit held as parameters of its equations.  Apart from the robot's own numbers, its
 geometry and the gains of its channels these are:
 
-- angle_2: an offset of the angle at which axis 2 stood, in all configurations; angle_2@c1: in one.
+- angle_2@c1: an offset of the angle at which axis 2 stood in configuration c1; zero_2 is one in all of them.
 - torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
 - base_x: that of what the robot stands on, about x of its first body before it turns.
 
@@ -41,7 +41,6 @@ from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
-from elastid.record import Configuration
 from elastid.robot import Body, Joint, Robot, Spring, gain_name
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -66,23 +65,20 @@ class HeldModel:
         channels = [gain_name("u", place) for place in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
         channels += [gain_name("y", place) for place in sorted(outputs) if place in robot.locations]
-        known = assembly.parameters.names  # zeros that are held are among the postures' angles
-        places = tuple(name for name in robot.geometry if not name.startswith("zero_") or name in known)
         for extended, rigid in (_with_torsions(robot), (robot, {})):
             with suppress(ElastidError, ValueError):
-                held = cls(Linearisation.of_robot(extended, assembly.model, (*places, *channels)), rigid)
+                held = cls(Linearisation.of_robot(extended, assembly.model, (*robot.geometry, *channels)), rigid)
                 theta = held.theta(assembly.parameters, assembly.parameters.x, fitted.configuration.name)
                 own = theta[: len(held.linearisation.model.parameters)]
                 held.linearisation.at(fitted.configuration, own, places_of(fitted), fitted.quantity)
                 return replace(held, loads=_loads(assembly))
-        return cls(Linearisation.of_robot(robot, assembly.model, (*known, *channels)), {}, _loads(assembly))
+        own_names = (*assembly.parameters.names, *channels)
+        return cls(Linearisation.of_robot(robot, assembly.model, own_names), {}, _loads(assembly))
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of theta: those of the equations, the delay, offsets of the angles."""
-        robot = self.linearisation.model.robot
-        further = (f"angle_{joint.name}" for joint in robot.driven)
-        return (*self.linearisation.model.parameters, DELAY, *further)
+        """Names of theta: those of the equations, and the delay."""
+        return (*self.linearisation.model.parameters, DELAY)
 
     def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
         """The numbers (n,) in SI where x (n_x,) is the estimate."""
@@ -97,26 +93,14 @@ class HeldModel:
         measured: its model in the fit, whose inputs and outputs are those measured.
         """
         theta = self.theta(fitted, x, measured.configuration.name)
-        own = theta[: len(self.linearisation.model.parameters)]
-
-        def model_at(configuration: Configuration, linearisation: Linearisation) -> LinearModel:
-            model = linearisation.at(configuration, own, places_of(measured), measured.quantity)
-            return at_measured_places(model, measured)
-
-        model = model_at(measured.configuration, self.linearisation)
+        model = self.linearisation.at(measured.configuration, theta[:-1], places_of(measured), measured.quantity)
+        model = at_measured_places(model, measured)
         slopes = dict(model.slopes)
         for name in self.rigid:
-            k = model.number(np.append(own, 0.0), name)
+            k = model.number(theta, name)
             stiff = {letter: getattr(slopes[name], letter) for letter in "MDKCTB"}
             slopes[name] = Slope(**{letter: None if part is None else -(k**2) * part for letter, part in stiff.items()})
-        step = 1e-5  # rad, of finite differences
-        for place, joint in enumerate(self.linearisation.model.robot.driven):
-            angles = np.array(measured.configuration.angles)
-            angles[place] += step
-            moved = model_at(replace(measured.configuration, angles=angles), self.linearisation.without_slopes)
-            slopes[f"angle_{joint.name}"] = _difference(model, moved, step)
-        theta_ref = np.concatenate([own, np.zeros(len(self.parameters) - len(own))])
-        return replace(model, parameters=self.parameters, theta_ref=theta_ref, slopes=slopes), theta
+        return replace(model, slopes=slopes), theta
 
 
 def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
@@ -151,26 +135,6 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
             names[f"k_{name}"] = name if is_root else f"torsion_{name}"
         bodies.append(replace(body, joints=tuple(joints)))
     return replace(robot, bodies=tuple(bodies)), names
-
-
-def _difference(model: LinearModel, moved: LinearModel, step: float) -> Slope:
-    """d / d angle of two models, in coordinates of the second that turn with the first's and have its inputs."""
-    Z, Z_moved = (np.eye(m.n) if m.Z is None else m.Z for m in (model, moved))
-    W = np.linalg.lstsq(Z_moved, Z)[0]
-    if model.is_delayed:  # B of motors stays; a force at a frame turns with it
-        W += np.linalg.pinv(moved.B.T) @ (model.B.T - moved.B.T @ W)
-
-    def slope(before: FloatArray, after: FloatArray) -> FloatArray | None:
-        change = (after - before) / step
-        return change if np.any(np.abs(change) > 1e-9 * max(np.abs(before).max(initial=0.0), 1e-300)) else None
-
-    pairs = [(getattr(model, letter), W.T @ getattr(moved, letter) @ W) for letter in "MDK"]
-    return Slope(
-        *(
-            slope(*pair)
-            for pair in (*pairs, (model.C, moved.C @ W), (model.tilt, moved.tilt @ W), (model.B, W.T @ moved.B))
-        )
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,7 +255,8 @@ def gear_ratios(response: HeldResponse) -> dict[str, ComplexArray]:
 def posture_angles(response: HeldResponse) -> dict[str, ComplexArray]:
     """Derivatives to the angle of each axis in this configuration alone, rad."""
     name = response.model.configuration.name
-    return {f"angle_{j.name}@{name}": response.slopes[f"angle_{j.name}"] for j in response.robot.driven}
+    zeros = {joint.name: f"zero_{joint.name}" for joint in response.robot.driven}
+    return {f"angle_{joint}@{name}": response.slopes[zero] for joint, zero in zeros.items() if zero in response.slopes}
 
 
 def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
