@@ -205,15 +205,6 @@ class Linearisation:
         """True if the derivatives follow the operating point, which moves with the parameters."""
         return self.point is not None
 
-    @cached_property
-    def without_slopes(self) -> Linearisation:
-        """Linearisation without derivatives, in a fraction of the time."""
-        q, lambda_, theta = self.matrices.sx_in()
-        triangles, slopes = self.matrices(q, lambda_, theta)
-        return Linearisation(
-            self.model, ca.Function("matrices", [q, lambda_, theta], [triangles, ca.SX(*slopes.shape)]), None
-        )
-
     def is_affine_in(self, names: Collection[str]) -> bool:
         """True if M, D, K about a held operating point are affine in these parameters together, as in m but not m c."""
         model = self.model

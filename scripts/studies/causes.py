@@ -342,7 +342,7 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("all 0.4 ms late", "linkage", times(delayed(4e-4)), ("delay",)),
     Injection("encoder 2 one sample late", "demo", of_channel("y", 1, delayed(2e-3)), ("delay_y_motor_2",)),
     Injection("encoder 3 0.5 ms late", "six-axis", of_channel("y", 2, delayed(5e-4)), ("delay_y_motor_3",)),
-    Injection("drive 2 late by 1 ms", "two-axis", of_channel("u", 1, delayed(1e-3)), ("delay_u_motor_2", "hold_u*_2")),
+    Injection("drive 2 late by 1 ms", "two-axis", of_channel("u", 1, delayed(1e-3)), ("delay_u_motor_2",)),
     Injection("one file late by 2 ms", "demo", late_file("folded", 2e-3), ("delay@folded",)),
     Injection("one file with 5 kg", "demo", one_with(loaded(5.0, (0.9, 0.0, 0.1), "fore_arm"), "reach"),
               ("payload_*@reach",)),
@@ -699,8 +699,8 @@ def _rows() -> Iterator[tuple[str, Callable[[Plant], Responses], tuple[str, ...]
     yield "torque half a sample late", at_place("u", delayed(_SAMPLE_S / 2)), ("*_u_motor_{i}",), _SIX
     yield "encoder a sample late", at_place("y", delayed(_SAMPLE_S)), ("*_y_motor_{i}",), _ALL
     yield "current loop of 200 Hz", at_place("u", drive(200.0)), ("*_u_motor_{i}",), _ALL
-    yield "current loops of 100 Hz", times(drive(100.0)), ("delay", "low_pass", "hold"), _ALL
-    yield "encoders filtered by 250 Hz", times(filtered(250.0)), ("delay", "low_pass", "hold"), _ALL
+    yield "current loops of 100 Hz", times(drive(100.0)), ("delay", "low_pass"), _ALL
+    yield "encoders filtered by 250 Hz", times(filtered(250.0)), ("delay", "low_pass"), _ALL
     yield "one file 1 ms late", late_posture(1e-3), ("delay@{p}",), _OPEN_SIX
     yield "gear hardens by 30 %", hard(0.3), ("load_{i}", "play_{i}"), _OPEN
     yield "gear hardens by 5 %", hard(0.05), ("load_{i}", "play_{i}"), _OPEN

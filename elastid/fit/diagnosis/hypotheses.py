@@ -22,7 +22,7 @@ from itertools import pairwise
 
 from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Hypothesis, Size, axis, posture, relative
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
-from elastid.fit.diagnosis.readings import READINGS, find_lateness, find_misreading
+from elastid.fit.diagnosis.readings import FORMS, READINGS, find_lateness, find_misreading
 from elastid.fit.diagnosis.sensitivities import (
     channel_delays,
     gear_couplings,
@@ -87,38 +87,26 @@ def payload(index: ModificationIndex) -> str:
 
 
 def late(index: ModificationIndex) -> str:
-    """Delay, low pass or hold of a channel or of all, with its time."""
+    """Delay or low pass of a channel or of all, with its time."""
     T = float(index.steps[0])
-    form = next(form for form in ("delay", "low_pass", "hold") if index.name.startswith(form))
+    form = next(form for form in FORMS if index.name.startswith(form))
     role, _, place = index.name.removeprefix(form).lstrip("_").partition("_")
     on = f" of {role} at {place.replace('_', ' ')}" if role else ""
     if form == "delay":
         return f"a delay of {T / 1e-3:.3g} ms{on}"
-    if form == "hold":
-        when = f"late, held for {T / 1e-3:.3g} ms" if T > 0 else "earlier than it was taken to"
-        return f"a torque that acts {abs(T) / 2e-3:.3g} ms {when}{on}"
     size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
     return f"{size}{on}" if T > 0 else f"{size} that was taken out where there is none{on}"
 
 
 def late_advice(index: ModificationIndex, result: Result) -> str:
-    """Keys that give a delay, a hold or a lag to the model, or the filter to check."""
-    delay, names = "free delay (fit.parameters: {delay: {}})", (index.name, *index.alike)
-    hold = next((i for i in result.indices if i.name == "hold" and i.name in names), None)
-    if hold is not None and hold.steps[0] < 0:
-        return "leave hold: zero-order out where u was measured, and check the delay"
-    if hold is not None:
-        T = float(hold.steps[0])
-        text = (
-            f"where u is a command that the drive holds, a sample at {1 / T:.4g} Hz, say hold: zero-order in "
-            "experiment.recorded (with rate_hz in experiment.responses); where y are velocities that it makes of its "
-            f"encoder, give the robot's file chain: {{differentiator: {1e3 * T:.4g} ms}}"
-        )
-        return f"{text}; where the torque loop or a log delays it, {delay}" if "delay" in names else text
+    """Keys that give a delay or a lag to the model, or the filter to check."""
+    if index.steps[0] < 0:
+        return "leave hold: zero-order out where u was measured, log torques before their filter, check the time stamps"
     if index.name == "delay":
-        return f"{delay}, or give the robot's chain its lags"
-    if index.name.startswith("low_pass") and index.steps[0] < 0:
-        return "log torques before their filter, or take the filter out of what was logged"
+        return (
+            "free delay (fit.parameters: {delay: {}}), or give the robot's chain its lags; where u is a command that "
+            "the drive holds, say hold: zero-order in experiment.recorded (with rate_hz in experiment.responses)"
+        )
     if index.name == "low_pass":
         return "give the robot's chain the sensor_lag of its encoders, or the torque_lag of its drives"
     return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
@@ -167,7 +155,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("gain", ("gain_y",), GAIN_Y, True, gain, CHANNELS),
     Hypothesis(
         "time",
-        ("delay", "low", "hold"),
+        ("delay", "low"),
         LATE,
         False,
         late,
@@ -184,7 +172,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         ("angle", "zero"),
         Size(0.02, 0.6, unit="rad"),
         phrase=angle,
-        advice="check the zero of the axis, and the angles that the configurations have",
+        advice="check the zero of the axis, the angles that the configurations have, its brake and its encoder",
         columns=posture_angles,
     ),
     Hypothesis(

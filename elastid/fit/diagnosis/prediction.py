@@ -25,6 +25,7 @@ Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arra
 
 # Standard deviation of the prior of ln p that keeps a step near, for residuals of the size of the misfit.
 STEP_STD = 0.5
+LEAST_DECREASE = 1e-2  # of V from one step to the next, relative, below which they end
 STIFFNESS_STD = 0.5  # of ln k about a study's start
 
 
@@ -123,13 +124,8 @@ def predict(
     return Prediction(V, V + float(step @ (2 * b + A @ step)), step)
 
 
-def settle(
-    reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray, decrease: float = 1e-2
-) -> tuple[float, FloatArray]:
-    """V and x (n_x,) of an optimum that a few damped steps reach from x, of the logarithms first.
-
-    decrease: the relative decrease of V from one step to the next below which they end.
-    """
+def settle(reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray) -> tuple[float, FloatArray]:
+    """V and x (n_x,) of an optimum that a few damped steps reach from x, of the logarithms first."""
 
     def predict_at(problem: ElasticFit, x: FloatArray, std: float) -> Prediction:
         return predict(reading, evaluate(problem, x), fit.prior_slopes, free, std)
@@ -140,7 +136,7 @@ def settle(
             x_next = np.clip(x + now.step, *fit.parameters.x_bounds)
             further = predict_at(problem, x_next, std)
             if further.before < now.before:
-                done = now.before - further.before < decrease * now.before
+                done = now.before - further.before < LEAST_DECREASE * now.before
                 x, now, std = x_next, further, 4 * std
                 if done:
                     break

@@ -7,11 +7,10 @@ A channel of the other sign, channels or postures exchanged, phases counted by e
 acceleration, channels in another unit.  A fit of responses that were read wrongly may end anywhere: one evaluation at
 its optimum and one at its start predict V of every reading, and the best of them take some steps on a few lines.
 
-Late by T is a channel, or all, by a delay D, a low pass L or a hold H, which differ in gain and curvature and to first
-order are all a delay:
+Late by T is a channel, or all, by a delay D or a low pass L, which differ in gain and curvature and to first order are
+both a delay:
 
-.. math:: D = e^{-j \omega T}, \qquad L = \frac{1}{1 + j \omega T}, \qquad
-          H = e^{-j \omega T / 2}\, \frac{\sin \omega T / 2}{\omega T / 2}
+.. math:: D = e^{-j \omega T}, \qquad L = \frac{1}{1 + j \omega T}
 
 T follows by a search in one dimension, the parameters of the fit by one Gauss-Newton step at each. A negative T is that
 of one that was taken out where none is.
@@ -262,13 +261,7 @@ def low_pass(freq_hz: FloatArray, T: float) -> ComplexArray:
     return np.asarray(L if T >= 0 else 1 / L)
 
 
-def hold(freq_hz: FloatArray, T: float) -> ComplexArray:
-    """H (F,) of a torque held for T, its inverse where T is negative."""
-    H = np.exp(-1j * np.pi * freq_hz * abs(T)) * np.sinc(freq_hz * abs(T))
-    return np.asarray(H if T >= 0 else 1 / H)
-
-
-FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass, "hold": hold}
+FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass}
 
 
 class Late(NamedTuple):
@@ -299,9 +292,8 @@ def best_forms(
     def at(T: float, form: str) -> Prediction:
         return predict(Reading("", "time", partial(_late, FORMS[form], T, *channel)), evaluated, prior, free)
 
-    for form in FORMS if channel[0] != "y" else ("delay", "low_pass"):
-        T = 2.0 * T_0 if form == "hold" else T_0
-        low, high = np.clip(sorted((0.3 * T, 2.0 * T)), -limit, limit).tolist()
+    for form in FORMS:
+        low, high = np.clip(sorted((0.3 * T_0, 2.0 * T_0)), -limit, limit).tolist()
         options = {"maxiter": LIMITS.evaluations, "xatol": 1e-4 * max(abs(low), abs(high))}
         found = minimize_scalar(lambda T, form=form: at(T, form).cost, bounds=(low, high), options=options)
         yield Late(near.replace("delay", form, 1), float(found.x), at(float(found.x), form))

@@ -289,26 +289,21 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
     """
     result = evidence.result
-    # Viscous friction that the file holds is off by the same reading, and no other cause of it.
-    is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
-    if evidence.best_share > LIMITS.explained_share and not is_friction:
-        return ()
     known = np.sqrt(np.diag(result.covariance)) < LIMITS.stiffness_std
     stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
-    if not stiff:
+    # Viscous friction that the file holds is off by the same reading, and no other cause of it.
+    is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
+    if not stiff or (evidence.best_share > LIMITS.explained_share and not is_friction):
         return ()
     change = result.x[stiff] - result.parameters.x[stiff]
-    expected = 2 * math.log(2 * math.pi) * np.sign(np.median(change))
-    if np.any(np.abs(change - expected) > math.log(LIMITS.factor_spread)):
+    typical = float(np.median(change))
+    if np.any(np.abs(change - math.copysign(2 * math.log(2 * math.pi), typical)) > math.log(LIMITS.factor_spread)):
         return ()
-    factor = math.exp(abs(float(np.median(change))))
-    names = ", ".join(result.parameters.free[i].name for i in stiff)
-    side, unit, other = ("above", "rad/s", "Hz") if expected > 0 else ("below", "Hz", "rad/s")
     text = (
-        f"{factor:.0f} times {side} the start, and (2 pi)^2 is 39: are the frequencies of the responses in {unit}, "
-        f"where {other} was taken? Then all stiffnesses are off by it, and no residual shows it"
+        f"{math.exp(typical):.3g} times the start, and (2 pi)^2 is 39: are the frequencies in Hz, or in rad/s? All "
+        "stiffnesses are off by it then, and no residual shows it"
     )
-    return (Note("fit/frequency-unit", text, names),)
+    return (Note("fit/frequency-unit", text, ", ".join(result.parameters.free[i].name for i in stiff)),)
 
 
 def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:

@@ -43,11 +43,6 @@ class UndetectableError:
     per_std: float
     error: float
 
-    @property
-    def moved(self) -> float:
-        """The undetected error of the parameter, in its standard deviations."""
-        return self.error / self.per_std
-
     def amount(self, error: float) -> str:
         """An error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
         size = f"{100 * error:.2g} %" if self.log or self.unit == "1" else f"{error:.2g} {self.unit}"
@@ -91,8 +86,8 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     if scores is None or result.status not in ("converged", "at_bound") or not result.noise_is_known:
         return ()
     # Of two that do exactly the same, rounding does not choose.
-    errors = sorted(undetectable_errors(result, scores), key=lambda error: -float(f"{error.moved:.6g}"))
-    worst = {error.family: error for error in reversed(errors) if error.moved > SAID}
+    errors = sorted(undetectable_errors(result, scores), key=lambda error: -float(f"{error.error / error.per_std:.6g}"))
+    worst = {error.family: error for error in reversed(errors) if error.error > SAID * error.per_std}
     named = [error for error in errors if worst.get(error.family) is error][:3]
     if not named:
         return ()
