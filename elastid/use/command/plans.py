@@ -16,7 +16,7 @@ from elastid.simulation.controller import feed_forward
 from elastid.simulation.dynamics import contacts
 from elastid.use.command.collocation import SETTINGS, Planned, plan
 from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.moves import MotionLimits, Move, References
+from elastid.use.command.moves import MotionLimits, Move, References, held
 
 STEP = 1.25  # between durations that bracket the shortest one
 
@@ -66,8 +66,8 @@ def shortest(
         return planned.is_feasible and bool(planned_error(commanded, own, planned).max() <= error_m)
 
     # The rigid robot, which is not far from the elastic one, needs about this.
-    move = move.in_time(max(move.duration, 0.9 * first_duration(commanded, move, limits)))
-    duration, works = move.duration, can(move.duration)
+    duration = first_duration(commanded, move, limits)
+    works = can(duration)
     step = 1 / STEP if works else STEP
     for _ in range(12):
         if can(duration * step) != works:
@@ -105,21 +105,11 @@ def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s
     n = int(np.ceil((high + until_s - low) * rate_hz))
     time_s = low + np.arange(n + 1) / rate_hz
     m = commanded.model
-    q, v, a, jerk = (_held(planned, time_s, order) @ m.B for order in range(4))
-    middle = time_s + 0.5 / rate_hz
-    state = [_held(planned, middle, order) for order in range(3)]
-    torque = commanded.torque(*state)
-    smooth = state[1] @ m.B
-    torque += friction_along(commanded.robot, m, smooth, rate_hz) - commanded.planned_friction(state[1])
+    q, v, a, jerk = (held(planned.q, time_s, order) @ m.B for order in range(4))
+    state = [held(planned.q, time_s + 0.5 / rate_hz, order) for order in range(3)]
+    torque = commanded.torque(*state) - commanded.planned_friction(state[1])
+    torque += friction_along(commanded.robot, m, state[1] @ m.B, rate_hz)
     return References(time_s, q, v, a, jerk, torque)
-
-
-def _held(planned: Planned, t: FloatArray, order: int) -> FloatArray:
-    low, high = planned.q.t[0], planned.q.t[-1]
-    values = np.asarray(planned.q(np.clip(t, low, high), order))
-    if order:
-        values[(t < low) | (t > high)] = 0.0
-    return values
 
 
 def friction_along(robot: Robot, model: ElasticModel, velocity: FloatArray, rate_hz: float) -> FloatArray:
