@@ -44,7 +44,7 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: Result) -> Mode
     theta = result.theta_of(configuration.name)
     robot = elastic.robot_at(theta[:-1])
     modal = modes(model, theta)
-    deviations = FittedModel(model, result.parameters, result.x, result.covariance).uncertain_modes()
+    deviations = FittedModel.of(model, result.parameters, result.x, result.covariance).modes()
     shapes, point = shapes_of_all(model, modal.shapes), equilibrium(elastic, theta[:-1], configuration)
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)

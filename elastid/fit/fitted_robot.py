@@ -89,7 +89,7 @@ class FittedRobot:
     @property
     def uncertain_modes(self) -> tuple[UncertainModes, ...]:
         """Natural frequencies and damping ratios of each configuration with their standard deviations."""
-        return tuple(own.uncertain_modes() for own in self.differentiated)
+        return tuple(own.modes() for own in self.differentiated)
 
     def response_shifts(self, configuration: str) -> ComplexArray:
         """Changes (n_x, F, n_y, n_u) of one of `responses` by a standard deviation of x in independent directions."""
@@ -145,7 +145,7 @@ def _fitted(
 
 
 def _at_estimate(result: Result, linear: LinearModel) -> FittedModel:
-    return FittedModel(linear, result.parameters, result.x, result.covariance)
+    return FittedModel.of(linear, result.parameters, result.x, result.covariance)
 
 
 def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:

@@ -217,8 +217,10 @@ class _Dynamic:
         pull = np.einsum("pa,pan->pn", a, robots.J[:, :3])
         G = np.einsum("pfn,pn->pf", u, pull)
         P, L, n = u.shape
-        outer = (u[:, :, :, None] * u[:, :, None, :]).reshape(P, L, n * n).transpose(0, 2, 1)
-        M, D, K = (part.reshape(P, part.shape[1], n * n) @ outer for part in (robots.dM, robots.dD, robots.dK))
+        outer = np.ascontiguousarray((u[:, :, :, None] * u[:, :, None, :]).reshape(P, L, n * n).transpose(0, 2, 1))
+        # Real matrices times real and imaginary parts beside one another.
+        products = (part.reshape(P, -1, n * n) @ outer.view(float) for part in (robots.dM, robots.dD, robots.dK))
+        M, D, K = (product.view(complex) for product in products)
         turned = np.einsum("pkan,pa->pkn", robots.dJ[:, :, :3], a) @ u.transpose(0, 2, 1)
         slope = 2 * turned - (s[:, None] ** 2 * M + s[:, None] * D + K)
         size = np.maximum(np.abs(G), 1e-300)

@@ -13,7 +13,7 @@ from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.model.spec import ModelSpec
 from elastid.use.compliance import QUANTITIES, Cut, answers
-from elastid.use.linearised import ManyPostures
+from elastid.use.linearised import linearised
 
 LINES, CURVE_LINES = 300, 120
 
@@ -110,11 +110,10 @@ def map_workspace(
     lines_hz (F,): by default LINES of them over the modes.
     """
     cut, family = cut or Cut(), fitted if isinstance(fitted, Family) else family_of_map(fitted, frame)
-    many = ManyPostures(family)
-    lines = default_lines(many, angles) if lines_hz is None else np.asarray(lines_hz, float)
+    lines = default_lines(family, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
     own, position, of_pieces = [], [], []
-    for robots in many.at(angles):
+    for robots in linearised(family, angles):
         of_pieces.append(robots.found)
         if robots.found.any():
             own.append(answers(robots, lines, curve, cut))
@@ -145,7 +144,7 @@ def map_workspace(
 
 def family_of_map(result: Result, frame: str | None = None) -> Family:
     """The equations of a map: without multipliers where elastic rods alone close loops, the same numbers sooner."""
-    asked = Asked(frame=frame)
+    asked = Asked(frame=frame, axes="world")
     family = result.family(asked)
     if family.model.n_c:
         minimal = replace(result, equations=ModelSpec("minimal")).family(asked)
@@ -153,9 +152,9 @@ def family_of_map(result: Result, frame: str | None = None) -> Family:
     return family
 
 
-def default_lines(many: ManyPostures, angles: FloatArray) -> FloatArray:
+def default_lines(family: Family, angles: FloatArray) -> FloatArray:
     """LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
-    some = next(many.at(angles[:: max(1, len(angles) // 20)][:20]))
+    some = next(linearised(family, angles[:: max(1, len(angles) // 20)][:20]))
     if not len(some.M):
         return np.geomspace(1.0, 100.0, LINES)
     squares = np.linalg.eigvals(np.linalg.solve(some.M, some.K)).real

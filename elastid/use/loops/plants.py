@@ -20,6 +20,7 @@ from elastid.base.errors import StudyError
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
+from elastid.linear.fitted_model import Estimated
 from elastid.linear.linear_model import LinearModel, state_space, torque_elements
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
 from elastid.record import Configuration
@@ -139,7 +140,10 @@ class PostureFamily:
         )
 
     def _theta(self, own: LinearModel, x: FloatArray | None = None) -> FloatArray:
-        known = replace(self.family.estimated, where=own.configuration.name)
+        e = self.family.estimated
+        known = Estimated.of(
+            e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, own.configuration.name, e.doubts
+        )  # fmt: skip
         return known.theta(known.x if x is None else x)
 
     def _plants(self, x: FloatArray) -> Plants:
