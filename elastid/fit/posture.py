@@ -101,7 +101,7 @@ class Family:
         """The equations."""
         return self.linearisation.model
 
-    @property
+    @cached_property
     def theta(self) -> FloatArray:
         """theta (n_theta,) of the equations at the estimate, SI."""
         return self.estimated.theta(self.estimated.x)[:-1]

@@ -12,8 +12,7 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.model.spec import ModelSpec
-from elastid.use.compliance import QUANTITIES, Cut, answers
-from elastid.use.linearised import linearised
+from elastid.use.compliance import QUANTITIES, Cut, answers, linearised
 
 LINES, CURVE_LINES = 300, 120
 
@@ -112,12 +111,11 @@ def map_workspace(
     cut, family = cut or Cut(), fitted if isinstance(fitted, Family) else family_of_map(fitted, frame)
     lines = default_lines(family, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
-    own, position, of_pieces = [], [], []
+    pieces, of_pieces = [], []
     for robots in linearised(family, angles):
         of_pieces.append(robots.found)
         if robots.found.any():
-            own.append(answers(robots, lines, curve, cut))
-            position.append(robots.position)
+            pieces.append(answers(robots, lines, curve, cut) | {"position": robots.position})
     found = np.concatenate(of_pieces)
     if not found.any():
         raise StudyError(
@@ -125,20 +123,15 @@ def map_workspace(
             f"robot {family.robot.name} finds no rest in any of the {len(angles)} postures; they may be outside the "
             "reach of its loops, or its springs too soft for its weight",
         )
-    quantities = tuple(
-        Quantity(
-            key, text, unit, np.concatenate([a.values[key] for a in own]), np.concatenate([a.std[key] for a in own])
-        )
-        for key, (unit, text) in QUANTITIES.items()
-    )
+    each = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    quantities = tuple(Quantity(key, text, unit, *each.pop(key).T) for key, (unit, text) in QUANTITIES.items())
+    driven = family.robot.driven
     return WorkspaceMap(
-        name or family.robot.name, family.frame, tuple(joint.name for joint in family.robot.driven), angles[found],
-        np.flatnonzero(found), tuple(np.flatnonzero(~found).tolist()),
-        np.concatenate(position), np.concatenate([a.axes for a in own]),
-        family.model.springs, np.concatenate([a.shares for a in own]),
-        np.concatenate([a.chatter_hz for a in own]), curve, np.concatenate([a.magnitude for a in own]),
-        np.concatenate([a.magnitude_std for a in own]), quantities, cut.load, cut.cutting_coefficient, is_path,
-        tuple(joint.slides for joint in family.robot.driven),
+        name=name or family.robot.name, frame=family.frame, joints=tuple(joint.name for joint in driven),
+        angles=angles[found], asked=np.flatnonzero(found), refused=tuple(np.flatnonzero(~found).tolist()),
+        springs=family.model.springs, curve_hz=curve, quantities=quantities, load=cut.load,
+        cutting_coefficient=cut.cutting_coefficient, is_path=is_path, sliding=tuple(joint.slides for joint in driven),
+        **each,
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from elastid.fit.posture import Asked
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.robot import Body, Frame, GearCoupling, Joint, Motor, Placement, Robot, Spring
-from elastid.use.linearised import linearised
+from elastid.use.compliance import linearised
 
 ANGLES = np.array([[0.2, 0.4], [-0.7, 1.1], [1.3, -0.5]])
 
