@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value, labelled
@@ -11,7 +9,6 @@ from elastid.base.errors import StudyError
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
-from elastid.model.spec import ModelSpec
 from elastid.use.compliance import QUANTITIES, Cut, answers, linearised
 
 LINES, CURVE_LINES = 300, 120
@@ -105,10 +102,11 @@ def map_workspace(
 ) -> WorkspaceMap:
     """The map of postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
 
-    fitted: or its equations (`family_of_map`), built before.  frame: by default `tool`, else the last one.
+    fitted: or its family in the axes of the base, built before.  frame: by default `tool`, else the last one.
     lines_hz (F,): by default LINES of them over the modes.
     """
-    cut, family = cut or Cut(), fitted if isinstance(fitted, Family) else family_of_map(fitted, frame)
+    cut = cut or Cut()
+    family = fitted if isinstance(fitted, Family) else fitted.family(Asked(frame=frame, axes="world"))
     lines = default_lines(family, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
     pieces, of_pieces = [], []
@@ -133,16 +131,6 @@ def map_workspace(
         cutting_coefficient=cut.cutting_coefficient, is_path=is_path, sliding=tuple(joint.slides for joint in driven),
         **each,
     )  # fmt: skip
-
-
-def family_of_map(result: Result, frame: str | None = None) -> Family:
-    """The equations of a map: without multipliers where elastic rods alone close loops, the same numbers sooner."""
-    asked = Asked(frame=frame, axes="world")
-    family = result.family(asked)
-    if family.model.n_c:
-        minimal = replace(result, equations=ModelSpec("minimal")).family(asked)
-        return minimal if minimal.model.n_c == 0 else family
-    return family
 
 
 def default_lines(family: Family, angles: FloatArray) -> FloatArray:

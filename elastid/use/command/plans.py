@@ -9,8 +9,11 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.robot_friction import frictions
-from elastid.linear.equilibrium import free_coordinates
+from elastid.linear.linearise import linearise
+from elastid.linear.loaded import Ports, acted_on
+from elastid.linear.modes import modes
 from elastid.model.elastic import ElasticModel
+from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward
 from elastid.simulation.dynamics import contacts
@@ -23,14 +26,12 @@ STEP = 1.25  # between durations that bracket the shortest one
 
 def margin_of(commanded: CommandedRobot, move: Move) -> float:
     """Half a period, s, of the slowest mode with the motors held at both ends, 0.02 to 0.3 s."""
-    m, free = commanded.model, free_coordinates(commanded.model)
-    slowest = np.inf
+    m, halves = commanded.model, [0.0]
     for angles in move.ends:
-        q = commanded.rigid_posture(angles)
-        M, (compliance, _) = m.mass(q, m.theta).full(), commanded.statics(q)
-        squares = np.linalg.eigvals(compliance[np.ix_(free, free)] @ M[np.ix_(free, free)]).real
-        slowest = min(slowest, float(squares.max(initial=1e-12) ** -0.5))
-    return float(np.clip(np.pi / slowest, 0.02, 0.3))
+        linear = linearise(m, Configuration("end", angles), m.theta, m.inputs, "position")
+        held = modes(acted_on(linear, Ports.at_frames(linear, ()), "held", None), linear.theta_ref)
+        halves += (0.5 / held.freq_hz[:1]).tolist()
+    return float(np.clip(max(halves), 0.02, 0.3))
 
 
 def best_plan(commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float) -> Planned:

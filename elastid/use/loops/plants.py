@@ -44,9 +44,6 @@ class Plants:
     def __len__(self) -> int:
         return len(self.A)
 
-    def __getitem__(self, which: slice) -> Plants:
-        return Plants(self.rate_hz, self.A[which], self.B[which], self.C[which], self.inertia[which])
-
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
         unit, responses = np.eye(self.A.shape[-1]), []
