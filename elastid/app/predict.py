@@ -134,9 +134,8 @@ def _elasticity(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Seque
     records = run.path("measure") if "measure" in run.stages else None
     own = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
     twin = in_time(own, records, run.console, Execution(run.jobs))
-    names = [response.configuration.name for response in responses]
-    shifts = {name: fitted.response_shifts(name) for name in names}
-    judged = validate(responses, fitted.responses, names, shifts=shifts)
+    shifts = {G.configuration.name: fitted.at(G.configuration.name).response_shifts(G.freq_hz) for G in responses}
+    judged = validate(responses, fitted.responses, [*shifts], shifts=shifts)
     content = {**validation_summary(study.name, judged, twin), "with": str(path)}
     sentences = (judged.verdict, *map(describe_balance, twin.balances), *twin.run_words)
     return Prediction(twin), content, [words for words in sentences if words]

@@ -17,8 +17,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import FittedModel
-from elastid.linear.linear_model import LinearModel
-from elastid.linear.modes import modes, shapes_of_all, strain_energy
+from elastid.linear.modes import strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import stick_figure
 from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
@@ -36,22 +35,19 @@ if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not nee
 
 def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
     """The modes of the fitted model with its motors free, configuration by configuration."""
-    return tuple(_mode_row(fitted.model, model, fitted.result) for model in fitted.linear)
+    return tuple(_mode_row(fitted.model, model) for model in fitted.models)
 
 
-def _mode_row(elastic: ElasticModel, model: LinearModel, result: Result) -> ModeRow:
-    configuration = model.configuration
-    theta = result.theta_of(configuration.name)
-    robot = elastic.robot_at(theta[:-1])
-    modal = modes(model, theta)
-    deviations = FittedModel(model, result.parameters, result.x, result.covariance).uncertain_modes()
-    shapes, point = shapes_of_all(model, modal.shapes), equilibrium(elastic, theta[:-1], configuration)
+def _mode_row(elastic: ElasticModel, model: FittedModel) -> ModeRow:
+    configuration, theta, modal = model.linear.configuration, model.theta, model.modes()
+    robot, shapes = elastic.robot_at(theta[:-1]), modal.shapes
+    point = equilibrium(elastic, theta[:-1], configuration)
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
     shares = np.vstack([energy.share, energy.load])
     own = shares[-1] < 0.5  # a pendulum under gravity is no mode of springs
     return ModeRow(
-        *(configuration.name, modal.freq_hz[own], modal.zeta[own], deviations.freq_std[own], deviations.zeta_std[own]),
+        *(configuration.name, modal.freq_hz[own], modal.zeta[own], modal.freq_std[own], modal.zeta_std[own]),
         *(elastic.coordinates, shapes[:, own]),
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
         energy=shares[:, own],

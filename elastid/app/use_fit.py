@@ -39,7 +39,7 @@ from elastid.use.compliance import Cut
 from elastid.use.draws import draw_robots, estimated_robot
 from elastid.use.loops.plants import PostureFamily
 from elastid.use.loops.result import Asked, Loops, Today, design_loops
-from elastid.use.map import family_of_map, map_workspace
+from elastid.use.map import map_workspace
 from elastid.use.postures import grid_postures, random_postures, read_path
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -91,7 +91,8 @@ def map_study(
 
     def work(fit: Result) -> Used:
         """Map of the fitted robot, with what is written of it."""
-        family, seed = family_of_map(with_gears(fit, gears_of(run)), frame), run.study.seed
+        asked, seed = posture.Asked(frame=frame, axes="world"), run.study.seed
+        family = with_gears(fit, gears_of(run)).family(asked)
         if path is not None:
             angles, remarks = read_path(path, family.robot, family.frame)
             for words in remarks:

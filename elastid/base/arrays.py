@@ -110,7 +110,7 @@ def frozen_value(cls: type[T] | None = None, /, *, eq: bool = True) -> type[T] |
         """The class, its arrays checked and frozen after every construction."""
         names = {name: _DTYPES.get(str(text).removesuffix(" | None")) for name, text in cls.__annotations__.items()}
         arrays = {name: dtype for name, dtype in names.items() if dtype is not None}
-        check: Callable[[T], None] | None = cls.__dict__.get("__post_init__")
+        check: Callable[[T], None] | None = getattr(cls, "__post_init__", None)
 
         def freeze(self: T) -> None:
             for name, dtype in arrays.items():

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import index_of
 from elastid.fit.parameter_choice import group_labels
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import Result
-from elastid.linear.fitted_model import FittedModel, UncertainModes
-from elastid.linear.linear_model import DELAY, LinearModel, StateSpace, state_space
+from elastid.linear.fitted_model import FittedModel
+from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion
-from elastid.linear.response.transfer import to_response
 from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import EXACT
+from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameter
 from elastid.response import Response
@@ -28,17 +27,16 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class FittedRobot:
-    """The equations of a fitted robot, and measured response and linear model of each configuration, in one order.
+    """The equations of a fitted robot, and measured response and fitted model of each configuration, in one order.
 
-    linear: inputs and outputs in the order of the response.  differentiated: the same as functions of every parameter
-    of the fit, geometry included, from which deviations follow.  name: of an export.
+    models: inputs and outputs in the order of the response, functions of every parameter of the fit, geometry included.
+    name: of an export.
     """
 
     result: Result
     model: ElasticModel
     measured: tuple[Response, ...]
-    linear: tuple[LinearModel, ...]
-    differentiated: tuple[FittedModel, ...]
+    models: tuple[FittedModel, ...]
     name: str = ""
 
     @classmethod
@@ -49,12 +47,21 @@ class FittedRobot:
         Raises StudyError where a configuration has no equilibrium with the fitted numbers, and where the robot lacks an
         input or output of a response.
         """
-        return _fitted(result, robot, measured, spec, result.parameters.names)
+        linearisation, models = Linearisation.of_robot(robot, spec, result.parameters.names), []
+        for G in measured:
+            linear = linear_model(linearisation, G, _theta(result, linearisation.model, G.configuration.name))
+            models.append(FittedModel.of(linear, result.parameters, result.x, result.covariance))
+        return cls(result, linearisation.model, tuple(measured), tuple(models))
 
     @property
     def robot(self) -> Robot:
         """The robot of the equations."""
         return self.model.robot
+
+    @property
+    def linear(self) -> tuple[LinearModel, ...]:
+        """The linear models."""
+        return tuple(own.linear for own in self.models)
 
     @property
     def theta(self) -> FloatArray:
@@ -65,46 +72,29 @@ class FittedRobot:
         """The fitted numbers (n_theta,) in a configuration, SI: those of the equations, then the delay."""
         return _theta(self.result, self.model, configuration)
 
-    def at(self, configuration: str) -> LinearModel:
-        """The linear model of a configuration; UnknownNameError where it was not measured."""
-        names = [linear.configuration.name for linear in self.linear]
-        return self.linear[index_of(configuration, names, "configuration")]
+    def at(self, configuration: str) -> FittedModel:
+        """The model of a configuration; UnknownNameError where it was not measured."""
+        return self.models[index_of(configuration, [G.configuration.name for G in self.measured], "configuration")]
 
     @cached_property
     def responses(self) -> tuple[Response, ...]:
         """The model's frequency response for each measured one: its lines, inputs, outputs, and its motion."""
         responses = []
-        for linear, G in zip(self.linear, self.measured, strict=True):
-            theta = self.theta_of(linear.configuration.name)
-            modelled = replace(to_response(linear, theta, G.freq_hz), rate_is_known=G.rate_is_known)
-            effect = effect_of_motion(self.model, linear, theta, G)
+        for own, G in zip(self.models, self.measured, strict=True):
+            modelled = replace(own.response(G.freq_hz, sampled=True), rate_is_known=G.rate_is_known)
+            effect = effect_of_motion(self.model, own.linear, self.theta_of(G.configuration.name), G)
             responses.append(modelled if effect is None else replace(modelled, G=modelled.G + effect))
         return tuple(responses)
 
     @property
     def response_std(self) -> tuple[FloatArray, ...]:
         """Standard deviation (F, n_y, n_u) of each of `responses` by that of the parameters, to first order."""
-        return tuple(own.response_std(G.freq_hz) for own, G in zip(self.differentiated, self.measured, strict=True))
-
-    @property
-    def uncertain_modes(self) -> tuple[UncertainModes, ...]:
-        """Natural frequencies and damping ratios of each configuration with their standard deviations."""
-        return tuple(own.uncertain_modes() for own in self.differentiated)
-
-    def response_shifts(self, configuration: str) -> ComplexArray:
-        """Changes (n_x, F, n_y, n_u) of one of `responses` by a standard deviation of x in independent directions."""
-        freq_hz = next(G.freq_hz for G in self.measured if G.configuration.name == configuration)
-        return _at_estimate(self.result, self.at(configuration)).response_shifts(freq_hz)
+        return tuple(own.response_std(G.freq_hz) for own, G in zip(self.models, self.measured, strict=True))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters that count here: not those of other groups, nor those which this group has of its own."""
         return parameters_of(self.result, self.measured[0].configuration.name)
-
-    @property
-    def state_spaces(self) -> tuple[StateSpace, ...]:
-        """The linear models as control engineers write them."""
-        return tuple(state_space(linear, self.theta) for linear in self.linear)
 
 
 def models_by_group(
@@ -118,34 +108,9 @@ def models_by_group(
     models = {}
     for label, (fitted, members) in robots_by_group(result, robot, [G.configuration.name for G in measured]).items():
         its = [G for G in measured if G.configuration.name in members]
-        models[label] = _fitted(result, fitted, its, spec, (), f"{name}, {label}" if label else name)
+        of_all = FittedRobot.of(result, fitted, its, spec)
+        models[label] = replace(of_all, model=formulate(fitted, spec), name=f"{name}, {label}" if label else name)
     return models
-
-
-def _fitted(
-    result: Result,
-    robot: Robot,
-    measured: Sequence[Response],
-    spec: ModelSpec,
-    geometry: Collection[str],
-    name: str = "",
-) -> FittedRobot:
-    """geometry: coordinates that are parameters of the equations."""
-
-    def linearised(linearisation: Linearisation) -> tuple[LinearModel, ...]:
-        thetas = [_theta(result, linearisation.model, G.configuration.name) for G in measured]
-        return tuple(linear_model(linearisation, G, theta) for G, theta in zip(measured, thetas, strict=True))
-
-    linearisation, names = Linearisation.of_robot(robot, spec, geometry), result.parameters.names
-    linear = linearised(linearisation)
-    is_of_all = {*names} == {*linearisation.model.parameters, DELAY}
-    of_all = linear if is_of_all else linearised(Linearisation.of_robot(robot, spec, names))
-    differentiated = tuple(_at_estimate(result, own) for own in of_all)
-    return FittedRobot(result, linearisation.model, tuple(measured), linear, differentiated, name)
-
-
-def _at_estimate(result: Result, linear: LinearModel) -> FittedModel:
-    return FittedModel(linear, result.parameters, result.x, result.covariance)
 
 
 def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:

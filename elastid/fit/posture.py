@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -11,11 +12,10 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean, index_of
 from elastid.linear.equilibrium import equilibrium, rigid_posture
-from elastid.linear.fitted_model import Axes
+from elastid.linear.fitted_model import Axes, Doubt, Estimated, FittedModel
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
-from elastid.linear.loaded import moved_by, with_held_motors
-from elastid.linear.posture_model import Doubt, Estimated, Ports, PostureModel
+from elastid.linear.loaded import Ports, acted_on, moved_by
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.model.spec import ModelSpec
@@ -82,13 +82,9 @@ class Family:
         held = replace(robot, payload=asked.payload) if isinstance(asked.payload, Payload) else robot
         members = (name for doubt in doubts for name in doubt.members)
         linearisation = Linearisation.of_robot(held, spec, (*parameters.names, *members))
-        names = (*linearisation.model.parameters, DELAY)
-        carried = set(held.payload.numbers) if isinstance(asked.payload, Payload) and held.payload else set()
-        known = [name in parameters.names and name not in carried for name in names]
-        rows = np.flatnonzero(known)
-        places_of = np.array([parameters.names.index(names[row]) for row in rows], np.int64)
-        base = np.append(linearisation.model.theta, 0.0)
-        estimated = Estimated(parameters, x, covariance, names, base, rows, places_of, where, doubts)
+        names, base = (*linearisation.model.parameters, DELAY), np.append(linearisation.model.theta, 0.0)
+        carried = held.payload.numbers if isinstance(asked.payload, Payload) and held.payload else ()
+        estimated = Estimated.of(parameters, x, covariance, names, base, where, doubts, (*carried, DELAY))
         inputs = asked.inputs or tuple(f"force {frame} {axis}" for axis in "xyz")
         outputs = asked.outputs or tuple(f"frame {frame} {axis}" for axis in "xyz")
         frames = dict.fromkeys([frame, *(_frame_of(place) for place in (*inputs, *outputs) if _frame_of(place))])
@@ -105,10 +101,14 @@ class Family:
         """The equations."""
         return self.linearisation.model
 
-    @property
+    @cached_property
     def theta(self) -> FloatArray:
         """theta (n_theta,) of the equations at the estimate, SI."""
         return self.estimated.theta(self.estimated.x)[:-1]
+
+    @cached_property
+    def _moved(self) -> tuple[str, ...]:
+        return tuple(self.estimated.names[row] for row in self.estimated.moved)
 
     @property
     def quantity(self) -> Motion:
@@ -121,29 +121,35 @@ class Family:
             )
         return "acceleration"
 
-    def at(self, configuration: Configuration) -> PostureModel:
+    def at(self, configuration: Configuration) -> FittedModel:
         """The model about the equilibrium of a posture; StudyError where there is none."""
         index_of(self.quantity, tuple(MOTION_ORDER), "quantity")
         if self.asked.payload is False:
             configuration = replace(configuration, carries=False)
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)
-        ports = self._ports(configuration)
-        moving = np.eye(linear.n) if self.asked.motors != "held" else with_held_motors(linear.B)
-        if not moving.size:
+        moved = {name: linear.slopes[name] for name in self._moved if name in linear.slopes}
+        loop = self._loop(configuration) if self.asked.motors == "controlled" else None
+        whole = acted_on(replace(linear, slopes=moved), self._ports(configuration), self.asked.motors, loop)
+        if not whole.n:
             raise StudyError(
                 "fit/posture",
                 f"robot {self.robot.name} has no spring behind its motors, so that nothing moves while they are held; "
                 "ask with motors='free' or motors='controlled'",
             )
-        loop = self._loop(configuration) if self.asked.motors == "controlled" else None
-        return PostureModel(linear, self.estimated, ports, moving, self.asked.motors, self.model.coordinates, loop)
+        places = (*whole.inputs, *whole.outputs)
+        slides = tuple(place for place in places if place.startswith("force ") or place in linear.sliding)
+        whole = replace(whole, gains=(), sliding=slides)
+        return FittedModel(whole, self.estimated, self.model.coordinates, self.frame, self.asked.axes)
 
     def _ports(self, configuration: Configuration) -> Ports:
+        """Ports with the motion of the frame behind the outputs."""
         model, theta = self.model, self.theta
-        q = equilibrium(model, theta, configuration).q[None, : len(self.robot.joints)]
-        turned = model.robot_at(theta)
         rows = {place: i for i, place in enumerate(self.places)}
-        motors = [place for place in self.inputs if place.startswith("motor ")]
+        motors, turned = [place for place in self.inputs if place.startswith("motor ")], {}
+        if self.asked.axes == "world":
+            q = equilibrium(model, theta, configuration).q[None, : len(self.robot.joints)]
+            names = dict.fromkeys(filter(None, map(_frame_of, self.places)))
+            turned = {name: frame_poses(model.robot_at(theta), q, name).rotation[0] for name in names}
 
         def row(place: str) -> FloatArray:
             """Row of a place, as a sum of `places`."""
@@ -153,8 +159,7 @@ class Family:
                 weights[rows[place]] = 1.0
                 return weights
             name, _, axis = rest.rpartition(" ")
-            R = frame_poses(turned, q, name).rotation[0]
-            for own, share in zip("xyz", R["xyz".index(axis[-1])], strict=True):
+            for own, share in zip("xyz", turned[name]["xyz".index(axis[-1])], strict=True):
                 weights[rows[f"{kind} {name} {axis[:-1]}{own}"]] = share
             return weights
 
@@ -162,11 +167,8 @@ class Family:
         acting = [moved_by(place) for place in self.inputs]
         act = np.array([np.zeros(len(rows)) if place in motors else row(place) for place in acting])
         by_motor = np.array([[float(place == motor) for motor in model.inputs] for place in self.inputs])
-        read = np.array([row(place) for place in self.outputs])
-        at_frame = np.array([row(f"frame {self.frame} {axis}") for axis in FRAME_AXES])
-        slides = [*(place for place in self.inputs if place.startswith("force "))]
-        sliding = (*slides, *self.robot.sliding((*self.outputs, *motors)))
-        return Ports(self.inputs, self.outputs, act, by_motor, read, at_frame, self.frame, self.asked.axes, sliding)
+        outputs = (*self.outputs, *(f"frame {self.frame} {axis}" for axis in FRAME_AXES))
+        return Ports(self.inputs, outputs, act, by_motor, np.array([row(place) for place in outputs]))
 
     def _loop(self, configuration: Configuration) -> JointLoop:
         given = self.asked.controller

@@ -19,9 +19,8 @@ from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_o
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.linear.fitted_model import Axes, FittedModel
+from elastid.linear.fitted_model import Axes, Doubt, FittedModel
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.posture_model import Doubt, PostureModel
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion, Motors
@@ -422,7 +421,7 @@ class Result:
         names = [linear.configuration.name for linear in self.linear]
         name = configuration.name if isinstance(configuration, Configuration) else str(configuration)
         linear = self.linear[index_of(name, names, "fitted model of configuration")]
-        return FittedModel(linear, self.parameters, self.x, self.covariance)
+        return FittedModel.of(linear, self.parameters, self.x, self.covariance)
 
     def at(
         self,
@@ -436,7 +435,7 @@ class Result:
         axes: Axes = "own",
         quantity: Motion | None = None,
         controller: Any = None,
-    ) -> PostureModel:
+    ) -> FittedModel:
         """The fitted robot in any posture, at rest under gravity and payload: its responses, modes and stiffness.
 
         posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a

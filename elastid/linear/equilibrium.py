@@ -231,41 +231,33 @@ def _faults(
         )
 
 
-@frozen_value
-class Preload:
-    """The springs at rest, in the order of `joints`: deflection (rad, m), tangent (Nm/rad, N/m), (n_s,) each."""
-
-    joints: tuple[str, ...]
-    deflection: FloatArray
-    tangent: FloatArray
-
-
-def preloads(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[Preload, ...]:
-    """The springs of a robot at each operating point; theta (n_theta,): model.parameters, SI."""
+def preloads(
+    model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]
+) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Joints with springs; deflection in rad or m and tangent stiffness (n_s, P) of these at operating points."""
     q, symbols = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters))
     named = dict(zip(model.parameters, ca.vertsplit(symbols), strict=True))
     deflection = deflections(model.robot, q)
-    tangent = tangents(deflection, named)
-    function = ca.Function("preload", [q, symbols], [ca.vertcat(*deflection.values()), ca.vertcat(*tangent.values())])
-    at_points = (function(point.q, theta) for point in points)
-    return tuple(Preload(tuple(deflection), x.full().ravel(), k.full().ravel()) for x, k in at_points)
+    laws = ca.vertcat(*deflection.values()), ca.vertcat(*tangents(deflection, named).values())
+    at_points = ca.Function("preload", [q, symbols], [ca.densify(law) for law in laws]).map(len(points))
+    x, k = at_points(np.transpose([point.q for point in points]), np.tile(theta[:, None], len(points)))
+    return tuple(deflection), x.full(), k.full()
 
 
 def spring_notes(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[Note, ...]:
     """A note for each joint that rests inside its backlash, with the configurations."""
-    if all(joint.spring is None or joint.spring.is_linear for joint in model.robot.joints):
+    if not points or all(joint.spring is None or joint.spring.is_linear for joint in model.robot.joints):
         return ()
     values = dict(zip(model.parameters, np.asarray(theta, dtype=float).tolist(), strict=True))
-    names = [point.configuration.name for point in points]
-    loads = preloads(model, theta, points)
     notes: list[Note] = []
-    for i, joint in enumerate(loads[0].joints if loads else ()):
-        x, k = np.array([load.deflection[i] for load in loads]), np.array([load.tangent[i] for load in loads])
+    for joint, x, k in zip(*preloads(model, theta, points), strict=True):
         b = values.get(f"b_{joint}", 0.0)
         inside = np.flatnonzero(np.abs(x) < b + LIMITS.flank * (values.get(f"e_{joint}", 0.0) * b))
         if inside.size:
             angle = model.robot.parameters()[f"b_{joint}"][1]
-            resting = ", ".join(f"{names[i]} (deflected by {x[i]:.2g} {angle})" for i in inside)
+            resting = ", ".join(
+                f"{points[i].configuration.name} (deflected by {x[i]:.2g} {angle})" for i in inside.tolist()
+            )
             share = k[inside] / values[f"k_{joint}"]
             text = (
                 f"joint {joint} rests inside its backlash of +-{b:.2g} {angle} in {resting}: the response depends on "

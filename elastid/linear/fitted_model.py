@@ -1,39 +1,139 @@
-r"""Fitted modes, responses and stiffness with their standard deviations: of a configuration, and in any posture.
+r"""FittedModel: a fitted robot about a posture, between forces, torques and motions, with standard deviations.
+
+.. math:: G(s) = s^k\, [C + T / s^2]\, [s^2 M + s D + K + \Delta / s]^{-1} B, \qquad
+          \text{static: } J K^{-1} J^T
+
+J (6, n): velocity of the origin of a frame and its angular velocity, so that a force is J^T F. Of a configuration that
+was fitted the inputs and outputs are those measured, drives and sensors in between. Of any other posture
+(`Result.at`) they are forces, torques and motions anywhere, without delay, lags and gains; its coordinates are those
+that can move: with the motors held (brakes) the links', with the motors free all, with the motors controlled all, the
+controller's gains part of K and D and its integral Delta. Deviations of modes are of first order,
 
 .. math:: \frac{d\lambda}{dx} = - \frac{\phi^T (\lambda^2\, dM + \lambda\, dD + dK)\, \phi}
                                         {\phi^T (2 \lambda M + D)\, \phi}, \qquad
           \mathrm{cov}\, y = \frac{dy}{dx}\, \mathrm{cov}\, x\, \frac{dy}{dx}^H
 
-to first order; M, D, K are symmetric, so that left and right eigenvectors are one (Adhikari, JSV 2000, 10).
+where M, D, K are symmetric, so that left and right eigenvectors are one (Adhikari, JSV 2000, 10); those of bands and of
+stiffness are of draws where these do not agree with the first order.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, degrees, number
-from elastid.base.statistics import By, principal_axes
+from elastid.base.errors import StudyError
+from elastid.base.statistics import By, principal_axes, propagate
 from elastid.linear.linear_model import LinearModel, StateSpace, state_space
-from elastid.linear.modes import Modes, modes, modes_display
+from elastid.linear.modes import Modes, modes, modes_display, shapes_of_all
 from elastid.linear.response.kernel import Kernel
-from elastid.linear.response.transfer import checked_frequencies, to_response
+from elastid.linear.response.transfer import checked_frequencies, frequency_response, to_response
 from elastid.parameters import Parameters
+from elastid.record import HeldTorque
 from elastid.response import Response
 from elastid.robot import FRAME_AXES
 
+Axes: TypeAlias = Literal["own", "world"]
 
-@dataclass(frozen=True)
-class UncertainModes:
-    """Natural frequencies (n_m,) in Hz and damping ratios (n_m,) with their standard deviations."""
 
-    freq_hz: FloatArray
-    freq_std: FloatArray
-    zeta: FloatArray
-    zeta_std: FloatArray
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """An explanation of a misfit, as an error of unit variance: numbers that the fit held move by their steps.
+
+    effects (n_x,): and with them the parameters.  members: the numbers; steps of each, of its logarithm where `log`.
+    """
+
+    effects: FloatArray
+    members: tuple[str, ...]
+    steps: tuple[float, ...]
+    log: tuple[bool, ...]
+
+    def moved(self, name: str, value: float, size: float) -> float:
+        """The number of a member at so many steps."""
+        i = self.members.index(name)
+        return value * float(np.exp(size * self.steps[i])) if self.log[i] else value + size * self.steps[i]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimated:
+    """theta (n_theta,) of a linear model as a function of x (n_x + n_d,): parameters, then the sizes of doubts.
+
+    fit_x (n_x,), fit_covariance (n_x, n_x): of the fit.  names: of theta.  base (n_theta,): numbers that are no
+    parameters of the fit.  rows, places: which are, and where in its theta.  where: the configuration whose parameters
+    count.
+    """
+
+    parameters: Parameters
+    fit_x: FloatArray
+    fit_covariance: FloatArray
+    names: tuple[str, ...]
+    base: FloatArray
+    rows: IntArray
+    places: IntArray
+    where: str = ""
+    doubts: tuple[Doubt, ...] = ()
+
+    @classmethod
+    def of(
+        cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
+        where: str = "", doubts: tuple[Doubt, ...] = (), held: Collection[str] = (),
+    ) -> Estimated:  # fmt: skip
+        """Numbers of a fit; held: names that keep their base."""
+        known = [i for i, name in enumerate(names) if name in parameters.names and name not in held]
+        places = [parameters.names.index(names[i]) for i in known]
+        return cls(
+            parameters, x, covariance, names, base, np.array(known, int), np.array(places, int), where, doubts
+        )  # fmt: skip
+
+    @cached_property
+    def x(self) -> FloatArray:
+        """The estimate (n_x + n_d,)."""
+        return np.append(self.fit_x, np.zeros(len(self.doubts)))
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Covariance of x (n_x + n_d, n_x + n_d)."""
+        n, whole = len(self.fit_x), np.eye(len(self.x))
+        whole[:n, :n] = self.fit_covariance
+        return whole
+
+    def theta(self, x: FloatArray) -> FloatArray:
+        """theta (n_theta,) at x (n_x + n_d,), SI."""
+        n, theta = len(self.fit_x), self.base.copy()
+        own = x[:n] + sum((size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n))
+        theta[self.rows] = self.parameters.expand(own, self.where)[self.places]
+        for size, doubt in zip(x[n:].tolist(), self.doubts, strict=True):
+            for name in doubt.members:
+                if name in self.names:
+                    row = self.names.index(name)
+                    theta[row] = doubt.moved(name, float(theta[row]), size)
+        return theta
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """d theta / d x (n_theta, n_x + n_d) at the estimate."""
+        slopes = np.zeros((len(self.base), len(self.x)))
+        of_x = self.parameters.jacobian(self.fit_x, self.where)[self.places]
+        slopes[self.rows, : len(self.fit_x)] = of_x
+        theta = self.theta(self.x)
+        for column, doubt in enumerate(self.doubts, start=len(self.fit_x)):
+            slopes[self.rows, column] = of_x @ doubt.effects
+            for name, step, is_log in zip(doubt.members, doubt.steps, doubt.log, strict=True):
+                if name in self.names:
+                    row = self.names.index(name)
+                    slopes[row, column] += step * theta[row] if is_log else step
+        return slopes
+
+    @cached_property
+    def moved(self) -> IntArray:
+        """Rows of theta that x moves."""
+        return np.flatnonzero(np.any(self.slopes, axis=1))
 
 
 def known_axes(covariance: FloatArray) -> FloatArray:
@@ -55,95 +155,23 @@ def _deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 @frozen_value
-class FittedModel:
-    """A linear model at the estimate x (n_x,) of its parameters, of covariance (n_x, n_x)."""
+class UncertainModes(Modes):
+    """Modes with standard deviations (n_m,) of frequencies in Hz and damping ratios; shapes (n_q, n_m) of all.
 
-    linear: LinearModel
-    parameters: Parameters
-    x: FloatArray
-    covariance: FloatArray
+    coordinates: names of the robot's, where they are known.
+    """
+
+    freq_std: FloatArray
+    zeta_std: FloatArray
+    coordinates: tuple[str, ...] = ()
 
     __repr__, _repr_html_ = as_text, as_html
 
     @property
     def display(self) -> Display:
-        """The modes with their standard deviations."""
-        uncertain, linear = self.uncertain_modes(), self.linear
-        title = (
-            f"FittedModel of {linear.configuration.name} ({degrees(linear.configuration.angles.tolist())}): "
-            f"{linear.quantity} of {', '.join(linear.outputs)} by {', '.join(linear.inputs)}"
-        )
-        return modes_display(title, uncertain.freq_hz, uncertain.freq_std, uncertain.zeta, uncertain.zeta_std)
-
-    @property
-    def theta(self) -> FloatArray:
-        """The fitted numbers (n_theta,) in this configuration, SI, in the order of the linear model."""
-        return self.parameters.expand(self.x, self.linear.configuration.name)
-
-    def response(self, freq_hz: FloatArray, *, sampled: bool = False) -> Response:
-        """The frequency response at freq_hz (F,), or at one, between the inputs and outputs that were measured.
-
-        Without the delay these are the numbers of `to_control`.  sampled: with the images of torques that are held and
-        angles that are sampled, as a measured response contains them: 0.1 % at an eighth of the rate.
-        """
-        linear = self.linear if sampled else replace(self.linear, hold=None)
-        return to_response(linear, self.theta, freq_hz)
-
-    def response_std(self, freq_hz: FloatArray) -> FloatArray:
-        """Standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) of `response` by that of the parameters, to first order."""
-        J = self._response_slopes(freq_hz)
-        flat = J.reshape(len(J), -1).T
-        parts = (_deviation(part, self.covariance) for part in (flat.real, flat.imag))
-        return np.asarray(np.hypot(*parts).reshape(J.shape[1:]))
-
-    def response_shifts(self, freq_hz: FloatArray) -> ComplexArray:
-        """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions."""
-        return np.asarray(np.tensordot(known_axes(self.covariance), self._response_slopes(freq_hz), axes=1))
-
-    def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
-        """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
-        where = self.linear.configuration.name
-        kernel = Kernel(self.linear, checked_frequencies(freq_hz), self.parameters.moved(where))
-        moved = [self.parameters.index(name) for name in kernel.wanted]
-        slopes = self.parameters.jacobian(self.x, where)[moved]
-        return np.asarray(np.tensordot(slopes.T, kernel.evaluate(self.theta)[1], axes=1))
-
-    def modes(self) -> Modes:
-        """Natural frequencies, damping ratios and shapes with the motors free."""
-        return modes(self.linear, self.theta)
-
-    def uncertain_modes(self) -> UncertainModes:
-        """Frequencies and damping ratios of `modes` with their deviations; infinite where they need infinite ones."""
-        theta, natural = self.theta, self.modes()
-        omega, poles, phi = 2 * np.pi * natural.freq_hz, natural.poles, natural.shapes
-
-        def form(A: FloatArray) -> ComplexArray:
-            return np.asarray(np.einsum("nm,nk,km->m", phi, A, phi))
-
-        M, D, _ = self.linear.matrices(theta)
-        norm = 2 * poles * form(M) + form(D)
-        of_theta = np.zeros((len(poles), len(theta)), complex)
-        for name, slope in self.linear.slopes.items():
-            parts = enumerate((slope.K, slope.D, slope.M))
-            change = sum(poles**power * form(matrix) for power, matrix in parts if matrix is not None)
-            of_theta[:, self.linear.parameters.index(name)] = -change / norm
-        slopes = of_theta @ self.parameters.jacobian(self.x, self.linear.configuration.name)
-        # d|lambda| = Re(conj(lambda) dlambda) / |lambda|; zeta = -Re lambda / |lambda|.
-        d_omega = (poles.conj()[:, None] * slopes).real / omega[:, None]
-        d_zeta = -(slopes.real + natural.zeta[:, None] * d_omega) / omega[:, None]
-        freq_std, zeta_std = (_deviation(each, self.covariance) for each in (d_omega / (2 * np.pi), d_zeta))
-        return UncertainModes(natural.freq_hz, freq_std, natural.zeta, zeta_std)
-
-    def state_space(self) -> StateSpace:
-        """A, B, C, D and the delay of the torque; StudyError as `linear.statespace.state_space`."""
-        return state_space(self.linear, self.theta)
-
-    def to_control(self, pade: int | None = None) -> Any:
-        """The model as `control.StateSpace`, as by `StateSpace.to_control`."""
-        return self.state_space().to_control(pade)
-
-
-Axes: TypeAlias = Literal["own", "world"]
+        """Frequency and damping ratio of each mode with their standard deviations."""
+        columns = self.freq_hz, self.freq_std, self.zeta, self.zeta_std
+        return modes_display(f"{len(self.freq_hz)} modes", *columns)
 
 
 @frozen_value
@@ -170,27 +198,6 @@ class ResponseBand:
     def G(self) -> ComplexArray:
         """The response (F, n_y, n_u)."""
         return self.response.G
-
-
-@frozen_value
-class PostureModes(UncertainModes):
-    """Oscillating modes by rising frequency with standard deviations, and shapes (n_q, n_m).
-
-    shapes: in `coordinates`, all of the robot's, largest entry 1.
-    """
-
-    shapes: ComplexArray
-    coordinates: tuple[str, ...]
-    real_poles: FloatArray
-    by: By
-
-    __repr__, _repr_html_ = as_text, as_html
-
-    @property
-    def display(self) -> Display:
-        """Frequency and damping ratio of each mode with their standard deviations."""
-        columns = self.freq_hz, self.freq_std, self.zeta, self.zeta_std
-        return modes_display(f"{len(self.freq_hz)} modes", *columns)
 
 
 @frozen_value
@@ -228,3 +235,151 @@ class FrameStiffness:
         ]
         heads = ("direction", "compliance in m/N, rad/(N*m)", "std", "its inverse")
         return Display(f"Static compliance of {self.frame}, {self.axes} axes", heads, rows)
+
+
+@frozen_value(eq=False)
+class FittedModel:
+    """A linear model at the estimate of its parameters; link side, SI.
+
+    whole: of a posture with the motion (6,) of a `frame`, in `axes`, behind its outputs.  coordinates: names of the
+    robot's, n_q.
+    """
+
+    whole: LinearModel
+    estimated: Estimated
+    coordinates: tuple[str, ...] = ()
+    frame: str = ""
+    axes: Axes = "own"
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @classmethod
+    def of(cls, linear: LinearModel, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> FittedModel:
+        """A configuration that was fitted; covariance (n_x, n_x) of x (n_x,)."""
+        none, where = np.zeros(len(linear.parameters)), linear.configuration.name
+        return cls(linear, Estimated.of(parameters, x, covariance, linear.parameters, none, where))
+
+    @cached_property
+    def linear(self) -> LinearModel:
+        """The linear model between inputs and outputs."""
+        n = len(self.whole.outputs) - len(FRAME_AXES)
+        return self.whole.with_outputs(range(n)) if self.frame else self.whole
+
+    @property
+    def display(self) -> Display:
+        """Posture, motors, ports and modes."""
+        linear, found = self.linear, self.modes().display
+        title = (
+            f"FittedModel of {linear.configuration.name} ({degrees(linear.configuration.angles.tolist())}), motors "
+            f"{linear.motors}: {linear.quantity} of {', '.join(linear.outputs)} by {', '.join(linear.inputs)}"
+        )
+        return Display(title, found.headings, found.rows)
+
+    @property
+    def theta(self) -> FloatArray:
+        """The fitted numbers (n_theta,), SI, in the order of the linear model."""
+        return self.estimated.theta(self.estimated.x)
+
+    def response(self, freq_hz: FloatArray, *, sampled: bool = False, sampled_hz: float | None = None) -> Response:
+        """The frequency response at freq_hz (F,), or at one.
+
+        Without the delay these are the numbers of `to_control`.  sampled: with the images of torques that are held and
+        angles that are sampled, as a measured response contains them: 0.1 % at an eighth of the rate.  sampled_hz: with
+        those of inputs that are held, and outputs that are sampled, at this rate, as a drive and its log do.
+        ValueError for frequencies that are not positive.
+        """
+        hold = self.linear.hold if sampled else None
+        if sampled_hz is not None:
+            hold = HeldTorque((float(sampled_hz),) * len(self.linear.inputs), (True,) * len(self.linear.outputs))
+        return to_response(replace(self.linear, hold=hold), self.theta, checked_frequencies(freq_hz))
+
+    def response_band(self, freq_hz: FloatArray, level: float = 0.95) -> ResponseBand:
+        """The response at freq_hz (F,) with its pointwise and simultaneous bands of probability `level`."""
+        response, plain = self.response(freq_hz), replace(self.linear, hold=None)
+        spread = self._spread(lambda theta: frequency_response(plain, theta, response.freq_hz))
+        pointwise, simultaneous = spread.radii(level)
+        return ResponseBand(response, spread.std, pointwise, simultaneous, level, spread.by)
+
+    def response_std(self, freq_hz: FloatArray) -> FloatArray:
+        """Standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) of `response` by that of the parameters, to first order."""
+        if self.linear.integral is not None:
+            return self.response_band(freq_hz).std
+        J = self._response_slopes(freq_hz)
+        flat = J.reshape(len(J), -1).T
+        parts = (_deviation(part, self.estimated.covariance) for part in (flat.real, flat.imag))
+        return np.asarray(np.hypot(*parts).reshape(J.shape[1:]))
+
+    def response_shifts(self, freq_hz: FloatArray) -> ComplexArray:
+        """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions."""
+        return np.asarray(np.tensordot(known_axes(self.estimated.covariance), self._response_slopes(freq_hz), axes=1))
+
+    def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
+        """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
+        moved = self.estimated.moved
+        kernel = Kernel(self.linear, checked_frequencies(freq_hz), tuple(self.estimated.names[row] for row in moved))
+        return np.asarray(np.tensordot(self.estimated.slopes[moved].T, kernel.evaluate(self.theta)[1], axes=1))
+
+    def modes(self) -> UncertainModes:
+        """Natural frequencies, damping ratios and shapes of what can move, an integral of a controller left out.
+
+        Standard deviations are infinite where they need infinite ones.
+        """
+        theta, linear, natural = self.theta, self.linear, modes(self.linear, self.theta)
+        omega, poles, phi = 2 * np.pi * natural.freq_hz, natural.poles, natural.shapes
+
+        def form(A: FloatArray) -> ComplexArray:
+            return np.asarray(np.einsum("nm,nk,km->m", phi, A, phi))
+
+        M, D, _ = linear.matrices(theta)
+        norm = 2 * poles * form(M) + form(D)
+        of_theta = np.zeros((len(poles), len(theta)), complex)
+        for name, slope in linear.slopes.items():
+            parts = enumerate((slope.K, slope.D, slope.M))
+            change = sum(poles**power * form(matrix) for power, matrix in parts if matrix is not None)
+            of_theta[:, linear.parameters.index(name)] = -change / norm
+        slopes = of_theta @ self.estimated.slopes
+        # d|lambda| = Re(conj(lambda) dlambda) / |lambda|; zeta = -Re lambda / |lambda|.
+        d_omega = (poles.conj()[:, None] * slopes).real / omega[:, None]
+        d_zeta = -(slopes.real + natural.zeta[:, None] * d_omega) / omega[:, None]
+        freq_std, zeta_std = (_deviation(each, self.estimated.covariance) for each in (d_omega / (2 * np.pi), d_zeta))
+        return UncertainModes(
+            natural.freq_hz, natural.zeta, shapes_of_all(linear, phi), natural.real_poles, freq_std, zeta_std,
+            self.coordinates,
+        )  # fmt: skip
+
+    def stiffness(self) -> FrameStiffness:
+        """Static stiffness and compliance (6, 6) of the frame, in its axes, with standard deviations.
+
+        StudyError where motors are free, which give way to any force.
+        """
+        whole = self.whole
+        if not self.frame or whole.motors == "free":
+            raise StudyError(
+                "fit/posture",
+                "a robot with free motors gives way to any constant force and has no stiffness; take `result.at` with "
+                "motors='held' (brakes) or motors='controlled'",
+            )
+
+        def compliance(theta: FloatArray) -> FloatArray:
+            K, J = whole.matrices(theta)[2], whole.readout(theta)[0][-len(FRAME_AXES) :]
+            return np.asarray(J @ np.linalg.solve(K, J.T))
+
+        C, matrix, std = self._spread(compliance), np.full((6, 6), np.nan), np.full((6, 6), np.nan)
+        length = float(np.sqrt(C.value.trace() / max(C.value[3:, 3:].trace(), 1e-300)))  # m and rad on one scale
+        scale = np.diag([1.0] * 3 + [length] * 3)
+        if np.linalg.cond(scale @ C.value @ scale) <= 1e10:
+            stiffness = self._spread(lambda theta: np.linalg.inv(compliance(theta)))
+            matrix, std = stiffness.value, stiffness.std
+        return FrameStiffness(C.value, C.std, matrix, std, self.frame, self.axes, C.by)
+
+    def _spread(self, function: Any) -> Any:
+        known = self.estimated
+        return propagate(lambda x: function(known.theta(x)), known.x, known.covariance)
+
+    def state_space(self) -> StateSpace:
+        """A, B, C, D and the delay of the torque; StudyError as `linear.linear_model.state_space`."""
+        return state_space(self.linear, self.theta)
+
+    def to_control(self, pade: int | None = None) -> Any:
+        """The model as `control.StateSpace`, as by `StateSpace.to_control`."""
+        return self.state_space().to_control(pade)

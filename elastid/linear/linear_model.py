@@ -152,7 +152,8 @@ class LinearModel:
     chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
     was eliminated.  gains: names of the parameters that are gains of channels.  hold: torques of which the response
     contains images; None for the motion itself.  sliding: inputs and outputs that translate, in N and m instead of Nm
-    and rad.  motors, loop: of a `Response`, already in M, D, K.  Link side, SI.
+    and rad.  motors, loop: of a `Response`, already in M, D, K.  integral (n, n): Delta of a controller, whose force is
+    -Delta / s q.  Link side, SI.
     """
 
     configuration: Configuration
@@ -175,6 +176,7 @@ class LinearModel:
     sliding: tuple[str, ...] = ()
     motors: Motors = "free"
     loop: JointLoop | None = None
+    integral: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes; without T no output is an accelerometer."""
@@ -333,14 +335,16 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
         )
     (M, D, K), (C, tilt) = model.matrices(theta), model.readout(theta)
     n, n_u = model.B.shape
-    motion = np.linalg.solve(M, np.hstack([-K, -D, model.B]))  # q'' = motion [q; q'; u]
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [motion[:, : 2 * n]]])
-    B = np.vstack([np.zeros((n, n_u)), motion[:, 2 * n :]])
-    still, through = np.zeros_like(C), np.zeros((len(C), n_u))
+    drift = () if model.integral is None else (-model.integral,)  # of further states z, z' = q
+    m = (2 + len(drift)) * n
+    motion, q, v = np.linalg.solve(M, np.hstack([-K, -D, *drift, model.B])), np.eye(n, m), np.eye(n, m, n)
+    A = np.vstack([v, motion[:, :m], *(q for _ in drift)])  # q'' = motion [q; q'; z; u]
+    B = np.zeros((m, n_u))
+    B[n : 2 * n] = motion[:, m:]
     C, D_y = {
-        "position": (np.hstack([C, still]), through),
-        "velocity": (np.hstack([still, C]), through),
-        "acceleration": (C @ motion[:, : 2 * n] + np.hstack([tilt, still]), C @ motion[:, 2 * n :]),
+        "position": (C @ q, np.zeros((len(C), n_u))),
+        "velocity": (C @ v, np.zeros((len(C), n_u))),
+        "acceleration": (C @ motion[:, :m] + tilt @ q, C @ motion[:, m:]),
     }[model.quantity]
     of_outputs, of_inputs = model.channel_gains(theta)
     B, C, D_y = B * of_inputs, of_outputs[:, None] * C, of_outputs[:, None] * D_y * of_inputs

@@ -138,12 +138,13 @@ def total(
     """
     totals = dict(slopes)
     for name in dict.fromkeys((*moved.Z, *moved.C, *moved.T)):
-        dZ = moved.Z.get(name, np.zeros_like(Z))
-        held = totals.get(name, Slope())
-        turned = {letter: dZ.T @ matrices[letter] @ Z for letter in "MDK"}
-        parts = {letter: _sum(getattr(held, letter), part + part.T) for letter, part in turned.items()}
-        for letter, own in (("C", moved.C), ("T", moved.T)):
-            parts[letter] = _sum(own[name] @ Z if name in own else None, matrices[letter] @ dZ)
+        held, dZ = totals.get(name, Slope()), moved.Z.get(name)
+        parts: dict[str, FloatArray | None] = {}
+        parts |= {letter: own[name] @ Z for letter, own in (("C", moved.C), ("T", moved.T)) if name in own}
+        if dZ is not None:
+            turned = {letter: dZ.T @ matrices[letter] @ Z for letter in "MDK"}
+            parts |= {letter: _sum(getattr(held, letter), part + part.T) for letter, part in turned.items()}
+            parts |= {letter: _sum(parts.get(letter), matrices[letter] @ dZ) for letter in "CT"}
         totals[name] = replace(held, **parts)
     return totals
 

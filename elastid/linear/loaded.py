@@ -13,7 +13,7 @@ axes of the base.
 Forces and torques at frames as inputs of a linear model, with its motors held, free or controlled.
 
 .. math:: B = J^T, \qquad \text{held: } q = N y, \; B_m^T N = 0, \qquad
-          \text{controlled: } K + B_m k_p B_m^T, \; D + B_m k_d B_m^T
+          \text{controlled: } K + B_m (k_p + k_i k_d) B_m^T, \; D + B_m k_d B_m^T, \; \Delta = B_m k_i k_p B_m^T
 
 J: velocity of a frame's origin, or its angular velocity, so that a force at a place works on its motion.  B_m: of the
 motors.
@@ -207,23 +207,46 @@ def with_held_motors(B: FloatArray) -> FloatArray:
     return null_space(B.T)
 
 
-def acted_on(model: LinearModel, inputs: tuple[str, ...], motors: Motors, loop: JointLoop | None) -> LinearModel:
-    """Model under forces at frames, whose motions are among its outputs; no chain of drives is in it."""
-    K, D = model.K, model.D
+@dataclass(frozen=True, eq=False)
+class Ports:
+    """Forces and motions as sums of the places of a linear model.
+
+    act (n_u, n_p), by_motor (n_u, n_m): forces at its outputs, torques of its motors.  read (n_y, n_p): of its outputs.
+    """
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    act: FloatArray
+    by_motor: FloatArray
+    read: FloatArray
+
+    @classmethod
+    def at_frames(cls, model: LinearModel, inputs: tuple[str, ...]) -> Ports:
+        """Forces on motions that are among the outputs of a model, which are read as they are."""
+        same = np.eye(len(model.outputs))
+        rows = [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
+        return cls(inputs, model.outputs, same[rows], np.zeros((len(rows), len(model.inputs))), same)
+
+
+def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop | None) -> LinearModel:
+    """Model between ports; no chain of drives is in it."""
+    K, D, integral = model.K, model.D, None
     if motors == "controlled" and loop is not None:
-        K, D = (A + (model.B * gain) @ model.B.T for A, gain in ((K, loop.kp), (D, loop.kd)))
+        gains = loop.kp + loop.ki * loop.kd, loop.kd, loop.ki * loop.kp
+        stiffness, damping, drift = ((model.B * gain) @ model.B.T for gain in gains)
+        K, D, integral = K + stiffness, D + damping, drift if np.any(drift) else None
     N = with_held_motors(model.B) if motors == "held" else np.eye(model.n)
-    rows = [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
-    slopes = {name: _on(slope, N, rows) for name, slope in model.slopes.items()}
+    slopes = {name: _on(slope, N, ports) for name, slope in model.slopes.items()}
     M, D, K = (projected(N, A) for A in (model.M, D, K))
+    B, C, T = N.T @ (ports.act @ model.C + ports.by_motor @ model.B.T).T, ports.read @ model.C @ N, model.tilt @ N
     return replace(
-        model, M=M, D=D, K=K, B=(model.C[rows] @ N).T, C=model.C @ N, T=model.tilt @ N, Z=np.asarray(model.Z) @ N,
-        slopes=slopes, inputs=inputs, chain=(), motors=motors, loop=loop,
+        model, M=M, D=D, K=K, B=B, C=C, T=ports.read @ T, Z=np.asarray(model.Z) @ N, slopes=slopes,
+        inputs=ports.inputs, outputs=ports.outputs, chain=(), motors=motors, loop=loop, integral=integral,
     )  # fmt: skip
 
 
-def _on(slope: Slope, N: FloatArray, rows: list[int]) -> Slope:
+def _on(slope: Slope, N: FloatArray, ports: Ports) -> Slope:
     M, D, K = (None if A is None or not np.any(N.T @ A) else projected(N, A) for A in (slope.M, slope.D, slope.K))
-    C, T = (None if part is None else part @ N for part in (slope.C, slope.T))
-    B = None if C is None or not np.any(C[rows]) else C[rows].T
-    return Slope(M, D, K, C, T, B)
+    C, T = (None if part is None else ports.read @ part @ N for part in (slope.C, slope.T))
+    B = None if slope.C is None else N.T @ (ports.act @ slope.C).T
+    return Slope(M, D, K, C, T, B if B is not None and np.any(B) else None)

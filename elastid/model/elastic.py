@@ -27,7 +27,7 @@ Conventions, for all of `model`, `linear` and `simulation`:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -117,13 +117,7 @@ class ElasticModel:
 
     def robot_at(self, theta: FloatArray) -> Robot:
         """The robot with the geometry of theta (n_theta,); StudyError where no robot has it."""
-        if not self.geometry:
-            return self.robot
-        values = dict(zip(self.parameters, np.asarray(theta, dtype=float).tolist(), strict=True))
-        try:
-            return self.robot.with_parameters({name: values[name] for name in self.geometry})
-        except ValueError as error:
-            raise StudyError("robot/loops", str(error)) from None
+        return _robot_at(self, np.asarray(theta, dtype=float).tobytes()) if self.geometry else self.robot
 
     @property
     def passive(self) -> IntArray:
@@ -177,3 +171,12 @@ class ElasticModel:
                 g = gravity[3 * names.index(name) : 3 * names.index(name) + 3]
                 T[-1] = -(ca.skew(g) @ turning)["xyz".index(axis), :]
         return ca.vertcat(*C), ca.vertcat(*T)
+
+
+@lru_cache(maxsize=8)
+def _robot_at(model: ElasticModel, theta: bytes) -> Robot:
+    values = dict(zip(model.parameters, np.frombuffer(theta).tolist(), strict=True))
+    try:
+        return model.robot.with_parameters({name: values[name] for name in model.geometry})
+    except ValueError as error:
+        raise StudyError("robot/loops", str(error)) from None

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -116,8 +117,11 @@ def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
     return point_jacobians(layout, R, p, seat.frame, placed(R, p, seat.frame, seat.p, len(q)))
 
 
+_tree = lru_cache(maxsize=8)(tree)
+
+
 def _seated(robot: Robot, q: FloatArray, name: str) -> tuple[Tree, Attachment, list[FloatArray], list[FloatArray]]:
-    layout = tree(robot)
+    layout = _tree(robot)
     seats = {body.name: seat for body, seat in zip(robot.all_bodies, layout.attachments, strict=True)}
     seats |= {frame.name: seat for frame, seat in zip(robot.frames, layout.named, strict=True)}
     if name not in seats:

@@ -16,7 +16,6 @@ from elastid.design.forecast import Forecast, LimitUse
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
-from elastid.linear.response.transfer import to_response
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.report.modes import ModeRow, measured_modes_row
@@ -157,15 +156,13 @@ def model_lines(
 
 def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]:
     """Model of each measured configuration on `model_lines`, and its standard deviation (L, n_y, n_u)."""
-    models, modes = [], fitted.uncertain_modes
+    models = []
     most = MAX_VALUES // max(sum(G.G[0].size for G in fitted.measured), 1)
-    for linear, differentiated, measured, mode in zip(
-        fitted.linear, fitted.differentiated, fitted.measured, modes, strict=True
-    ):
+    for own, measured in zip(fitted.models, fitted.measured, strict=True):
+        mode = own.modes()
         lines = model_lines(measured.freq_hz, mode.freq_hz.tolist(), mode.zeta.tolist(), most)
-        theta = fitted.theta_of(linear.configuration.name)
-        response = replace(to_response(linear, theta, lines), rate_is_known=measured.rate_is_known)
-        models.append((response, differentiated.response_std(lines)))
+        response = replace(own.response(lines, sampled=True), rate_is_known=measured.rate_is_known)
+        models.append((response, own.response_std(lines)))
     return tuple(models)
 
 

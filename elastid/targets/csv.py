@@ -16,8 +16,6 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.escape import file_name
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction_study.result import FrictionResult
-from elastid.linear.modes import modes
-from elastid.linear.response.transfer import frequency_response
 from elastid.modal.modes import Modes
 from elastid.response import Response
 from elastid.store.files import write_rows
@@ -53,8 +51,8 @@ def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
     paths = [write_rows(folder / "parameters.csv", _parameters(model)), write_rows(folder / "modes.csv", _modes(model))]
-    for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True):
-        fitted = frequency_response(linear, model.theta, G.freq_hz)
+    for own, G in zip(model.models, model.measured, strict=True):
+        fitted, std = own.response(G.freq_hz, sampled=True).G, own.response_std(G.freq_hz)
         name = G.configuration.name
         paths.append(write_rows(folder / f"{file_name(name)}-fitted.csv", _response(G, fitted, std**2)))
         paths.append(_measured(folder, G))
@@ -98,12 +96,12 @@ def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
 
 def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
     yield "configuration", "mode", "frequency_hz", "damping_ratio", "frequency_std", "damping_ratio_std"
-    for linear, sure in zip(model.linear, model.uncertain_modes, strict=True):
-        modal = modes(linear, model.theta)
-        columns = (each.tolist() for each in (modal.freq_hz, modal.zeta, sure.freq_std, sure.zeta_std))
+    for own in model.models:
+        modal = own.modes()
+        columns = (each.tolist() for each in (modal.freq_hz, modal.zeta, modal.freq_std, modal.zeta_std))
         for i, (*values, freq_std, zeta_std) in enumerate(zip(*columns, strict=True), start=1):
             # A mode of held numbers alone has no std.
-            yield linear.configuration.name, i, *values, freq_std or "", zeta_std or ""
+            yield own.linear.configuration.name, i, *values, freq_std or "", zeta_std or ""
 
 
 def _response(measured: Response, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:

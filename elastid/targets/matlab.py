@@ -16,7 +16,6 @@ from elastid.base.escape import one_line
 from elastid.base.files import from_template, write_whole
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.posture import Asked, default_frame
-from elastid.linear.response.transfer import frequency_response
 from elastid.response import Response
 from elastid.robot import FRAME_AXES
 from elastid.store.files import write_text
@@ -35,8 +34,8 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     toolboxes as far as they go.
     """
     fitted = [
-        _response(frequency_response(linear, model.theta, G.freq_hz), G, std**2)
-        for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True)
+        _response(own.response(G.freq_hz, sampled=True).G, G, own.response_std(G.freq_hz) ** 2)
+        for own, G in zip(model.models, model.measured, strict=True)
     ]
     numbers = [
         {
@@ -45,7 +44,7 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         }
         for p in known_numbers(model)
     ]  # fmt: skip
-    measured, systems = list(map(_measured, model.measured)), list(map(_system, model.state_spaces))
+    measured, systems = list(map(_measured, model.measured)), [_system(own.state_space()) for own in model.models]
     content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers, "tool": [_tool(model)]}
     data, script = folder / "model.mat", folder / "load_model.m"
     return _written(data, content, script, model.name, model.measured[0])

@@ -17,13 +17,23 @@ at the line of the extremum, which moves in second order.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.use.linearised import Linearised
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.errors import StudyError
+from elastid.fit.posture import Family
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.fitted_model import known_axes
+from elastid.linear.linear_model import Slope
+from elastid.model.kinematics import frame_poses
+from elastid.record import Configuration
+
+CHUNK = 128  # postures at a time, so that their slopes stay in the cache
 
 
 @dataclass(frozen=True)
@@ -72,49 +82,186 @@ QUANTITIES: dict[str, tuple[str, str]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Answers:
-    """Answers of P postures: values and std (P,) by quantity, softest direction (P, 3), springs' shares (P, n_s).
+class Linearised:
+    """P postures with an equilibrium: matrices (P, n, n), J (P, 3, n) of the frame's origin in the axes of the base.
 
-    axes (P, 3, 3): directions of the principal compliances as columns, the softest first.
-    chatter_hz (P,): line of the most negative real part.
-    magnitude, magnitude_std (P, L): |a^T G a| along the softest direction on the lines of a curve.
+    slopes: dM, dD, dK (P, n_k, n, n) and dJ (P, n_k, 3, n) to the n_k numbers that x moves.  of_x (n_k, n_d): these per
+    standard deviation of x along each independent direction.  found (P_asked,): which postures have an equilibrium.
+    position (P, 3): of the frame.  strain_c (P, n_s), strain_b (P, n_s, n): energy of the springs.
     """
 
-    values: dict[str, FloatArray]
-    std: dict[str, FloatArray]
-    axes: FloatArray
-    shares: FloatArray
-    chatter_hz: FloatArray
-    magnitude: FloatArray
-    magnitude_std: FloatArray
+    M: FloatArray
+    D: FloatArray
+    K: FloatArray
+    J: FloatArray
+    dM: FloatArray
+    dD: FloatArray
+    dK: FloatArray
+    dJ: FloatArray
+    strain_c: FloatArray
+    strain_b: FloatArray
+    position: FloatArray
+    of_x: FloatArray
+    found: BoolArray
+
+    @cached_property
+    def _modal(self) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+        """Poles (P, 2n) in 1/s, shapes (P, n, 2n), how forces act on them (P, 2n, 3), and residues (P, 2n, 9) of G.
+
+        By the eigenvectors of the state matrix; G = C V (s - Lambda)^-1 V^-1 B.
+        """
+        P, n = self.M.shape[:2]
+        J, inverse = self.J, np.linalg.inv(self.M)
+        A = np.zeros((P, 2 * n, 2 * n))
+        A[:, :n, n:] = np.eye(n)
+        A[:, n:, :n], A[:, n:, n:] = -inverse @ self.K, -inverse @ self.D
+        poles, V = np.linalg.eig(A)
+        poles, V = poles.astype(complex), V.astype(complex)
+        B = np.concatenate([np.zeros((P, n, 3)), inverse @ J.transpose(0, 2, 1)], axis=1)
+        acting = np.linalg.solve(V, B.astype(complex))
+        seen = J @ V[:, :n]
+        residues = (seen.transpose(0, 2, 1)[:, :, :, None] * acting[:, :, None, :]).reshape(P, 2 * n, 9)
+        return poles, V[:, :n], acting, residues
+
+    def frequency(self, i: int) -> tuple[FloatArray, FloatArray]:
+        """Natural frequency (P,) of the i-th oscillating mode in Hz, and its standard deviation; NaN without one."""
+        poles, shapes = self._modal[:2]
+        size = np.where(poles.imag > 1e-6 * np.abs(poles), np.abs(poles), np.inf)
+        if i >= size.shape[1]:
+            return np.full(len(size), np.nan), np.full(len(size), np.nan)
+        row, place = np.arange(len(size)), np.argsort(size, axis=1)[:, i]
+        omega, s, shape = size[row, place], poles[row, place][:, None], shapes[row, :, place]
+        norm = _form((2 * s[..., None] * self.M + self.D)[:, None], shape, shape)
+        change = s**2 * _form(self.dM, shape, shape) + s * _form(self.dD, shape, shape)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            moved = -(change + _form(self.dK, shape, shape)) / norm
+            slope = (s.conj() * moved).real / np.abs(s) / (2 * np.pi)
+            freq_hz = np.where(np.isfinite(omega), omega, np.nan) / (2 * np.pi)
+            return freq_hz, np.linalg.norm(slope @ self.of_x, axis=1)
+
+    def lines(self, lines_hz: FloatArray) -> FloatArray:
+        """(P, F + 2n): the lines, and of each mode where it peaks and where its real part is most negative."""
+        poles = self._modal[0]
+        size = np.abs(poles)
+        zeta = np.clip(-poles.real / np.maximum(size, 1e-300), 0.0, 1.0)
+        natural = np.where(poles.imag > 0, size, 2 * np.pi * lines_hz[0]) / (2 * np.pi)
+        extremes = np.concatenate(
+            [natural * np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), natural * np.sqrt(1 + 2 * zeta)], axis=1
+        )
+        inside = np.clip(extremes, lines_hz[0], lines_hz[-1])
+        return np.concatenate([np.broadcast_to(lines_hz, (len(inside), len(lines_hz))), inside], axis=1)
+
+    def response(self, lines_hz: FloatArray) -> ComplexArray:
+        """G (P, F, 3, 3) of postures on lines (P, F); solved directly where the modal form has lost digits."""
+        s, (poles, *_, residues) = 2j * np.pi * lines_hz, self._modal
+        G = np.asarray(((1 / (s[:, :, None] - poles[:, None])) @ residues).reshape(*s.shape, 3, 3))
+        check = np.argmax(np.abs(G[:, :, 0, 0]), axis=1)
+        row = np.arange(len(G))
+        exact = self.solved(lines_hz[row, check])[1]
+        lost = np.abs(exact - G[row, check]).max(axis=(1, 2)) > 1e-6 * np.abs(exact).max(axis=(1, 2))
+        for p in np.flatnonzero(lost):
+            Z = s[p, :, None, None] ** 2 * self.M[p] + s[p, :, None, None] * self.D[p] + self.K[p]
+            J = self.J[p]
+            G[p] = J @ np.linalg.solve(Z, np.broadcast_to(J.T.astype(complex), (len(Z), *J.T.shape)))
+        return G
+
+    def along(self, freq_hz: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """|a^T G a| (P, L) and its standard deviation, a (P, 3)."""
+        s = np.broadcast_to(2j * np.pi * freq_hz, (len(a), len(freq_hz)))
+        poles, shapes, acting, _ = self._modal
+        along = np.einsum("pka,pa->pk", acting, a)
+        u = (along[:, None] / (s[:, :, None] - poles[:, None])) @ shapes.transpose(0, 2, 1)
+        pull = np.einsum("pa,pan->pn", a, self.J)
+        G = np.einsum("pfn,pn->pf", u, pull)
+        P, L, n = u.shape
+        outer = np.ascontiguousarray((u[:, :, :, None] * u[:, :, None, :]).reshape(P, L, n * n).transpose(0, 2, 1))
+        # Real matrices times real and imaginary parts beside one another.
+        products = (part.reshape(P, -1, n * n) @ outer.view(float) for part in (self.dM, self.dD, self.dK))
+        M, D, K = (product.view(complex) for product in products)
+        turned = np.einsum("pkan,pa->pkn", self.dJ, a) @ u.transpose(0, 2, 1)
+        slope = 2 * turned - (s[:, None] ** 2 * M + s[:, None] * D + K)
+        size = np.maximum(np.abs(G), 1e-300)
+        moved = (G.conj()[:, None] * slope).real / size[:, None]
+        return size, np.linalg.norm(moved.transpose(0, 2, 1) @ self.of_x, axis=2)
+
+    def solved(self, freq_hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """X = Z^-1 J^T (P, n, 3) and G (P, 3, 3), at one line (P,) of each posture, 0 for rest."""
+        s = 2j * np.pi * freq_hz[:, None, None]
+        J = self.J
+        X = np.linalg.solve(s**2 * self.M + s * self.D + self.K, J.transpose(0, 2, 1).astype(complex))
+        return np.asarray(X), np.asarray(J @ X)
+
+    def std(self, freq_hz: FloatArray, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
+        """Std of Re a^T G b (P,) at one line (P,), a and b (P, 3)."""
+        X, k = self.solved(freq_hz)[0], 2j * np.pi * freq_hz[:, None]
+        u, v = ((X @ each[:, :, None])[:, :, 0] for each in (a, b))
+        slope = -(k**2 * _form(self.dM, u, v) + k * _form(self.dD, u, v) + _form(self.dK, u, v))
+        slope += _form(self.dJ, a, v) + _form(self.dJ, b, u)
+        return np.asarray(np.linalg.norm(slope.real @ self.of_x, axis=1))
 
 
-def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut: Cut) -> Answers:
-    """All quantities of postures (P,) on lines (F,), and a curve on lines (L,), in the axes of the base."""
-    dynamic, at_rest = _Dynamic.of(robots), np.zeros(len(robots.M))
-    flexibility, C = (part.real for part in dynamic.solved(at_rest))
+def linearised(family: Family, angles: FloatArray) -> Iterator[Linearised]:
+    """Linearisations of a family about angles (P, n_u), in pieces of at most CHUNK postures."""
+    for first in range(0, len(angles), CHUNK):
+        yield _about(family, angles[first : first + CHUNK])
+
+
+def _about(family: Family, angles: FloatArray) -> Linearised:
+    """Linearisations; no matrices where no posture has an equilibrium."""
+    known, found, seat = family.estimated, np.zeros(len(angles), bool), slice(-6, -3)
+    rows: list[list[FloatArray]] = [[] for _ in range(10)]
+    q = []
+    for i, own in enumerate(angles):
+        configuration = Configuration("posture", own, family.asked.payload is not False)
+        try:
+            linear = family.at(configuration).whole
+            point = equilibrium(family.model, family.theta, configuration)
+        except StudyError:
+            continue
+        found[i] = True
+        q.append(point.q[: len(family.robot.joints)])
+        slopes = [linear.slopes.get(known.names[row], Slope()) for row in known.moved]
+        matrices = (linear.M, linear.D, linear.K, linear.C[seat])
+        parts = ((s.M, s.D, s.K, None if s.C is None else s.C[seat]) for s in slopes)
+        of_theta = (
+            np.array([np.zeros_like(matrix) if each is None else each for each in own])
+            for matrix, *own in zip(matrices, *parts, strict=True)
+        )
+        c, b = (part.full() for part in family.model.strain(point.q, family.theta))
+        for row, part in zip(rows, (*matrices, *of_theta, c[:, 0], b @ np.asarray(linear.Z)), strict=True):
+            row.append(part)
+    M, D, K, J, dM, dD, dK, dJ, strain_c, strain_b = map(np.array, rows)
+    robot, of_x = family.model.robot_at(family.theta), known.slopes[known.moved] @ known_axes(known.covariance).T
+    position = frame_poses(robot, np.array(q), family.frame).position if q else np.zeros((0, 3))
+    return Linearised(M, D, K, J, dM, dD, dK, dJ, strain_c, strain_b, position, of_x, found)
+
+
+def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut: Cut) -> dict[str, FloatArray]:
+    """Quantities (P, 2), values and standard deviations, on lines (F,), and fields of a map that belong to postures.
+
+    axes (P, 3, 3), share (P, n_s), chatter_hz (P,), magnitude and magnitude_std (P, L) on the lines of a curve.
+    """
+    at_rest, row = np.zeros(len(robots.M)), np.arange(len(robots.M))
+    flexibility, C = (part.real for part in robots.solved(at_rest))
     principal, axes = np.linalg.eigh((C + C.transpose(0, 2, 1)) / 2)
     principal, axes = principal[:, ::-1], axes[:, :, ::-1]
-    values: dict[str, FloatArray] = {"softest_compliance": principal[:, 0]}
-    std: dict[str, FloatArray] = {"softest_compliance": dynamic.std(at_rest, axes[:, :, 0], axes[:, :, 0])}
+    softest = axes[:, :, 0]
+    found = {"softest_compliance": (principal[:, 0], robots.std(at_rest, softest, softest))}
     for i, name in enumerate("xyz"):
         unit = np.broadcast_to(np.eye(3)[i], (len(C), 3))
-        values[f"compliance_{name}"], std[f"compliance_{name}"] = C[:, i, i], dynamic.std(at_rest, unit, unit)
+        found[f"compliance_{name}"] = C[:, i, i], robots.std(at_rest, unit, unit)
     load = np.array(cut.load)
     moved = C @ load
-    values["deflection"] = np.linalg.norm(moved, axis=1)
-    along = moved / np.maximum(values["deflection"], 1e-300)[:, None]
-    std["deflection"] = dynamic.std(at_rest, along, np.broadcast_to(load, along.shape))
-    for i in range(3):
-        values[f"frequency_{i + 1}"], std[f"frequency_{i + 1}"] = dynamic.frequency(i)
-    lines = dynamic.lines(lines_hz)
-    G = dynamic.response(lines)
+    deflection = np.linalg.norm(moved, axis=1)
+    along = moved / np.maximum(deflection, 1e-300)[:, None]
+    found["deflection"] = deflection, robots.std(at_rest, along, np.broadcast_to(load, along.shape))
+    found |= {f"frequency_{i + 1}": robots.frequency(i) for i in range(3)}
+    lines = robots.lines(lines_hz)
+    G = robots.response(lines)
     largest = np.sqrt(np.maximum(np.linalg.eigvalsh(G.conj().swapaxes(-1, -2) @ G)[..., -1], 0.0))
     peak = np.argmax(largest, axis=1)
-    row = np.arange(len(G))
-    values["dynamic_compliance"], peak_hz = largest[row, peak], lines[row, peak]
     U, _, Vh = np.linalg.svd(G[row, peak])
-    std["dynamic_compliance"] = dynamic.std(peak_hz, U[:, :, 0].conj(), Vh[:, 0].conj())
+    found["dynamic_compliance"] = largest[row, peak], robots.std(lines[row, peak], U[:, :, 0].conj(), Vh[:, 0].conj())
     directions = cut.directions
     real = np.linalg.eigvalsh(G.real)[..., 0] if directions is None else _along(G.real, *directions)
     worst = np.argmin(real, axis=1)
@@ -124,121 +271,16 @@ def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut:
     else:
         n, f = (np.broadcast_to(direction, (len(G), 3)) for direction in directions)
     with np.errstate(divide="ignore"):
-        values["depth_of_cut"] = np.where(least < 0, -1 / (2 * cut.cutting_coefficient * least), np.inf)
-        size = np.where(least < 0, values["depth_of_cut"] / -least, np.nan)
-    std["depth_of_cut"] = size * dynamic.std(chatter_hz, n, f)
+        depth = np.where(least < 0, -1 / (2 * cut.cutting_coefficient * least), np.inf)
+        size = np.where(least < 0, depth / -least, np.nan)
+    found["depth_of_cut"] = depth, size * robots.std(chatter_hz, n, f)
     u = flexibility @ axes[:, :, :1]
     energy = robots.strain_c * (robots.strain_b @ u)[:, :, 0] ** 2
-    shares = energy / np.maximum(principal[:, :1], 1e-300)
-    curve = dynamic.along(curve_hz, axes[:, :, 0])
-    return Answers(values, std, axes, shares, chatter_hz, *curve)
-
-
-@dataclass(frozen=True, eq=False)
-class _Dynamic:
-    """Poles (P, 2n) in 1/s, shapes (P, n, 2n), how forces act on them (P, 2n, 3), and residues (P, 2n, 9) of G."""
-
-    robots: Linearised
-    poles: ComplexArray
-    shapes: ComplexArray
-    acting: ComplexArray
-    residues: ComplexArray
-
-    @classmethod
-    def of(cls, robots: Linearised) -> _Dynamic:
-        """Dynamics by the eigenvectors of the state matrix; G = C V (s - Lambda)^-1 V^-1 B."""
-        P, n = robots.M.shape[:2]
-        J = robots.J[:, :3]
-        inverse = np.linalg.inv(robots.M)
-        A = np.zeros((P, 2 * n, 2 * n))
-        A[:, :n, n:] = np.eye(n)
-        A[:, n:, :n], A[:, n:, n:] = -inverse @ robots.K, -inverse @ robots.D
-        poles, V = np.linalg.eig(A)
-        poles, V = poles.astype(complex), V.astype(complex)
-        B = np.concatenate([np.zeros((P, n, 3)), inverse @ J.transpose(0, 2, 1)], axis=1)
-        acting = np.linalg.solve(V, B.astype(complex))
-        seen = J @ V[:, :n]
-        residues = (seen.transpose(0, 2, 1)[:, :, :, None] * acting[:, :, None, :]).reshape(P, 2 * n, 9)
-        return cls(robots, poles, V[:, :n], acting, residues)
-
-    def _of_mode(self, i: int) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-        """Natural frequency (P,) of the i-th oscillating mode, its pole and shape; NaN where there are fewer."""
-        size = np.where(self.poles.imag > 1e-6 * np.abs(self.poles), np.abs(self.poles), np.inf)
-        if i >= size.shape[1]:
-            none = np.full(len(size), np.nan)
-            return none, none.astype(complex), np.zeros(self.shapes.shape[:2], complex)
-        place = np.argsort(size, axis=1)[:, i]
-        row = np.arange(len(size))
-        freq_hz = np.where(np.isfinite(size[row, place]), size[row, place], np.nan) / (2 * np.pi)
-        return freq_hz, self.poles[row, place], self.shapes[row, :, place]
-
-    def frequency(self, i: int) -> tuple[FloatArray, FloatArray]:
-        """Natural frequency (P,) of the i-th oscillating mode in Hz, and its standard deviation."""
-        robots = self.robots
-        freq_hz, pole, shape = self._of_mode(i)
-        s = pole[:, None]
-        norm = _form((2 * s[..., None] * robots.M + robots.D)[:, None], shape, shape)
-        change = s**2 * _form(robots.dM, shape, shape) + s * _form(robots.dD, shape, shape)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            moved = -(change + _form(robots.dK, shape, shape)) / norm
-            slope = (s.conj() * moved).real / np.abs(s) / (2 * np.pi)
-            return freq_hz, np.linalg.norm(slope @ robots.of_x, axis=1)
-
-    def lines(self, lines_hz: FloatArray) -> FloatArray:
-        """(P, F + 2n): the lines, and of each mode where it peaks and where its real part is most negative."""
-        size = np.abs(self.poles)
-        zeta = np.clip(-self.poles.real / np.maximum(size, 1e-300), 0.0, 1.0)
-        natural = np.where(self.poles.imag > 0, size, 2 * np.pi * lines_hz[0]) / (2 * np.pi)
-        extremes = np.concatenate(
-            [natural * np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), natural * np.sqrt(1 + 2 * zeta)], axis=1
-        )
-        inside = np.clip(extremes, lines_hz[0], lines_hz[-1])
-        return np.concatenate([np.broadcast_to(lines_hz, (len(inside), len(lines_hz))), inside], axis=1)
-
-    def response(self, lines_hz: FloatArray) -> ComplexArray:
-        """G (P, F, 3, 3) of postures on lines (P, F); solved directly where the modal form has lost digits."""
-        s = 2j * np.pi * lines_hz
-        G = np.asarray(((1 / (s[:, :, None] - self.poles[:, None])) @ self.residues).reshape(*s.shape, 3, 3))
-        check = np.argmax(np.abs(G[:, :, 0, 0]), axis=1)
-        row = np.arange(len(G))
-        exact = self.solved(lines_hz[row, check])[1]
-        lost = np.abs(exact - G[row, check]).max(axis=(1, 2)) > 1e-6 * np.abs(exact).max(axis=(1, 2))
-        for p in np.flatnonzero(lost):
-            Z = s[p, :, None, None] ** 2 * self.robots.M[p] + s[p, :, None, None] * self.robots.D[p] + self.robots.K[p]
-            J = self.robots.J[p, :3]
-            G[p] = J @ np.linalg.solve(Z, np.broadcast_to(J.T.astype(complex), (len(Z), *J.T.shape)))
-        return G
-
-    def along(self, freq_hz: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """|a^T G a| (P, L) and its standard deviation, a (P, 3)."""
-        robots, s = self.robots, np.broadcast_to(2j * np.pi * freq_hz, (len(a), len(freq_hz)))
-        acting = np.einsum("pka,pa->pk", self.acting, a)
-        u = (acting[:, None] / (s[:, :, None] - self.poles[:, None])) @ self.shapes.transpose(0, 2, 1)
-        pull = np.einsum("pa,pan->pn", a, robots.J[:, :3])
-        G = np.einsum("pfn,pn->pf", u, pull)
-        P, L, n = u.shape
-        outer = (u[:, :, :, None] * u[:, :, None, :]).reshape(P, L, n * n).transpose(0, 2, 1)
-        M, D, K = (part.reshape(P, part.shape[1], n * n) @ outer for part in (robots.dM, robots.dD, robots.dK))
-        turned = np.einsum("pkan,pa->pkn", robots.dJ[:, :, :3], a) @ u.transpose(0, 2, 1)
-        slope = 2 * turned - (s[:, None] ** 2 * M + s[:, None] * D + K)
-        size = np.maximum(np.abs(G), 1e-300)
-        moved = (G.conj()[:, None] * slope).real / size[:, None]
-        return size, np.linalg.norm(moved.transpose(0, 2, 1) @ robots.of_x, axis=2)
-
-    def solved(self, freq_hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """X = Z^-1 J^T (P, n, 3) and G (P, 3, 3), at one line (P,) of each posture, 0 for rest."""
-        robots, s = self.robots, 2j * np.pi * freq_hz[:, None, None]
-        J = robots.J[:, :3]
-        X = np.linalg.solve(s**2 * robots.M + s * robots.D + robots.K, J.transpose(0, 2, 1).astype(complex))
-        return np.asarray(X), np.asarray(J @ X)
-
-    def std(self, freq_hz: FloatArray, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
-        """Std of Re a^T G b (P,) at one line (P,), a and b (P, 3)."""
-        robots, X, k = self.robots, self.solved(freq_hz)[0], 2j * np.pi * freq_hz[:, None]
-        u, v = ((X @ each[:, :, None])[:, :, 0] for each in (a, b))
-        slope = -(k**2 * _form(robots.dM, u, v) + k * _form(robots.dD, u, v) + _form(robots.dK, u, v))
-        slope += _form(robots.dJ[:, :, :3], a, v) + _form(robots.dJ[:, :, :3], b, u)
-        return np.asarray(np.linalg.norm(slope.real @ robots.of_x, axis=1))
+    magnitude, magnitude_std = robots.along(curve_hz, softest)
+    return {name: np.stack(each, axis=1) for name, each in found.items()} | {
+        "axes": axes, "share": energy / np.maximum(principal[:, :1], 1e-300), "chatter_hz": chatter_hz,
+        "magnitude": magnitude, "magnitude_std": magnitude_std,
+    }  # fmt: skip
 
 
 def _form(matrices: Any, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> ComplexArray:

@@ -19,10 +19,11 @@ from elastid.robot import Robot
 class DrawnRobots:
     """names (n_p,) of the parameters that move, delay included; values (N, n_p), SI; robots, their numbers exact.
 
-    held: parameters that the data do not reach, which keep their estimate.
+    x (N, n_x + n_d): as in `Estimated`.  held: parameters that the data do not reach, which keep their estimate.
     """
 
     names: tuple[str, ...]
+    x: FloatArray
     values: FloatArray
     robots: tuple[Robot, ...]
     held: tuple[str, ...]
@@ -38,12 +39,11 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
         raise StudyError("fit/no-robot", "this result holds no robot; fit again with this version of elastid")
     covariance = result.covariance_of_prediction
     names = result.parameters.moved(configuration)
-    values, robots, refused = [], [], 0
+    drawn, values, robots, refused = [], [], [], 0
     exact = replace(result.robot, tolerances="exact")
     for x, sizes in _draws(result.x, covariance, len(result.doubts), seed):
-        for size, doubt in zip(sizes, result.doubts, strict=True):
-            x = x + size * doubt.effects
-        x = np.clip(x, *result.parameters.x_bounds)
+        moved_by_doubts = sum((size * doubt.effects for size, doubt in zip(sizes, result.doubts, strict=True)), 0.0 * x)
+        x = np.clip(x + moved_by_doubts, *result.parameters.x_bounds)
         numbers = result.parameters.numbers(x, configuration)
         moved = [numbers[name] for name in names]
         numbers.pop(DELAY, None)
@@ -64,10 +64,11 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
                 ) from None
             continue
         values.append(moved)
+        drawn.append(np.append(x - moved_by_doubts, sizes))
         if len(robots) == count:
             break
     held = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
-    return DrawnRobots(names, np.array(values), tuple(robots), tuple(held))
+    return DrawnRobots(names, np.array(drawn), np.array(values), tuple(robots), tuple(held))
 
 
 def estimated_robot(result: Result) -> Robot:

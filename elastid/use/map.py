@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value, labelled
@@ -11,9 +9,7 @@ from elastid.base.errors import StudyError
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
-from elastid.model.spec import ModelSpec
-from elastid.use.compliance import QUANTITIES, Cut, answers
-from elastid.use.linearised import ManyPostures
+from elastid.use.compliance import QUANTITIES, Cut, answers, linearised
 
 LINES, CURVE_LINES = 300, 120
 
@@ -106,19 +102,18 @@ def map_workspace(
 ) -> WorkspaceMap:
     """The map of postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
 
-    fitted: or its equations (`family_of_map`), built before.  frame: by default `tool`, else the last one.
+    fitted: or its family in the axes of the base, built before.  frame: by default `tool`, else the last one.
     lines_hz (F,): by default LINES of them over the modes.
     """
-    cut, family = cut or Cut(), fitted if isinstance(fitted, Family) else family_of_map(fitted, frame)
-    many = ManyPostures(family)
-    lines = default_lines(many, angles) if lines_hz is None else np.asarray(lines_hz, float)
+    cut = cut or Cut()
+    family = fitted if isinstance(fitted, Family) else fitted.family(Asked(frame=frame, axes="world"))
+    lines = default_lines(family, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
-    own, position, of_pieces = [], [], []
-    for robots in many.at(angles):
+    pieces, of_pieces = [], []
+    for robots in linearised(family, angles):
         of_pieces.append(robots.found)
         if robots.found.any():
-            own.append(answers(robots, lines, curve, cut))
-            position.append(robots.position)
+            pieces.append(answers(robots, lines, curve, cut) | {"position": robots.position})
     found = np.concatenate(of_pieces)
     if not found.any():
         raise StudyError(
@@ -126,36 +121,21 @@ def map_workspace(
             f"robot {family.robot.name} finds no rest in any of the {len(angles)} postures; they may be outside the "
             "reach of its loops, or its springs too soft for its weight",
         )
-    quantities = tuple(
-        Quantity(
-            key, text, unit, np.concatenate([a.values[key] for a in own]), np.concatenate([a.std[key] for a in own])
-        )
-        for key, (unit, text) in QUANTITIES.items()
-    )
+    each = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    quantities = tuple(Quantity(key, text, unit, *each.pop(key).T) for key, (unit, text) in QUANTITIES.items())
+    driven = family.robot.driven
     return WorkspaceMap(
-        name or family.robot.name, family.frame, tuple(joint.name for joint in family.robot.driven), angles[found],
-        np.flatnonzero(found), tuple(np.flatnonzero(~found).tolist()),
-        np.concatenate(position), np.concatenate([a.axes for a in own]),
-        family.model.springs, np.concatenate([a.shares for a in own]),
-        np.concatenate([a.chatter_hz for a in own]), curve, np.concatenate([a.magnitude for a in own]),
-        np.concatenate([a.magnitude_std for a in own]), quantities, cut.load, cut.cutting_coefficient, is_path,
-        tuple(joint.slides for joint in family.robot.driven),
+        name=name or family.robot.name, frame=family.frame, joints=tuple(joint.name for joint in driven),
+        angles=angles[found], asked=np.flatnonzero(found), refused=tuple(np.flatnonzero(~found).tolist()),
+        springs=family.model.springs, curve_hz=curve, quantities=quantities, load=cut.load,
+        cutting_coefficient=cut.cutting_coefficient, is_path=is_path, sliding=tuple(joint.slides for joint in driven),
+        **each,
     )  # fmt: skip
 
 
-def family_of_map(result: Result, frame: str | None = None) -> Family:
-    """The equations of a map: without multipliers where elastic rods alone close loops, the same numbers sooner."""
-    asked = Asked(frame=frame)
-    family = result.family(asked)
-    if family.model.n_c:
-        minimal = replace(result, equations=ModelSpec("minimal")).family(asked)
-        return minimal if minimal.model.n_c == 0 else family
-    return family
-
-
-def default_lines(many: ManyPostures, angles: FloatArray) -> FloatArray:
+def default_lines(family: Family, angles: FloatArray) -> FloatArray:
     """LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
-    some = next(many.at(angles[:: max(1, len(angles) // 20)][:20]))
+    some = next(linearised(family, angles[:: max(1, len(angles) // 20)][:20]))
     if not len(some.M):
         return np.geomspace(1.0, 100.0, LINES)
     squares = np.linalg.eigvals(np.linalg.solve(some.M, some.K)).real

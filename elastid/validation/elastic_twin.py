@@ -72,7 +72,7 @@ def rigid_linearisation(fitted: FittedRobot, spec: ModelSpec = EXACT) -> Lineari
 
 def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -> ModelParts | None:
     """The models of one configuration; None where the motion of a motor was not measured."""
-    model, theta = fitted.at(configuration), fitted.theta_of(configuration)
+    model, theta = fitted.at(configuration).linear, fitted.theta_of(configuration)
     if not set(model.inputs) <= set(model.outputs):
         return None
     motors = model.with_outputs([model.outputs.index(place) for place in model.inputs])

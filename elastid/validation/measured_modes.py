@@ -92,12 +92,11 @@ class MeasuredModes:
 
 def measured_modes(fitted: FittedRobot) -> tuple[MeasuredModes, ...]:
     """The measured modes of each configuration, beside those of the model."""
-    pairs = zip(fitted.measured, fitted.responses, fitted.linear, strict=True)
-    return tuple(_beside(*each, fitted.theta_of(each[0].configuration.name)) for each in pairs)
+    return tuple(map(_beside, fitted.measured, fitted.responses, fitted.linear))
 
 
-def _beside(response: Response, modelled: Response, linear: LinearModel, theta: FloatArray) -> MeasuredModes:
-    (own,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, theta)
+def _beside(response: Response, modelled: Response, linear: LinearModel) -> MeasuredModes:
+    (own,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, linear.theta_ref)
     agreement = mac(own.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((own.n_modes, 0))
     partner = _partners(own, known.freq_hz, known.zeta, agreement)
     model_hz, model_zeta = (

@@ -36,6 +36,7 @@ from frf import simulated
 from timing import machine
 
 from elastid.fit.identify import identify
+from elastid.fit.posture import Asked
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
@@ -45,7 +46,7 @@ from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance
-from elastid.use.map import family_of_map, map_workspace
+from elastid.use.map import map_workspace
 from elastid.use.postures import random_postures
 
 # What is measured over which sizes: records of a configuration, its lines, samples of a period; configurations, their
@@ -86,7 +87,7 @@ def of_identify(configurations: int, lines: int, coordinates: int) -> Callable[[
 
 def of_map(postures: int, **fit: int) -> Callable[[], object]:
     """Compliance, modes and stability with their intervals at random postures."""
-    family = family_of_map(of_identify(**fit)(), "6")
+    family = of_identify(**fit)().family(Asked(frame="6", axes="world"))
     angles = random_postures(family.robot, postures, 1)
     return lambda: map_workspace(family, angles)
 

@@ -148,8 +148,8 @@ def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():
     model, free = plant((0, 2)), parameters()
     A = np.random.default_rng(3).standard_normal((4, 4))
     covariance = 1e-6 * (A @ A.T + np.eye(4))
-    fitted = FittedModel(model, free, X, covariance)
-    stated, deviation = fitted.uncertain_modes(), fitted.response_std(FREQ)
+    fitted = FittedModel.of(model, free, X, covariance)
+    stated, deviation = fitted.modes(), fitted.response_std(FREQ)
     G = frequency_response(model, model.theta_ref, FREQ)
     draws = np.random.default_rng(4).multivariate_normal(X, covariance, 2000)
     found = [modes(model, free.expand(x)) for x in draws]
@@ -163,8 +163,8 @@ def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():
 def test_a_mode_that_an_undetermined_parameter_moves_has_no_deviation():
     """Infinite where d_a is not known, for the damping that it moves."""
     covariance = np.diag([1e-6, 1e-6, 1e-6, np.inf])
-    stated = FittedModel(plant(), parameters(), X, covariance).uncertain_modes()
+    stated = FittedModel.of(plant(), parameters(), X, covariance).modes()
     assert np.all(np.isinf(stated.zeta_std))
     fixed = parameters(d_a=replace(parameters()["d_a"], free=False))
-    known = FittedModel(plant(), fixed, X[:3], covariance[:3, :3])
-    assert np.all(np.isfinite(known.uncertain_modes().zeta_std))
+    known = FittedModel.of(plant(), fixed, X[:3], covariance[:3, :3])
+    assert np.all(np.isfinite(known.modes().zeta_std))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from plants.predicted_arm import closed_form, result
 
@@ -40,15 +38,15 @@ def test_the_deviation_of_a_response_is_that_of_its_shifts() -> None:
     fit, lines = result(), np.linspace(2.0, 40.0, 5)
     (model,) = fit.linear
     known = fit.covariance * (1 + np.eye(len(fit.x)))
-    own = FittedModel(model, fit.parameters, fit.x, known)
+    own = FittedModel.of(model, fit.parameters, fit.x, known)
     G, std, shifts = own.response(lines).G, own.response_std(lines), own.response_shifts(lines)
     assert shifts.shape == (len(fit.x), *G.shape)
     np.testing.assert_allclose(np.sqrt(np.sum(np.abs(shifts) ** 2, axis=0)), std, rtol=1e-9)
     one = np.full_like(known, np.inf)
     one[1:, 1:] = known[1:, 1:]
     step = 1e-6 * (np.arange(len(fit.x)) == 0)
-    moved = replace(own, x=fit.x + step).response(lines).G - G
-    shifts = replace(own, covariance=one).response_shifts(lines)
+    moved = FittedModel.of(model, fit.parameters, fit.x + step, known).response(lines).G - G
+    shifts = FittedModel.of(model, fit.parameters, fit.x, one).response_shifts(lines)
     largest = shifts[np.argmax(np.abs(shifts).max(axis=(1, 2, 3)))]
     np.testing.assert_allclose(np.abs(largest), 100 * np.abs(moved) / 1e-6, rtol=1e-4)
 

@@ -29,9 +29,9 @@ def tuned() -> TunedMove:
     inside = ((t >= 0) & (t <= 1))[:, None]
     zero, outcome = np.zeros(len(t)), Outcome("none", np.zeros(len(t)), None, None, 0, 0, 0, 0, np.zeros(2))
     return TunedMove(
-        "a */ move", "tool", ("1", "axis: 2"), ("rad", "m"), "twin", 4.0, 1.0, 0.2, t, q, v * inside, a * inside,
-        0 * a, 100 * a * inside, np.zeros((len(t), 3)), zero, np.full((4, 2), np.inf), np.zeros((2, 2)), (outcome,),
-        0, np.zeros(2),
+        t, q, v * inside, a * inside, 0 * a, 100 * a * inside, "a */ move", "tool", ("1", "axis: 2"), ("rad", "m"),
+        "twin", 4.0, 1.0, 0.2, np.zeros((len(t), 3)), zero, np.full((4, 2), np.inf), np.zeros((2, 2)), (outcome,), 0,
+        np.zeros(2),
     )  # fmt: skip
 
 

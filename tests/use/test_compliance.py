@@ -11,14 +11,13 @@ from plants.predicted_arm import result
 
 from elastid.base.statistics import propagate
 from elastid.fit.parameter_choice import choose
-from elastid.fit.posture import Asked
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.fit.tolerances import with_tolerances
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.spec import ModelSpec
 from elastid.robot import Tolerances
 from elastid.use.compliance import Cut
-from elastid.use.linearised import ManyPostures
 from elastid.use.map import map_workspace
 
 LINES = np.geomspace(2.0, 80.0, 100)
@@ -30,7 +29,7 @@ CUT = Cut(load=(0.0, 0.0, -50.0), normal=(1.0, 0.0, 1.0))
     ["arm", "scara", *(pytest.param(f"linkage_arm {of}", marks=pytest.mark.slow) for of in ("minimal", "constrained"))],
 )
 def test_a_map_has_the_numbers_of_each_posture_by_itself(name: str) -> None:
-    """Serial robots by one function for all postures, linkages posture by posture; values and deviations."""
+    """Serial robots and linkages; values and deviations."""
     if name == "arm":
         own = result()
     else:
@@ -39,7 +38,6 @@ def test_a_map_has_the_numbers_of_each_posture_by_itself(name: str) -> None:
         own = replace(fitted.result, robot=fitted.model.robot, equations=spec)
     angles = np.atleast_2d(own.robot.joints[0].start + 0.1 * np.arange(6).reshape(2, 3))[:, : len(own.robot.driven)]
     workspace = map_workspace(own, angles, CUT, lines_hz=LINES)
-    assert ManyPostures(own.family(Asked())).is_serial is not name.endswith("constrained")
     for i, each in enumerate(workspace.angles):
         model = own.at(each, axes="world")
         stiff, modes = model.stiffness(), model.modes()
@@ -67,7 +65,7 @@ def test_extremes_of_the_response_are_found_between_the_lines() -> None:
     lines = workspace.chatter_hz + np.linspace(-0.5, 0.5, 501)
 
     def depth(x: np.ndarray) -> np.ndarray:
-        G = model._G(x, 2j * np.pi * lines[:, None, None])
+        G = frequency_response(model.linear, model.estimated.theta(x), lines)
         return np.asarray(-1 / (2 * 700e6 * (n @ G @ n).real.min()))
 
     spread = propagate(depth, model.estimated.x, model.estimated.covariance / 1e4)
@@ -80,8 +78,12 @@ def test_curves_have_the_band_of_a_single_posture() -> None:
     """Along the softest direction."""
     workspace = map_workspace(result(), np.array([[0.2, 0.9]]), lines_hz=LINES)
     model, a = result().at([0.2, 0.9], axes="world"), workspace.axes[0, :, 0]
-    s = 2j * np.pi * workspace.curve_hz[:, None, None]
-    spread = propagate(lambda x: np.abs(a @ model._G(x, s) @ a), model.estimated.x, model.estimated.covariance / 1e4)
+    known = model.estimated
+
+    def size(x: np.ndarray) -> np.ndarray:
+        return np.abs(a @ frequency_response(model.linear, known.theta(x), workspace.curve_hz) @ a)
+
+    spread = propagate(size, known.x, known.covariance / 1e4)
     np.testing.assert_allclose(workspace.magnitude[0], spread.value, rtol=1e-8)
     np.testing.assert_allclose(workspace.magnitude_std[0] / 100, spread.std, rtol=1e-2, atol=1e-4 * spread.std.max())
 

@@ -23,7 +23,7 @@ def measured(lacking: float) -> FittedRobot:
         FREQ_HZ, np.zeros((len(FREQ_HZ), 3, 3), complex), first.inputs, first.outputs, first.quantity,
         Configuration(first.configuration.name, first.configuration.angles),
     )  # fmt: skip
-    fitted = replace(fitted, measured=(empty,), linear=fitted.linear[:1], differentiated=fitted.differentiated[:1])
+    fitted = replace(fitted, measured=(empty,), models=fitted.models[:1])
     G = fitted.responses[0].G
     omega, natural, shape = 2 * np.pi * FREQ_HZ, 2 * np.pi * 31.2, np.array([0.0, 1.0, 0.8])
     modal = -(omega**2) / (natural**2 - omega**2 + 2j * 0.02 * natural * omega)

@@ -102,8 +102,8 @@ def _validation(own: Validated) -> Validation:
     """Prediction errors and the reasons for the cost."""
     left_out, responses, result = own.left_out, own.responses, own.fitted.result
     modelled = own.fitted.responses
-    measured = [response.configuration.name for response in responses]
-    shifts = {name: own.fitted.response_shifts(name) for name in left_out if name in measured}
+    lines = {response.configuration.name: response.freq_hz for response in responses}
+    shifts = {name: own.fitted.at(name).response_shifts(lines[name]) for name in left_out if name in lines}
     judged = validate_responses(responses, modelled, left_out, shifts)
     fitted = [response for response in responses if response.configuration.name not in left_out]
     return replace(judged, cost=explain_cost(result, fitted, judged.fitted))

@@ -30,7 +30,7 @@ from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
-from elastid.linear.loaded import acted_on, moved_by
+from elastid.linear.loaded import Ports, acted_on, moved_by
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
 from elastid.response import Response
@@ -267,7 +267,7 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
                 "fit/responses", f"{has_not}; there are {there}", f"configuration {response.configuration.name}"
             )
     if loads and model.inputs != response.inputs:
-        model = acted_on(model, response.inputs, response.motors, response.loop)
+        model = acted_on(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
     return replace(model.with_outputs(outputs), B=model.B[:, inputs], inputs=response.inputs, hold=response.hold)

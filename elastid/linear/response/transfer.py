@@ -184,7 +184,8 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     freq_hz = checked_frequencies(freq_hz)
     M, D, K = model.matrices(theta)
     s = (2j * np.pi * freq_hz[:, None, None]).astype(complex)
-    X = np.linalg.solve(s**2 * M + s * D + K, model.acting(theta).astype(complex))
+    drift = 0.0 if model.integral is None else model.integral / s
+    X = np.linalg.solve(s**2 * M + s * D + K + drift, model.acting(theta).astype(complex))
     C, T = model.readout(theta)
     G = np.outer(*model.channel_gains(theta)) * factor(model, theta, s) * (C @ X + T @ X / s**2)
     for images in hold_images(model, freq_hz):

@@ -17,7 +17,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.friction.robot_friction import frictions
-from elastid.linear.equilibrium import equilibrium, free_coordinates, rigid_posture
+from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.model.closed_posture import followed
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
@@ -27,7 +27,7 @@ from elastid.model.loop_closure import partition
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.simulation.controller import rigid_rates
+from elastid.simulation.controller import rigid_motion, rigid_rates
 from elastid.simulation.dynamics import contacts
 from elastid.use.command.moves import Move
 
@@ -134,20 +134,6 @@ class CommandedRobot:
         _, v, a = rigid_rates(m, q, rate, curvature)
         return q, v, a
 
-    def statics(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How forces (n_q,) deflect the springs with the motors held (n_q, n_q), and how motors (n_u,) move all."""
-        m, n_r = self.model, len(self.rows)
-        free, motors = free_coordinates(m), np.array([m.index(name) for name in m.inputs])
-        K = m.stiffness(q, np.zeros(m.n_c), m.theta).full()
-        Phi = m.constraint_jacobian(q, m.theta).full()[list(self.rows)]
-        saddle = np.block([[K[np.ix_(free, free)], Phi[:, free].T], [Phi[:, free], np.zeros((n_r, n_r))]])
-        compliance, moved = np.zeros((m.n_q, m.n_q)), np.zeros((m.n_q, m.n_u))
-        compliance[np.ix_(free, free)] = np.linalg.solve(saddle, np.eye(len(saddle)))[: len(free), : len(free)]
-        moved[motors] = np.eye(m.n_u)
-        coupled = np.vstack([K[np.ix_(free, motors)], Phi[:, motors]])
-        moved[free] = -np.linalg.solve(saddle, coupled)[: len(free)]
-        return compliance, moved
-
     def rest(self, angles: FloatArray) -> FloatArray:
         """q (n_q,) at rest under gravity with the tool where it is without deflection at angles (n_u,).
 
@@ -159,7 +145,7 @@ class CommandedRobot:
             q = equilibrium(self.model, self.model.theta, Configuration("move", motors)).q
             R = target.rotation.transpose(0, 2, 1).reshape(9)
             error, J = (part.full() for part in self.tool(q, target.position[0], R))
-            step = -np.linalg.pinv(J @ self.statics(q)[1], rcond=1e-6) @ error[:, 0]
+            step = -np.linalg.pinv(J @ rigid_motion(self.model, q), rcond=1e-6) @ error[:, 0]
             if np.abs(step).max() < 1e-9:
                 return q
             motors = motors + step

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError, StudyError
 from elastid.robot import Robot
 from elastid.use.postures import Table, beyond_limits, follow_path, read_table
@@ -59,12 +59,12 @@ class References:
     torque: feedforward, held from each time to the next.
     """
 
-    time_s: FloatArray
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    jerk: FloatArray
-    torque: FloatArray
+    time_s: FloatArray = labelled("time from the start of the move", "s")
+    position: FloatArray = labelled("reference of each motor", "rad", "time_s joints")
+    velocity: FloatArray = labelled("its velocity", "rad/s", "time_s joints")
+    acceleration: FloatArray = labelled("its acceleration", "rad/s^2", "time_s joints")
+    jerk: FloatArray = labelled("its jerk", "rad/s^3", "time_s joints")
+    torque: FloatArray = labelled("feedforward, held to the next sample", "N*m", "time_s joints")
 
     @property
     def rate_hz(self) -> float:
@@ -76,6 +76,15 @@ class References:
         used = {kind: np.abs(getattr(self, kind)) / getattr(limits, kind) for kind in KINDS}
         middle, reach = limits.range
         return {"angle": np.abs(self.position - middle) / reach, **used}
+
+
+def held(spline: BSpline, t: FloatArray, order: int) -> FloatArray:
+    """A spline (N, n), or its derivative of an order, at t (N,); at rest before its start and after its end."""
+    low, high = spline.t[[0, -1]]
+    values = np.asarray(spline(np.clip(t, low, high), order))
+    if order:
+        values[(t < low) | (t > high)] = 0.0
+    return values
 
 
 TIMES = ("t", "time")
@@ -95,11 +104,7 @@ class Move:
 
     def at(self, t: FloatArray, order: int = 0) -> FloatArray:
         """Angles (N, n_u) at times (N,), or their derivatives of an order, in rad (m) and s."""
-        share = np.clip(t / self.duration, 0.0, 1.0)
-        values = np.asarray(self.spline(share, order)) / self.duration**order
-        if order:
-            values[(t < 0) | (t > self.duration)] = 0.0
-        return values
+        return held(self.spline, t / self.duration, order) / self.duration**order
 
     @property
     def ends(self) -> FloatArray:

@@ -9,28 +9,29 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.robot_friction import frictions
-from elastid.linear.equilibrium import free_coordinates
+from elastid.linear.linearise import linearise
+from elastid.linear.loaded import Ports, acted_on
+from elastid.linear.modes import modes
 from elastid.model.elastic import ElasticModel
+from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward
 from elastid.simulation.dynamics import contacts
 from elastid.use.command.collocation import SETTINGS, Planned, plan
 from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.moves import MotionLimits, Move, References
+from elastid.use.command.moves import MotionLimits, Move, References, held
 
 STEP = 1.25  # between durations that bracket the shortest one
 
 
 def margin_of(commanded: CommandedRobot, move: Move) -> float:
     """Half a period, s, of the slowest mode with the motors held at both ends, 0.02 to 0.3 s."""
-    m, free = commanded.model, free_coordinates(commanded.model)
-    slowest = np.inf
+    m, halves = commanded.model, [0.0]
     for angles in move.ends:
-        q = commanded.rigid_posture(angles)
-        M, (compliance, _) = m.mass(q, m.theta).full(), commanded.statics(q)
-        squares = np.linalg.eigvals(compliance[np.ix_(free, free)] @ M[np.ix_(free, free)]).real
-        slowest = min(slowest, float(squares.max(initial=1e-12) ** -0.5))
-    return float(np.clip(np.pi / slowest, 0.02, 0.3))
+        linear = linearise(m, Configuration("end", angles), m.theta, m.inputs, "position")
+        held = modes(acted_on(linear, Ports.at_frames(linear, ()), "held", None), linear.theta_ref)
+        halves += (0.5 / held.freq_hz[:1]).tolist()
+    return float(np.clip(max(halves), 0.02, 0.3))
 
 
 def best_plan(commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float) -> Planned:
@@ -66,8 +67,8 @@ def shortest(
         return planned.is_feasible and bool(planned_error(commanded, own, planned).max() <= error_m)
 
     # The rigid robot, which is not far from the elastic one, needs about this.
-    move = move.in_time(max(move.duration, 0.9 * first_duration(commanded, move, limits)))
-    duration, works = move.duration, can(move.duration)
+    duration = first_duration(commanded, move, limits)
+    works = can(duration)
     step = 1 / STEP if works else STEP
     for _ in range(12):
         if can(duration * step) != works:
@@ -105,21 +106,11 @@ def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s
     n = int(np.ceil((high + until_s - low) * rate_hz))
     time_s = low + np.arange(n + 1) / rate_hz
     m = commanded.model
-    q, v, a, jerk = (_held(planned, time_s, order) @ m.B for order in range(4))
-    middle = time_s + 0.5 / rate_hz
-    state = [_held(planned, middle, order) for order in range(3)]
-    torque = commanded.torque(*state)
-    smooth = state[1] @ m.B
-    torque += friction_along(commanded.robot, m, smooth, rate_hz) - commanded.planned_friction(state[1])
+    q, v, a, jerk = (held(planned.q, time_s, order) @ m.B for order in range(4))
+    state = [held(planned.q, time_s + 0.5 / rate_hz, order) for order in range(3)]
+    torque = commanded.torque(*state) - commanded.planned_friction(state[1])
+    torque += friction_along(commanded.robot, m, state[1] @ m.B, rate_hz)
     return References(time_s, q, v, a, jerk, torque)
-
-
-def _held(planned: Planned, t: FloatArray, order: int) -> FloatArray:
-    low, high = planned.q.t[0], planned.q.t[-1]
-    values = np.asarray(planned.q(np.clip(t, low, high), order))
-    if order:
-        values[(t < low) | (t > high)] = 0.0
-    return values
 
 
 def friction_along(robot: Robot, model: ElasticModel, velocity: FloatArray, rate_hz: float) -> FloatArray:

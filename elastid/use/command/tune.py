@@ -141,8 +141,8 @@ class TwinLoop:
 
 
 @frozen_value
-class TunedMove:
-    """References of the motors `joints` over time, link side, and how the tool follows with them.
+class TunedMove(References):
+    """References of the motors `joints`, and how the tool follows with them.
 
     duration, margin_s: of the move, and the time before and after it in which motors wind springs up and unwind them.
     target (N, 3): path of the frame's origin in the base's axes.  planned (N,): error by the model that was planned
@@ -158,12 +158,6 @@ class TunedMove:
     bandwidth_hz: float
     duration: float = labelled("duration of the move", "s")
     margin_s: float = labelled("time before and after the move", "s")
-    time_s: FloatArray = labelled("time from the start of the move", "s")
-    position: FloatArray = labelled("reference of each motor", "rad", "time_s joints")
-    velocity: FloatArray = labelled("its velocity", "rad/s", "time_s joints")
-    acceleration: FloatArray = labelled("its acceleration", "rad/s^2", "time_s joints")
-    jerk: FloatArray = labelled("its jerk", "rad/s^3", "time_s joints")
-    torque: FloatArray = labelled("feedforward, held to the next sample", "N*m", "time_s joints")
     target: FloatArray = labelled("path of the frame", "m", "time_s axis")
     planned: FloatArray = labelled("error of the tool as planned", "m", "time_s")
     limits: FloatArray = labelled("largest velocity, acceleration, jerk, torque", "", "kind joints")
@@ -172,11 +166,6 @@ class TunedMove:
     draws: int
     most: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
     advice: str = ""
-
-    @property
-    def references(self) -> References:
-        """References as the drives take them."""
-        return References(self.time_s, self.position, self.velocity, self.acceleration, self.jerk, self.torque)
 
     def __getitem__(self, name: str) -> Outcome:
         """An outcome by its name."""
@@ -209,20 +198,19 @@ def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) 
     commanded = CommandedRobot.of(given.identified, given.frame, move.ends[0])
     asked = _Asked(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
     if not move.duration:
-        begun = move.in_time(first_duration(commanded, move, asked.limits))
-        if not begun.duration:
+        if not first_duration(commanded, move, asked.limits):
             raise DataError(
                 "use/move",
                 f"robot {given.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
                 "the shortest; give its joints limits, or a duration",
             )
         spared = asked.limits.narrowed({kind: np.full(len(asked.limits.torque), _SPARE**2) for kind in KINDS})
-        fastest = shortest(commanded, begun, spared, asked.margin_s, given.error_m)
+        fastest = shortest(commanded, move, spared, asked.margin_s, given.error_m)
         if fastest is None:
             raise DataError(
                 "use/move",
-                f"the tool stays within {1e3 * given.error_m:g} mm of its path in no time from {begun.duration:.3g} s "
-                "on; raise --error, or move the path away from limits and singular postures",
+                f"the tool stays within {1e3 * given.error_m:g} mm of its path in no time; raise --error, or move the "
+                "path away from limits and singular postures",
             )
         asked = replace(asked, move=fastest)
     return asked.tuned(name, progress)
@@ -260,10 +248,11 @@ class _Asked:
                 "give the move more time: --fastest finds the shortest"
             )
         return TunedMove(
-            name, given.frame, tuple(joint.name for joint in joints), tuple(joint.unit for joint in joints),
-            given.judge_name, given.bandwidth_hz, self.move.duration, self.margin_s, r.time_s, r.position, r.velocity,
-            r.acceleration, r.jerk, r.torque, target, error, np.array([getattr(limits, kind) for kind in KINDS]),
-            limits.angle.T, self._outcomes(r, target, drawn), len(given.draws), most, advice,
+            **vars(r), name=name, frame=given.frame, joints=tuple(joint.name for joint in joints),
+            units=tuple(joint.unit for joint in joints), judge=given.judge_name, bandwidth_hz=given.bandwidth_hz,
+            duration=self.move.duration, margin_s=self.margin_s, target=target, planned=error,
+            limits=np.array([getattr(limits, kind) for kind in KINDS]), angles=limits.angle.T,
+            outcomes=self._outcomes(r, target, drawn), draws=len(given.draws), most=most, advice=advice,
         )  # fmt: skip
 
     def _path(self, time_s: FloatArray) -> FloatArray:

@@ -266,7 +266,11 @@ def room(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, Floa
 
 
 def robust(
-    estimate: Plants, draws: Plants, first_mode_hz: float, delay: int, say: Callable[[str], None] = lambda _: None
+    estimate: Plants,
+    draws: Plants | None,
+    first_mode_hz: float,
+    delay: int,
+    say: Callable[[str], None] = lambda _: None,
 ) -> tuple[Cascade, FloatArray]:
     """The design that keeps the limit on the estimate and on 95 % of D draws, and M_S of these in dB (D,).
 
@@ -274,7 +278,7 @@ def robust(
     """
     limit_db, Q, scene = LIMIT_DB, len(estimate), Scene.of(estimate)
     fine = Scene.of(estimate, lines=600, per_mode=41)
-    drawn = Scene.of(draws, lines=120, per_mode=9) if len(draws) else None
+    drawn = None if draws is None else Scene.of(draws, lines=120, per_mode=9)
 
     def peaks(own: Cascade) -> FloatArray:
         return np.zeros(0) if drawn is None else own.on(drawn).peaks_db.reshape(-1, Q).max(axis=1)

@@ -20,7 +20,8 @@ from elastid.base.errors import StudyError
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linear_model import DELAY, LinearModel, state_space, torque_elements
+from elastid.linear.fitted_model import Estimated
+from elastid.linear.linear_model import LinearModel, state_space, torque_elements
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
 from elastid.record import Configuration
 from elastid.simulation.controller import tune
@@ -43,9 +44,6 @@ class Plants:
     def __len__(self) -> int:
         return len(self.A)
 
-    def __getitem__(self, which: slice) -> Plants:
-        return Plants(self.rate_hz, self.A[which], self.B[which], self.C[which], self.inertia[which])
-
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
         unit, responses = np.eye(self.A.shape[-1]), []
@@ -53,12 +51,6 @@ class Plants:
             z = np.exp(2j * np.pi * own / self.rate_hz)[:, None, None]
             responses.append(C @ np.linalg.solve(z * unit - A, B.astype(complex)))
         return np.array(responses)
-
-    @classmethod
-    def stacked(cls, plants: Sequence[Plants]) -> Plants:
-        """Plants of several values one after the other."""
-        parts = (np.concatenate([getattr(own, name) for own in plants]) for name in ("A", "B", "C", "inertia"))
-        return cls(plants[0].rate_hz, *parts)
 
 
 @dataclass(frozen=True)
@@ -109,26 +101,13 @@ class PostureFamily:
     @cached_property
     def estimate(self) -> Plants:
         """The Q plants of the fitted numbers."""
-        return self._plants([self._theta(own) for own in self.linear])
+        return self._plants(self.family.estimated.x)
 
     def draws(self, result: Result, count: int, seed: int) -> Plants:
         """count times Q plants of robots drawn from the fit (`draw_robots`), the postures of each robot in a row."""
-        drawn = draw_robots(result, count, seed)
-        late = drawn.names.index(DELAY) if DELAY in drawn.names else None
-        pieces = []
-        for robot, values in zip(drawn.robots, drawn.values, strict=True):
-            table = robot.parameters(robot.on_demand)
-            thetas = []
-            for own in self.linear:
-                theta = self._theta(own).copy()
-                for i, name in enumerate(own.parameters):
-                    if name in table:
-                        theta[i] = table[name][0]
-                    elif name == DELAY and late is not None:
-                        theta[i] = values[late]
-                thetas.append(theta)
-            pieces.append(self._plants(thetas))
-        return Plants.stacked(pieces)
+        pieces = [self._plants(x) for x in draw_robots(result, count, seed).x]
+        parts = (np.concatenate([getattr(own, name) for own in pieces]) for name in ("A", "B", "C", "inertia"))
+        return Plants(self.rate_hz, *parts)
 
     @cached_property
     def modes(self) -> tuple[tuple[PlantMode, ...], ...]:
@@ -157,12 +136,15 @@ class PostureFamily:
             PlantMode(float(known.freq_hz[m]), energy.springs[strained[m]], tuple(parts[:, m].tolist())) for m in sprung
         )
 
-    def _theta(self, own: LinearModel) -> FloatArray:
-        known = replace(self.family.estimated, where=own.configuration.name)
-        return known.theta(known.x)
+    def _theta(self, own: LinearModel, x: FloatArray | None = None) -> FloatArray:
+        e = self.family.estimated
+        known = Estimated.of(
+            e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, own.configuration.name, e.doubts
+        )  # fmt: skip
+        return known.theta(known.x if x is None else x)
 
-    def _plants(self, thetas: Sequence[FloatArray]) -> Plants:
-        pieces = [_sampled(own, theta, self.rate_hz) for own, theta in zip(self.linear, thetas, strict=True)]
+    def _plants(self, x: FloatArray) -> Plants:
+        pieces = [_sampled(own, self._theta(own, x), self.rate_hz) for own in self.linear]
         A, B, C = (np.array(part) for part in zip(*pieces, strict=True))
         return Plants(self.rate_hz, A, B, C, self.inertia)
 

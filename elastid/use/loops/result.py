@@ -181,7 +181,7 @@ def design_loops(
         own = replace(family, rate_hz=today.rate_hz) if is_other else family
         state = today.state(own, drawn_of(own) if is_other else drawn)
     plants, first_hz = family.estimate, min(mode.freq_hz for own in family.modes for mode in own)
-    found, _ = robust(plants, drawn if drawn is not None else plants[:0], first_hz, asked.delay_samples, say)
+    found, _ = robust(plants, drawn, first_hz, asked.delay_samples, say)
     spec, model = found.to_spec(family.axes), family.family.model
     gains, filters = gains_of(model, np.zeros(model.n_q), spec), filters_of(family.axes, spec, family.rate_hz)
     designed = assess(DESIGNED, family, drawn, gains, filters)

@@ -148,29 +148,23 @@ def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
 
 def closed_loop_poles(plants: Plants, gains: Gains, filters: Filters | None) -> ComplexArray:
     """z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
-    N, m, n_u = plants.B.shape
-    Af, Bf, Cf, Df = (np.zeros((0, 0)), np.zeros((0, n_u)), np.zeros((n_u, 0)), np.eye(n_u))
+    N, _, n_u = plants.B.shape
+    T, unit, none = 1 / plants.rate_hz, np.eye(n_u), np.zeros((n_u, n_u))
+    kp, kd, ki = (np.broadcast_to(part, (N, n_u))[:, :, None] * unit for part in (gains.kp, gains.kd, gains.ki))
+    # States y_(k-1) and T sum e of e_k = -(k_p + k_d / T) y_k + k_d / T y_(k-1).
+    A, B = _blocks([[none, none], [kd, unit]]), _blocks([[unit], [-T * kp - kd]])
+    C, D = _blocks([[kd / T, ki]]), -kp - kd / T
+    if not np.any(ki):
+        A, B, C = A[:, :n_u, :n_u], B[:, :n_u], C[:, :, :n_u]
     if filters is not None:
         Af, Bf, Cf, Df = filters.matrices
-    n_f, T = len(Af), 1 / plants.rate_hz
-    kp, kd, ki = (np.broadcast_to(part, (N, n_u)) for part in (gains.kp, gains.kd, gains.ki))
-    # e_k = -(k_p + k_d / T) y_k + k_d / T y_(k-1), the feedback e + k_i i, i its integral; states x, y_(k-1), i, x_f.
-    of_x = -((kp + kd / T)[:, :, None] * plants.C)
-    of_last = (kd / T)[:, :, None] * np.eye(n_u)
-    E = np.concatenate([of_x, of_last, np.zeros((N, n_u, n_u + n_f))], axis=2)
-    V = E.copy()
-    V[:, :, m + n_u : m + 2 * n_u] += ki[:, :, None] * np.eye(n_u)
-    U = Df @ V
-    U[:, :, m + 2 * n_u :] += Cf
-    A = np.zeros((N, m + 2 * n_u + n_f, m + 2 * n_u + n_f))
-    A[:, :m, :m] = plants.A
-    A[:, :m] += plants.B @ U
-    A[:, m : m + n_u, :m] = plants.C
-    A[:, m + n_u : m + 2 * n_u] = T * E
-    A[:, m + n_u : m + 2 * n_u, m + n_u : m + 2 * n_u] += np.eye(n_u)
-    A[:, m + 2 * n_u :] = Bf @ V
-    A[:, m + 2 * n_u :, m + 2 * n_u :] += Af
-    if not np.any(ki):  # an integral that nothing reads
-        kept = np.r_[: m + n_u, m + 2 * n_u : len(A[0])]
-        A = A[:, kept[:, None], kept]
-    return np.asarray(np.linalg.eigvals(A))
+        A, B = _blocks([[A, np.zeros((A.shape[1], len(Af)))], [Bf @ C, Af]]), _blocks([[B], [Bf @ D]])
+        C, D = _blocks([[Df @ C, Cf]]), Df @ D
+    loop = [[plants.A + plants.B @ D @ plants.C, plants.B @ C], [B @ plants.C, A]]
+    return np.asarray(np.linalg.eigvals(_blocks(loop)))
+
+
+def _blocks(rows: list[list[FloatArray]]) -> FloatArray:
+    """Block matrices (N, m, n) of blocks (N, ., .) or (., .)."""
+    N = np.broadcast_shapes(*((1, *each.shape)[-3:-2] for row in rows for each in row))
+    return np.asarray(np.block([[np.broadcast_to(each, (*N, *each.shape[-2:])) for each in row] for row in rows]))
