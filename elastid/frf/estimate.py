@@ -52,7 +52,6 @@ from elastid.frf.welch import welch_response
 from elastid.record import Record
 from elastid.response import Response
 
-WELCH = ("h1", "h2")
 LOCAL = ("local_polynomial", "local_rational")
 LEVEL_LINES = 1024  # of which `level_lines` are found
 
@@ -69,11 +68,6 @@ def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntA
     together or do not suffice, the experiments do not separate the inputs, or no line is excited.
     """
     refuse_mismatch(records)
-    n_y, n_u = len(records[0].outputs), len(records[0].inputs)
-    if spec.method == "h2" and n_y != n_u:
-        raise StudyError(
-            "frf/method", f"estimator.method h2 needs as many outputs as inputs, here {n_y} and {n_u}; take h1 or auto"
-        )
     if records[0].is_periodic:
         groups: dict[int, list[Record]] = {}
         for record in sorted(records, key=lambda record: (record.realisation, record.experiment)):
@@ -114,10 +108,10 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
 
 def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
     """StudyError for a method, lines or a transient that only records with a period have."""
-    if spec.method not in ("auto", *LOCAL, *WELCH):
+    if spec.method not in ("auto", "h1", *LOCAL):
         why = (
-            f"which estimator.method {spec.method} needs; take auto, local_rational, local_polynomial, h1 or h2, "
-            "or state the period of the record where it has one"
+            f"which estimator.method {spec.method} needs; take auto, local_rational, local_polynomial or h1, or "
+            "state the period of the record where it has one"
         )
     elif spec.lines in ("odd", "excited"):
         why = (
@@ -209,9 +203,7 @@ def _fitted(
     except np.linalg.LinAlgError as error:
         raise DataError(
             "frf/inputs-together",
-            f"estimator.method {method} finds a singular matrix at some "
-            f"line: an output of {', '.join(first.outputs)} does not move on its own, or the units of inputs and "
-            "outputs are too far apart; check these channels, or take arithmetic",
+            f"estimator.method {method} finds a singular matrix at some line; check the units, or take arithmetic",
             f"configuration {first.configuration.name}",
         ) from error
 

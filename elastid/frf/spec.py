@@ -13,7 +13,6 @@ Method: TypeAlias = Literal[
     "auto",
     "arithmetic",
     "h1",
-    "h2",
     "joint",
     "errors_in_variables",
     "local_polynomial",
@@ -31,13 +30,13 @@ _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 class EstimatorSpec:
     """Estimation of frequency responses from records.
 
-    Records without a period take `h1` or `h2` by Welch's method, a local method, or `auto`, which compares `h1`
-    with `local_rational`; their lines are `full`.
+    Records without a period take `h1` by Welch's method, a local method, or `auto`, which compares both; their
+    lines are `full`.
     """
 
     # fmt: off
     method: Annotated[Method, Key("Method of estimation: `arithmetic` mean of the "
-        "realisations' responses, each from as many experiments as inputs; or of all experiments together `h1`, `h2`, "
+        "realisations' responses, each from as many experiments as inputs; or of all experiments together `h1`, "
         "`joint` (input-output, by the injected torque) or `errors_in_variables`; or `local_polynomial` or "
         "`local_rational` (where windows are wider than resonances), from one experiment of all inputs or more, "
         "started from rest or not; `auto` takes the `arithmetic` mean where periods and experiments allow, else the "

@@ -1,8 +1,8 @@
-r"""Welch's H1 and H2: responses of records without a period, from windowed segments that overlap.
+r"""Welch's H1: responses of records without a period, from windowed segments that overlap.
 
 Every segment of every record of a configuration is a realisation. With the cross spectra of all K of them,
 
-.. math:: S_{yu} = \sum_k Y_k U_k^H, \quad H_1 = S_{yu} S_{uu}^{-1}, \quad H_2 = S_{yy} S_{uy}^{-1}
+.. math:: S_{yu} = \sum_k Y_k U_k^H, \quad H_1 = S_{yu} S_{uu}^{-1}
 
 The residual gives the covariance; for one input it is that by coherence,
 
@@ -191,7 +191,7 @@ def _are_repeats(first: Record, other: Record) -> bool:
 
 
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
-    """G (F, n_y, n_u) of one configuration by h1 or h2, with coherences, from all segments of its records.
+    """G (F, n_y, n_u) of one configuration by h1, with coherences, from all segments of its records.
 
     noise: with distortion, which segments do not separate.  total: with the leakage of windows.  Lines are those of a
     segment.
@@ -215,7 +215,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     is_cut = np.zeros_like(usable) if records[0] is whole[0] else _is_cut(whole, segments, spec, data)
     kept = usable & ~is_cut if np.any(usable & ~is_cut) else usable
     data, L = data.on(kept), len(segments.window)
-    G = _response(data, spec.method)
+    G = data.yu @ np.linalg.inv(data.uu)
     covariance, total, beta, C_V = _covariances(data, G, segments, _by_leverage(records, segments, spec, data, G))
     quality = _quality(data, G, C_V)
     notes = [note for record in records for note in record.notes]
@@ -224,7 +224,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
         notes.append(Note("frf/lines-left-out", text))
     length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
     text = (
-        f"{spec.method} from {data.K} segments of {length}, window {spec.window}, overlap "
+        f"h1 from {data.K} segments of {length}, window {spec.window}, overlap "
         f"{percent(1 - segments.step / L, 2)}: "
         f"worth {data.K_e:.3g} independent ones"
     )
@@ -249,13 +249,6 @@ def _is_cut(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, 
     at_end = np.sum([np.abs(rfft(end, len(w), axis=0)[lines] * scale[:, n_y:]) ** 2 for end in ends], axis=0)
     whole = power(data.uu) * segments.step / np.sum(w**2)
     return np.asarray(np.any(at_end > _END_SHARE * whole, axis=1))
-
-
-def _response(data: CrossSpectra, method: str) -> ComplexArray:
-    """G (F, n_y, n_u) by H1 or H2, whose response of an output that does not move is 0."""
-    if method == "h1":
-        return data.yu @ np.linalg.inv(data.uu)
-    return np.asarray(data.yy @ np.linalg.pinv(adjoint(data.yu)))
 
 
 def _covariances(
