@@ -300,7 +300,7 @@ class Images:
     def of(cls, held: HoldImages, above: Kernel, theta: FloatArray) -> Images:
         """Images at theta (n_theta,) of the model."""
         own = held.undelayed(theta)
-        return cls(held, above, own, held.folding(theta), tuple(above.products(own, above.term_directions)))
+        return cls(held, above, own, held.folding(theta), tuple(above.products(own, np.eye(held.model.n))))
 
     @property
     def G(self) -> ComplexArray:
