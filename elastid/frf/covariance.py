@@ -19,7 +19,6 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import ComplexArray
-from elastid.base.errors import Note
 from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.matrices import added_error_products, adjoint, in_parts, positive, power, squared_magnitude
@@ -138,17 +137,3 @@ def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) ->
     F, n_y, n_u = shape
     variance = power(matrix).reshape(F, n_u, n_y).transpose(0, 2, 1)
     return Covariance(variance, dof, matrix=matrix)
-
-
-def form_notes(noise: Covariance | None, total: Covariance | None) -> list[Note]:
-    """A note on each covariance that its degrees of freedom give another form than Kronecker's."""
-    return [
-        Note(
-            "frf/method",
-            f"the {name} of G has the full covariance of its {covariance.variance[0].size} elements, from "
-            f"{covariance.dof:g} complex degrees of freedom",
-            severity="information",
-        )
-        for name, covariance in (("noise", noise), ("total", total))
-        if covariance is not None and covariance.form == "full"
-    ]

@@ -23,7 +23,6 @@ from elastid.frf.checks import (
 from elastid.frf.covariance import (
     distortion_covariance,
     equation_error,
-    form_notes,
     kronecker,
     level_lines,
     noise_covariance,
@@ -108,24 +107,14 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
 
 def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
     """StudyError for a method, lines or a transient that only records with a period have."""
-    if spec.method not in ("auto", "h1", *LOCAL):
-        why = (
-            f"which estimator.method {spec.method} needs; take auto, local_rational, local_polynomial or h1, or "
-            "state the period of the record where it has one"
-        )
-    elif spec.lines in ("odd", "excited"):
-        why = (
-            f"and so no lines that are {spec.lines}; take estimator.lines full, and band_hz for the band that was "
-            "excited"
-        )
-    elif spec.transient_periods not in ("auto", 0):
-        why = (
-            f"so that transient_periods {spec.transient_periods} has no meaning; leave the key out, and cut the start "
-            "of the file with samples: [first, last]"
-        )
-    else:
-        return
-    raise StudyError("frf/periods", f"record {records[0].name} has no period, {why}")
+    asked = {
+        "method": spec.method not in ("auto", "h1", *LOCAL),
+        "lines": spec.lines in ("odd", "excited"),
+        "transient_periods": spec.transient_periods not in ("auto", 0),
+    }
+    for key in (key for key, needs_period in asked.items() if needs_period):
+        text = f"has no period, which estimator.{key} {getattr(spec, key)} needs; leave the key out or state it"
+        raise StudyError("frf/periods", text, f"record {records[0].name}")
 
 
 def _with_period(
@@ -177,7 +166,6 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
         unexcited = everything.on(~excited).on(inside)
         levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, unexcited)
     response = _with_covariances(response, data, fitted, error, levels, lines, spectra)
-    notes += form_notes(response.noise, response.total)
     notes += [*input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
     return replace(response, notes=tuple(notes))
 

@@ -38,9 +38,8 @@ class Limits:
     neighbours: int = 9  # lines that share a noise level
     weighed: float = 4.0  # typical distances in units of the noise, at least; two of 90 clean sets have 2.6
     lines: int = 120  # evenly taken, that give a distance as well as all
-    compared: int = 512  # periods with which each period of a longer record is compared,
-    least_compared: int = 32  # or down to so few
-    pairs: int = 1 << 21  # where there are more pairs than fit into memory
+    pairs: int = 1 << 19  # of periods that are compared; of more, each with fewer others, down to
+    least_compared: int = 32
     order: int = 8  # of the prediction of noise from its samples before
     # Power of what it does not predict, in the first eighth of a difference over that in the second half: 1 of noise
     # and wander, 42 in one of 16 clean sets, 700 to 1e7 where a log began with its excitation.
@@ -93,16 +92,9 @@ class Compared:
     @classmethod
     def _from_amplitudes(cls, X: FloatArray, outlier_sigma: float) -> Compared:
         P = X.shape[1]
-        if LIMITS.compared >= P:
-            references = np.arange(P)
-            products = X @ np.swapaxes(X, 1, 2)
-            power = np.einsum("cpp->cp", products)
-        else:
-            count = min(LIMITS.compared, max(LIMITS.least_compared, LIMITS.pairs // P))
-            references = np.linspace(0, P - 1, count).round().astype(np.int64)
-            products = X @ np.swapaxes(X[:, references], 1, 2)
-            power = np.einsum("cpk,cpk->cp", X, X)
-        squares = power[:, :, None] + power[:, None, references] - 2 * products
+        references = np.linspace(0, P - 1, min(P, max(LIMITS.least_compared, LIMITS.pairs // P))).round().astype(int)
+        power = np.einsum("cpk,cpk->cp", X, X)
+        squares = power[:, :, None] + power[:, None, references] - 2 * X @ np.swapaxes(X[:, references], 1, 2)
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
 
     def weighed(self, good: IntArray) -> Compared:

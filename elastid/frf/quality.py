@@ -195,16 +195,10 @@ def wide_windows(
     if beyond.size == 0:
         return []
     worst = beyond[np.argmax(load[beyond])]
-    if poles == 0:
-        text = (
-            f"the windows are wider than the bandwidth of {beyond.size} of {len(span)} modes: {span[worst]:.3g} Hz "
-            f"at {f_0[worst]:.4g} Hz, where the mode is {width[worst]:.3g} Hz wide; its peak may be flattened: take "
-            "method local_rational, a longer period or record, or more experiments"
-        )
-        return [Note("frf/window", text)]
     text = (
-        f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {f_0[worst]:.4g} Hz, which has poles for "
-        f"{poles}; take a longer period or record, more experiments or a higher local_order"
+        f"windows are too wide for {beyond.size} of {len(span)} modes: {span[worst]:.3g} Hz at {f_0[worst]:.4g} Hz, "
+        f"where a mode is {width[worst]:.3g} Hz wide and a window has {inside[worst]}, with poles for {poles}; "
+        "take a longer period or record, more experiments, or method local_rational with a higher local_order"
     )
     return [Note("frf/window", text)]
 

@@ -21,6 +21,7 @@ motion; what is left out, of fourth order, is smaller by that square in rad^2.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -126,7 +127,7 @@ class _Expansion:
     n: int
     J: FloatArray
     curvature: FloatArray
-    jacobian: Jacobian
+    jacobian: Callable[[FloatArray], FloatArray]
     B: FloatArray
     free: IntArray
     orders: IntArray
@@ -302,28 +303,6 @@ def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) 
     return np.asarray(np.tensordot(mean, expansion.curvature[:n], axes=1))
 
 
-class Jacobian:
-    """J (n + n_y, n_z) about the operating point, at a distance (n_z,) from it; independent constraints only."""
-
-    def __init__(self, function: ca.Function, z: FloatArray, theta: FloatArray, rows: FloatArray, kept: FloatArray):
-        self.point, self.rows, self.kept = z, rows, kept
-        # Matrices of CasADi would take a third of the time.  Its columns are rows here.
-        self._z, self._theta = np.array(z, np.float64), np.array(theta, np.float64)
-        J = np.empty(function.size_out(0)[::-1])
-        self._J = J.T
-        self._buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
-        self._buffer, self._evaluate = function.buffer()
-        for i, values in enumerate((self._z, self._theta)):
-            self._buffer.set_arg(i, values.data)
-        self._buffer.set_res(0, J.data)
-
-    def __call__(self, distance: FloatArray) -> FloatArray:
-        """J of the independent constraints there."""
-        np.add(self.point, self.kept @ distance, out=self._z)
-        self._evaluate()
-        return np.asarray(self.rows @ self._J @ self.kept)
-
-
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
     """R of a model about its equilibrium in the configuration of `linear`, with the outputs of that."""
     point = equilibrium(model, theta[:-1], linear.configuration)
@@ -340,7 +319,11 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     rows = np.zeros((n + n_y, n_q + n_c + n_y))
     rows[:n_q, :n_q], rows[n_q:n, n_q : n_q + n_c], rows[n:, n_q + n_c :] = np.eye(n_q), U.T, np.eye(n_y)
     z = np.concatenate([point.q, point.lambda_, np.zeros(2 * n_q)])
-    jacobian = Jacobian(_jacobian_of(model, linear.outputs), z, numbers, rows, kept)
+    slope = _jacobian_of(model, linear.outputs)
+
+    def jacobian(distance: FloatArray) -> FloatArray:
+        return np.asarray(rows @ slope(z + kept @ distance, numbers).full() @ kept)
+
     # Central differences in rad or m; equations are quadratic in the rates and linear in the others.
     steps = np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0)
     curvature = [(jacobian(step) - jacobian(-step)) / (2 * h) for h, step in zip(steps, np.diag(steps), strict=True)]

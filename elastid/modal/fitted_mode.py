@@ -233,7 +233,7 @@ class Influences:
         weight = np.sum(np.abs(scaled) ** 2, axis=(0, 2))
         lines = len(shifts) + float(weight.sum() ** 2 / (weight @ weight)) - 1
         dof = 2 * lines * float(weight @ self._free[low:high]) / float(weight.sum()) / self._together
-        return np.asarray(total * small_sample_factors(np.array(max(dof, LEAST_DOF))) ** 2)
+        return np.asarray(total * small_sample_factors(max(dof, LEAST_DOF)) ** 2)
 
     def _line_factor(self, influence: ComplexArray) -> float:
         """Variance with correlated lines over that without, by the autocorrelation of the residuals."""

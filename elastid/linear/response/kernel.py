@@ -12,7 +12,7 @@ Letters as in `transfer`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -136,27 +136,19 @@ class Kernel(Kept):
         if DELAY in self.wanted:
             yield DELAY, images.folding(theta, order=1).images(G)
 
-    def pull(self, theta: FloatArray, products: Sequence[Products], weight: ComplexArray) -> FloatArray:
-        """Re sum over lines and elements of weight (F, n_y, n_u) times dG (P,), 0 of `factors`.
-
-        products: at theta (n_theta,), with all directions, Y = 1.
-        """
+    def pull(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
+        """Re sum over lines and elements of weight (F, n_y, n_u) times dG (P,) at theta (n_theta,), 0 of `factors`."""
         pulled, (n, n_u) = np.zeros(len(self.wanted)), self.model.B.shape
         gains = np.outer(*self.model.channel_gains(theta))
         moving = [self.wanted.index(name) for name in self.moved_outputs]
         between = np.zeros((3, n, n), complex)
-        for block, s, gain, _, YX, moved in products:
+        for block, s, gain, _, YX, moved in self.products(theta, np.eye(n)):
             along = YX[:, self.output_columns].swapaxes(1, 2) @ (gains * weight[block]) @ YX[:, :n_u]
             between += np.tensordot(np.stack([gain, gain * s, gain * s**2]), along, axes=1)
             pulled[moving] += np.sum(weight[block] * moved, axis=(1, 2, 3)).real
         for place, power, matrix in self._slope_matrices:
             pulled[place] -= np.vdot(matrix, between[power]).real
         return pulled
-
-    @property
-    def is_held(self) -> bool:
-        """True if G has images of held torques."""
-        return bool(self.above)
 
     @cached_property
     def above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
