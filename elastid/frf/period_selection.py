@@ -283,21 +283,11 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
     kind = "half period" if record.half_wave else "period"
     channels = [f"y {name}" for name in record.outputs] + [f"u {name}" for name in record.inputs]
     worst = int(np.argmax((measured.D[left_out] / np.maximum(measured.limit, LIMITS.negligible_distance)).max(axis=0)))
-    numbers = spectra.periods[left_out] + 1
-    total = record.n_repeats
-    when = ""
-    if record.rate_is_known:
-        length = record.repeat_samples / record.rate_hz
-        when = f" (from {_listed([f'{(n - 1) * length:.6g} s' for n in numbers])})"
-    by = _listed([f"{100 * d:.2g} %" for d in measured.D[left_out, worst]])
+    numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
         "frf/periods-left-out",
-        f"{kind}{'s' if len(numbers) > 1 else ''} {_listed([str(n) for n in numbers])} of {total}"
-        f"{when} left out as {reason}: {by} away from the other periods in {channels[worst]}, "
-        f"where {100 * measured.typical[worst]:.2g} % is usual",
+        f"{kind}{'s' if len(numbers) > 1 else ''} {', '.join(numbers)} of {record.n_repeats} left out as {reason}: "
+        f"up to {100 * measured.D[left_out, worst].max():.2g} % away from the others in {channels[worst]}, where "
+        f"{100 * measured.typical[worst]:.2g} % is usual",
         f"record {record.name}",
     )
-
-
-def _listed(items: Sequence[str]) -> str:
-    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

@@ -21,7 +21,7 @@ from elastid.base.errors import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
-from elastid.frf.matrices import inverse, power, semidefinite_eigenvalues, singular_values, squared_magnitude
+from elastid.frf.matrices import inverse, power, singular_values, squared_magnitude
 from elastid.record import Motion, Record
 from elastid.response import Levels, Quality, Response
 
@@ -85,7 +85,7 @@ def relative_singular_values(S_U: ComplexArray) -> FloatArray:
     """Roots (F, n_u) of the eigenvalues of the inputs' spectra S_U (F, n_u, n_u), each over its RMS; largest first."""
     rms = np.sqrt(np.einsum("fii->fi", S_U).real.mean(axis=0))
     rms[rms == 0] = 1.0
-    return np.sqrt(semidefinite_eigenvalues(S_U / np.outer(rms, rms)))
+    return np.sqrt(singular_values(S_U / np.outer(rms, rms)))
 
 
 def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[FloatArray, FloatArray]:

@@ -49,7 +49,14 @@ from elastid.frf.checks import LIMITS as CHECKS
 from elastid.frf.covariance import kronecker
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.matrices import adjoint, power, transposed
-from elastid.frf.quality import coherences, local_modes, measured_response, segment_notes, together_notes
+from elastid.frf.quality import (
+    coherences,
+    local_modes,
+    measured_response,
+    relative_singular_values,
+    segment_notes,
+    together_notes,
+)
 from elastid.frf.segments import Segments, make_segments
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import refuse_uncomputable, unit_scale
@@ -202,8 +209,8 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     segments, whole = make_segments(records, spec), records
     records = [segments.padded(record) for record in whole]
     data = cross_spectra(records, segments, spec)
-    power_ratio = _input_power(data)
-    usable = power_ratio[:, 0] > 1e-12 * power_ratio[:, -1]  # below, rounding decides
+    strength = relative_singular_values(data.uu / data.K)
+    usable = strength[:, -1] > 1e-6 * strength[:, 0]  # below, rounding decides
     if not usable.any():
         raise DataError(
             "frf/inputs-together",
@@ -288,17 +295,9 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
     return np.asarray(beta * np.sqrt(np.maximum(share, 0.0)))
 
 
-def _input_power(data: CrossSpectra) -> FloatArray:
-    """Eigenvalues (F, n_u) of the mean S_uu, each input relative to its RMS over lines; smallest first."""
-    S = data.uu / data.K
-    rms = np.sqrt(power(S).mean(axis=0))
-    rms = np.where(rms > 0, rms, 1.0)
-    return np.asarray(np.maximum(np.linalg.eigvalsh(S / np.outer(rms, rms)), 0.0))
-
-
 def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:
     """Coherences and levels; the noise in the inputs is unknown and counts as none."""
-    noise, relative = power(C_V), np.sqrt(_input_power(data)[:, ::-1])
+    noise, relative = power(C_V), relative_singular_values(data.uu / data.K)
     ordinary, multiple = coherences(power(data.yy), data.yu, data.uu)
     return Quality(
         coherence=ordinary,

@@ -71,12 +71,9 @@ class FittedMode:
     residue: ComplexArray
     residue_std: FloatArray
     orders: int
-    chance: float
 
     @classmethod
-    def of(
-        cls, response: Response, influences: Influences, r: int, pole: complex, orders: int, chance: float
-    ) -> FittedMode:
+    def of(cls, response: Response, influences: Influences, r: int, pole: complex, orders: int) -> FittedMode:
         """The pole r of a fit; pole: the same in 1/s, without windows."""
         fit, size, scale = influences.fit, abs(pole), influences.fit.data.basis.scale
         C = influences.pole_covariances[r] * scale**2
@@ -87,7 +84,7 @@ class FittedMode:
         shape = response.G.shape[1:]
         residue = (fit.residues[r] * scale).reshape(shape)
         std = (influences.residue_std(r) * fit.data.scale * scale).reshape(shape)
-        return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, orders, chance)
+        return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, orders)
 
     def is_within(self, response: Response) -> bool:
         """True within the band, with a frequency and a damping that are known."""

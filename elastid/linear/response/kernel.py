@@ -202,7 +202,7 @@ class Kernel(Kept):
 
     def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
         """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
-        M, D, K = self._matrices(theta)
+        M, D, K = self.model.matrices(theta)
         (C, T), tilted = self.model.readout(theta), self._sides.tilted
         right = np.column_stack([*self.model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
@@ -253,39 +253,14 @@ class Kernel(Kept):
     @cached_property
     def _elimination(self) -> Elimination:
         """Elimination of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
-        n = self.model.n
-        moved = np.zeros(3 * n * n, dtype=np.bool_)
-        moved[self._slopes[1]] = True
-        coupled = np.any((self._known != 0) | moved.reshape(3, n, n), axis=0)
-        return Elimination.of(coupled)
+        model = self.model
+        moved = [part for s in model.slopes.values() for part in (s.M, s.D, s.K) if part is not None]
+        return Elimination.of(np.any([part != 0 for part in (model.M, model.D, model.K, *moved)], axis=0))
 
     @cached_property
     def takes_compiled(self) -> bool:
         """True if Z is factorised, and the sums of a fit are formed, in C."""
         return is_compiled()
-
-    def _matrices(self, theta: FloatArray) -> FloatArray:
-        """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
-        places, moved, slopes = self._slopes
-        matrices = self._known.copy()
-        matrices.reshape(-1)[moved] += (theta - self.model.theta_ref)[places] @ slopes
-        return matrices
-
-    @cached_property
-    def _known(self) -> FloatArray:
-        """M, D, K (3, n, n) at the model's own theta."""
-        return np.stack([self.model.M, self.model.D, self.model.K])
-
-    @cached_property
-    def _slopes(self) -> tuple[IntArray, IntArray, FloatArray]:
-        """Places in theta of the parameters that move M, D, K, which entries (n_moved,) of 3 n n move, and how much."""
-        n, slopes = self.model.n, self.model.slopes
-        places = [self.model.parameters.index(name) for name in slopes]
-        zero = np.zeros((n, n))
-        stacked = [[zero if part is None else part for part in (s.M, s.D, s.K)] for s in slopes.values()]
-        slope_of = np.array(stacked).reshape(len(places), 3 * n * n)
-        moved = np.flatnonzero(slope_of.any(axis=0))
-        return np.array(places, np.int64), moved, slope_of[:, moved]
 
     @cached_property
     def _sides(self) -> Sides:
