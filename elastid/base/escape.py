@@ -94,21 +94,6 @@ def unused(name: str, taken: Iterable[str], separator: str = " ") -> str:
     return numbered
 
 
-def file_names(names: Iterable[str], prefix: str) -> list[str]:
-    """prefix-name of ASCII letters, digits, dots and dashes for each; numbered where two would be the same file.
-
-    >>> file_names(["a/b", "a b", "../x"], "frf")
-    ['frf-a-b', 'frf-a-b-2', 'frf-..-x']
-    """
-    files: list[str] = []
-    for name in names:
-        file = f"{prefix}-" + re.sub(r"[^A-Za-z0-9._-]+", "-", name)
-        if file.casefold() in (other.casefold() for other in files):
-            file = unused(f"{file}-{len(files) + 1}", files, "-")
-        files.append(file)
-    return files
-
-
 def file_name(name: str) -> str:
     """A name as part of a file's: separators, and what Windows refuses, escaped by their codes; others as they are.
 

@@ -5,7 +5,7 @@ Each section of a study lives in the room that uses it and knows no YAML; `study
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from types import NoneType, UnionType
@@ -42,6 +42,12 @@ class Key:
         return ""
 
 
+def check_band(band_hz: tuple[float, float] | None) -> None:
+    """Refuse a band that is empty or upside down; ValueError."""
+    if band_hz is not None and not 0 <= band_hz[0] < band_hz[1]:
+        raise ValueError(f"band_hz is [{band_hz[0]:g}, {band_hz[1]:g}]; give [lowest, highest]")
+
+
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def section(cls: type[T]) -> type[T]:
     """A frozen dataclass whose fields are the keys that a study may give.
@@ -53,15 +59,11 @@ def section(cls: type[T]) -> type[T]:
 
     def checked(self: T) -> None:
         kind: Any = type(self)
-        for name, (words, expected) in _plain_fields(kind).items():
+        for name, rules in _rules(kind).items():
             given = getattr(self, name)
-            value = _plain(given)
+            value = rules.checked(kind.__name__, name, given)
             if value is not given:
                 object.__setattr__(self, name, value)
-            if isinstance(value, str) and value not in words:
-                raise ValueError(f"{kind.__name__}: {name} is '{value}'; give {expected}")
-        _check_names(self)
-        _check_bounds(self)
         if check is not None:
             check(self)
 
@@ -70,65 +72,66 @@ def section(cls: type[T]) -> type[T]:
     return dataclass(frozen=True)(cls)
 
 
-def _check_names(owner: Any) -> None:
-    """ValueError for a field that is no name, or a mapping by names whose keys are none or the same but for case."""
-    kind: Any = type(owner)
-    for name, (rule, default) in _name_rules(kind).items():
-        given = getattr(owner, name)
-        if given is None or given == default or isinstance(given, str) != isinstance(rule, NameRule):
-            continue
-        try:
-            if isinstance(rule, NameRule):
-                rule.check(given)
-            elif isinstance(given, dict):
-                for key in given:
-                    rule[0].check(key)
-                check_different("name", given)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
+@dataclass(frozen=True)
+class _Rules:
+    """What the annotation of a field says of its value.
 
+    expected: what may be given as a message says, of words of a choice, numbers and tuples alone.  key: with bounds.
+    unit: behind a number where the name of the field does not say it.  names: of the value, or, by_name, of its keys.
+    """
 
-def _check_bounds(owner: Any) -> None:
-    """ValueError for a number that is out of the bounds of its key."""
-    kind: Any = type(owner)
-    for name, (key, unit) in _bounded(kind).items():
-        given = getattr(owner, name)
-        for number in given if isinstance(given, tuple) else (given,):
-            if isinstance(number, int | float) and (refused := key.refusal(number)):
-                raise ValueError(f"{name} is {number:g}{unit}; {refused}")
+    words: tuple[Any, ...]
+    expected: str
+    key: Key | None
+    unit: str
+    names: NameRule | None
+    by_name: bool
+    default: Any
 
-
-@cache
-def _bounded(cls: Any) -> dict[str, tuple[Key, str]]:
-    """The keys with bounds, and the unit behind a number where the name does not say it."""
-    bounded = {}
-    for name, hint in get_type_hints(cls, include_extras=True).items():
-        marks = list(getattr(hint, "__metadata__", ()))
-        inner = get_args(hint)[0] if marks else None
-        marks += [m for each in _alternatives(inner) for m in getattr(each, "__metadata__", ())]
-        units = next((mark.units for mark in marks if isinstance(mark, InUnit)), ("1",))
-        for key in (mark for mark in marks if isinstance(mark, Key) and (mark.above, mark.least) != (None, None)):
-            bounded[name] = key, "" if len(units) > 1 or units[0] in ("1", "Hz") else f" {units[0]}"
-    return bounded
+    def checked(self, section: str, name: str, value: Any) -> Any:
+        """The value, plain where it may be; ValueError for one that is none of the field."""
+        value = _plain(value) if self.expected else value
+        if self.expected and isinstance(value, str) and value not in self.words:
+            raise ValueError(f"{section}: {name} is '{value}'; give {self.expected}")
+        if self.names is not None and value is not None and value != self.default:
+            try:
+                if not self.by_name and isinstance(value, str):
+                    self.names.check(value)
+                elif self.by_name and isinstance(value, dict):
+                    for key in value:
+                        self.names.check(key)
+                    check_different("name", value)
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}") from None
+        for number in value if isinstance(value, tuple) else (value,):
+            if self.key is not None and isinstance(number, int | float) and (refused := self.key.refusal(number)):
+                raise ValueError(f"{name} is {number:g}{self.unit}; {refused}")
+        return value
 
 
 @cache
-def _name_rules(cls: Any) -> dict[str, tuple[NameRule | tuple[NameRule], Any]]:
-    """The fields that are names, and in a tuple those that are mappings by names: their rule and default."""
-    rules: dict[str, tuple[NameRule | tuple[NameRule], Any]] = {}
-    hints = get_type_hints(cls, include_extras=True)
+def _rules(cls: Any) -> dict[str, _Rules]:
+    """The rules of each field."""
+    rules, hints, plain = {}, get_type_hints(cls, include_extras=True), get_type_hints(cls)
     for each in fields(cls):
+        marks = list(_marks(hints[each.name]))
+        key = next((mark for mark, _ in marks if isinstance(mark, Key)), None)
+        units = next((mark.units for mark, _ in marks if isinstance(mark, InUnit)), ("1",))
+        unit = "" if len(units) > 1 or units[0] in ("1", "Hz") else f" {units[0]}"
+        names, by_name = next(((mark, inner) for mark, inner in marks if isinstance(mark, NameRule)), (None, False))
         default = None if each.default is MISSING else each.default
-        whole = hints[each.name]
-        inner = get_args(whole)[0] if get_origin(whole) is Annotated else whole
-        has_members = get_origin(inner) in (dict, Union, UnionType)  # otherwise the rule is a mark of the field
-        for hint in _alternatives(inner) if has_members else (whole,):
-            by_name = get_origin(hint) is dict
-            marked = get_args(hint)[0] if by_name else hint
-            marks = get_args(marked) if get_origin(marked) is Annotated else ()
-            for rule in (mark for mark in marks if isinstance(mark, NameRule)):
-                rules[each.name] = (rule,) if by_name else rule, default
+        rules[each.name] = _Rules(*_choice(plain[each.name]), key, unit, names, by_name, default)
     return rules
+
+
+def _marks(hint: Any, by_name: bool = False) -> Iterator[tuple[Any, bool]]:
+    """Marks of an annotation, of its alternatives and of the keys of mappings, and whether they are of keys."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        yield from ((mark, by_name) for mark in inner[1:])
+    inside = inner if origin in (Union, UnionType) else inner[:1] if origin in (Annotated, dict) else ()
+    for each in inside:
+        yield from _marks(each, by_name or origin is dict)
 
 
 def _plain(value: Any) -> Any:
@@ -137,21 +140,13 @@ def _plain(value: Any) -> Any:
     return tuple(map(_plain, value)) if isinstance(value, list) else value
 
 
-@cache
-def _plain_fields(cls: Any) -> dict[str, tuple[tuple[Any, ...], str]]:
-    """The fields that are words of a choice, numbers or tuples: the words, and what may be given as a message says."""
-    plain = {}
-    for name, hint in get_type_hints(cls).items():
-        kinds = [kind for kind in _alternatives(hint) if kind is not NoneType]
-        words = tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
-        others = [kind for kind in kinds if get_origin(kind) is not Literal]
-        numbers, tuples = ([k for k in others if k in (int, float)], [k for k in others if get_origin(k) is tuple])
-        if kinds and len(numbers) + len(tuples) == len(others):
-            expected = [f"one of {', '.join(map(str, words))}"] if words else []
-            expected += ["a number in SI (text with a unit is for the file of a study)"] if numbers else []
-            plain[name] = words, ", or ".join([*expected, *(["a tuple"] if tuples else [])])
-    return plain
-
-
-def _alternatives(hint: Any) -> tuple[Any, ...]:
-    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+def _choice(hint: Any) -> tuple[tuple[Any, ...], str]:
+    """Words of a choice, and what may be given as a message says: empty unless words, numbers and tuples alone."""
+    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    words = tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
+    numbers, tuples = {int, float} & {*kinds}, {kind for kind in kinds if get_origin(kind) is tuple}
+    if any(get_origin(kind) is not Literal for kind in {*kinds} - numbers - tuples - {NoneType}):
+        return words, ""
+    expected = [f"one of {', '.join(map(str, words))}"] if words else []
+    expected += ["a number in SI (text with a unit is for the file of a study)"] if numbers else []
+    return words, ", or ".join([*expected, *(["a tuple"] if tuples else [])])

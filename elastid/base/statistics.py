@@ -29,28 +29,17 @@ ONE_SIDED_95 = 1.644854
 STD_OVER_MAD = 1.4826
 
 
-def small_sample_factor(n: int) -> float:
-    """The 95 % quantile of Student's t with n - 1 degrees of freedom over that of the normal distribution.
+def small_sample_factors(dof: FloatArray | float) -> FloatArray:
+    """The 95 % quantiles of Student's t over that of the normal distribution, dof (n,), or one, may be infinite.
 
-    It widens a standard deviation that was estimated from n values.
-
-    >>> round(small_sample_factor(4), 3)
-    1.624
-    """
-    from scipy.special import ndtri, stdtrit
-
-    return float(stdtrit(n - 1, 0.975) / ndtri(0.975))
-
-
-def small_sample_factors(dof: FloatArray) -> FloatArray:
-    """Factors (n,) for variances of `dof` (n,) degrees of freedom each, 1 where these are infinite.
+    They widen standard deviations that are themselves estimated.
 
     >>> small_sample_factors(np.array([3.0, 24.0, np.inf])).round(3).tolist()
     [1.624, 1.053, 1.0]
     """
-    from scipy.special import stdtrit
+    from scipy.special import ndtri, stdtrit
 
-    return np.where(np.isinf(dof), 1.0, stdtrit(np.minimum(dof, 1e9), 0.975) / QUANTILE_95)
+    return np.where(np.isinf(dof), 1.0, stdtrit(np.minimum(dof, 1e9), 0.975) / ndtri(0.975))
 
 
 def chi_square_limit(dof: float, tail: float) -> float:
@@ -84,17 +73,6 @@ def f_test(drop: float, added: int, left: float, dof: float) -> float:
     from scipy.special import fdtrc
 
     return float(fdtrc(added, dof, max(drop, 0.0) / added / max(left / dof, 1e-300)))
-
-
-def discoveries(p_values: FloatArray, rate: float) -> BoolArray:
-    """Tests (n,) that are rejected at a false discovery rate (Benjamini and Hochberg 1995, by SciPy).
-
-    >>> discoveries(np.array([0.001, 0.02, 0.6]), 0.05).tolist()
-    [True, True, False]
-    """
-    from scipy.stats import false_discovery_control  # slow to load, and seldom needed
-
-    return np.asarray(false_discovery_control(p_values) <= rate)
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ from itertools import pairwise
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.statistics import small_sample_factor
+from elastid.base.statistics import small_sample_factors
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.problem.part import Part
@@ -250,7 +250,7 @@ def jackknife_variance(parts: Sequence[LineSums], A: FloatArray, half: FloatArra
         return np.zeros(half.shape[1])
     length[length == 0] = 1.0
     moved = np.array([_moved_without(part, A, length) for part in parts]) @ half
-    t = small_sample_factor(Q)
+    t = small_sample_factors(Q - 1)
     return np.asarray(t**2 * (Q - 1) / Q * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0))
 
 
@@ -270,7 +270,7 @@ def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray
     n = int(np.count_nonzero(np.any(moved != 0, axis=1)))
     if n < 2:
         return np.zeros(half.shape[1])
-    t = small_sample_factor(n)
+    t = small_sample_factors(n - 1)
     return np.asarray(t**2 * n / (n - 1) * np.sum(moved**2, axis=0))
 
 

@@ -9,17 +9,11 @@ from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.errors import check_kind
 from elastid.base.names import FileName, PartName
-from elastid.base.section import Key, section
+from elastid.base.section import Key, check_band, section
 from elastid.base.units import Frequency, Quantity
 from elastid.parameters import Tie
 
 Loss: TypeAlias = Literal["square", "huber"]
-
-
-def check_band(band_hz: tuple[float, float] | None) -> None:
-    """Refuse a band that is empty or upside down; ValueError."""
-    if band_hz is not None and not 0 <= band_hz[0] < band_hz[1]:
-        raise ValueError(f"band_hz is [{band_hz[0]:g}, {band_hz[1]:g}]; give [lowest, highest]")
 
 
 @section

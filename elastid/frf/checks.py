@@ -47,19 +47,13 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
             "frf/records", "there is no record to estimate a response from; measure at least one experiment"
         )
     first = records[0]
+    names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "sampled", "inputs", "outputs"]
+    # Without a period each record has its own length.
+    names += ["quantities", "period_samples"] if first.is_periodic else ["quantities"]
     for record in records:
-        if not np.array_equal(record.configuration.angles, first.configuration.angles):
-            raise DataError(
-                "frf/records",
-                f"the records are of configurations {first.configuration.name} and {record.configuration.name}, at "
-                f"different angles; take those of one at a time",
-            )
-    for record in records:
-        names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "sampled"]
-        names += ["inputs", "outputs", "quantities"]
-        # Without a period each record has its own length.
-        for name in [*names, "period_samples"] if first.is_periodic else names:
-            a, b = getattr(first, name), getattr(record, name)
+        pairs = {name: (getattr(first, name), getattr(record, name)) for name in names}
+        pairs["angles"] = tuple(first.configuration.angles), tuple(record.configuration.angles)
+        for name, (a, b) in pairs.items():
             is_same = abs(a - b) <= LIMITS.clock_difference * a if name == "rate_hz" else a == b
             if not is_same:
                 raise DataError(

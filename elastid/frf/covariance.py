@@ -19,10 +19,9 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import ComplexArray
-from elastid.base.errors import Note
 from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.experiment_blocks import MeanSpectra
-from elastid.frf.matrices import added_error_products, adjoint, in_parts, positive, power, squared_magnitude
+from elastid.frf.matrices import added_error_products, adjoint, positive, power, squared_magnitude
 from elastid.frf.methods import Estimate
 from elastid.response import Covariance
 
@@ -32,14 +31,9 @@ MIN_LEVEL_POWER = 7.0  # |rho|^2 of white errors in its expectation, which one i
 
 def equation_error(data: MeanSpectra, G: ComplexArray) -> ComplexArray:
     """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
-    n_y = G.shape[1]
-
-    def of_lines(part: slice) -> ComplexArray:
-        S, B = data.S_Z[part], adjoint(G[part])
-        cross = S[:, :n_y, n_y:] @ B
-        return np.asarray((S[:, :n_y, :n_y] - cross - adjoint(cross) + G[part] @ (S[:, n_y:, n_y:] @ B)) / data.dof)
-
-    return in_parts(len(G), of_lines)
+    n_y, S, B = G.shape[1], data.S_Z, adjoint(G)
+    cross = S[:, :n_y, n_y:] @ B
+    return np.asarray((S[:, :n_y, :n_y] - cross - adjoint(cross) + G @ (S[:, n_y:, n_y:] @ B)) / data.dof)
 
 
 def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -> Covariance:
@@ -138,17 +132,3 @@ def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) ->
     F, n_y, n_u = shape
     variance = power(matrix).reshape(F, n_u, n_y).transpose(0, 2, 1)
     return Covariance(variance, dof, matrix=matrix)
-
-
-def form_notes(noise: Covariance | None, total: Covariance | None) -> list[Note]:
-    """A note on each covariance that its degrees of freedom give another form than Kronecker's."""
-    return [
-        Note(
-            "frf/method",
-            f"the {name} of G has the full covariance of its {covariance.variance[0].size} elements, from "
-            f"{covariance.dof:g} complex degrees of freedom",
-            severity="information",
-        )
-        for name, covariance in (("noise", noise), ("total", total))
-        if covariance is not None and covariance.form == "full"
-    ]

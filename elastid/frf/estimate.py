@@ -23,7 +23,6 @@ from elastid.frf.checks import (
 from elastid.frf.covariance import (
     distortion_covariance,
     equation_error,
-    form_notes,
     kronecker,
     level_lines,
     noise_covariance,
@@ -52,7 +51,6 @@ from elastid.frf.welch import welch_response
 from elastid.record import Record
 from elastid.response import Response
 
-WELCH = ("h1", "h2")
 LOCAL = ("local_polynomial", "local_rational")
 LEVEL_LINES = 1024  # of which `level_lines` are found
 
@@ -69,11 +67,6 @@ def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntA
     together or do not suffice, the experiments do not separate the inputs, or no line is excited.
     """
     refuse_mismatch(records)
-    n_y, n_u = len(records[0].outputs), len(records[0].inputs)
-    if spec.method == "h2" and n_y != n_u:
-        raise StudyError(
-            "frf/method", f"estimator.method h2 needs as many outputs as inputs, here {n_y} and {n_u}; take h1 or auto"
-        )
     if records[0].is_periodic:
         groups: dict[int, list[Record]] = {}
         for record in sorted(records, key=lambda record: (record.realisation, record.experiment)):
@@ -114,24 +107,14 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
 
 def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
     """StudyError for a method, lines or a transient that only records with a period have."""
-    if spec.method not in ("auto", *LOCAL, *WELCH):
-        why = (
-            f"which estimator.method {spec.method} needs; take auto, local_rational, local_polynomial, h1 or h2, "
-            "or state the period of the record where it has one"
-        )
-    elif spec.lines in ("odd", "excited"):
-        why = (
-            f"and so no lines that are {spec.lines}; take estimator.lines full, and band_hz for the band that was "
-            "excited"
-        )
-    elif spec.transient_periods not in ("auto", 0):
-        why = (
-            f"so that transient_periods {spec.transient_periods} has no meaning; leave the key out, and cut the start "
-            "of the file with samples: [first, last]"
-        )
-    else:
-        return
-    raise StudyError("frf/periods", f"record {records[0].name} has no period, {why}")
+    asked = {
+        "method": spec.method not in ("auto", "h1", *LOCAL),
+        "lines": spec.lines in ("odd", "excited"),
+        "transient_periods": spec.transient_periods not in ("auto", 0),
+    }
+    for key in (key for key, needs_period in asked.items() if needs_period):
+        text = f"has no period, which estimator.{key} {getattr(spec, key)} needs; leave the key out or state it"
+        raise StudyError("frf/periods", text, f"record {records[0].name}")
 
 
 def _with_period(
@@ -183,7 +166,6 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
         unexcited = everything.on(~excited).on(inside)
         levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, unexcited)
     response = _with_covariances(response, data, fitted, error, levels, lines, spectra)
-    notes += form_notes(response.noise, response.total)
     notes += [*input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
     return replace(response, notes=tuple(notes))
 
@@ -209,9 +191,7 @@ def _fitted(
     except np.linalg.LinAlgError as error:
         raise DataError(
             "frf/inputs-together",
-            f"estimator.method {method} finds a singular matrix at some "
-            f"line: an output of {', '.join(first.outputs)} does not move on its own, or the units of inputs and "
-            "outputs are too far apart; check these channels, or take arithmetic",
+            f"estimator.method {method} finds a singular matrix at some line; check the units, or take arithmetic",
             f"configuration {first.configuration.name}",
         ) from error
 

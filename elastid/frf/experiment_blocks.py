@@ -181,16 +181,12 @@ class MeanSpectra:
     def output_powers(self) -> tuple[FloatArray, FloatArray]:
         """Sums (F, n_y) over experiments of |Y|^2, and of P |Y|^2."""
         powers = [squared_magnitude(Y) for Y in self.Y]
-        plain: FloatArray = np.sum([power.sum(axis=2) for power in powers], axis=0)
-        if np.ptp(self.periods) == 0:
-            return plain, self.periods[0] * plain
-        return plain, np.sum([power @ block.periods for power, block in zip(powers, self.blocks, strict=True)], axis=0)
+        of_periods = [power @ block.periods for power, block in zip(powers, self.blocks, strict=True)]
+        return np.sum([power.sum(axis=2) for power in powers], axis=0), np.sum(of_periods, axis=0)
 
     def of_periods(self, X: Sequence[ComplexArray]) -> ComplexArray:
         """Sum over experiments of P X U^H, P periods each; X: Y or U of each block."""
-        if np.ptp(self.periods) > 0:
-            return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], self.U)
-        return np.asarray(self.periods[0] * (self.UU if X is self.U else added_cross_products(X, self.U)))
+        return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], self.U)
 
     @cached_property
     def every(self) -> Block:

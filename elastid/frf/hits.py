@@ -6,7 +6,7 @@ of the largest one; two within 0.15 s are one hit that bounced.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,79 +78,57 @@ def hit_notes(records: Sequence[Record]) -> tuple[Note, ...]:
 
 
 def _notes(record: Record) -> Iterator[Note]:
+    place = f"configuration {record.configuration.name}, record {record.name}"
     forces = [(name, record.u[:, j], Pulses.of(record.u[:, j])) for j, name in enumerate(record.inputs)]
     hit = [(name, u, pulses) for name, u, pulses in forces if pulses is not None]
-    if not hit:
-        return
     for name, u, pulses in hit:
-        yield from _double_hits(record, name, pulses)
-        yield from _wrong_trigger(record, name, u, pulses)
-        yield from _overload_of_force(record, name, u, pulses)
-    outputs = [(name, record.y[:, i]) for i, name in enumerate(record.outputs)]
-    yield from _overload_of_answers(record, outputs)
-
-
-def _note(record: Record, code: str, text: str) -> Note:
-    return Note(code, text, f"configuration {record.configuration.name}, record {record.name}")
-
-
-def _double_hits(record: Record, name: str, pulses: Pulses) -> Iterator[Note]:
-    bounces = pulses.bounces(record.rate_hz)
-    if len(bounces):
-        gap = (pulses.first[bounces] - pulses.first[bounces - 1]) / record.rate_hz
-        strength = pulses.size[bounces] / pulses.size[bounces - 1]
-        worst = int(np.argmax(strength))
-        begins = pulses.first[bounces[worst] - 1] / record.rate_hz
-        yield _note(
-            record,
-            "frf/hits",
-            f"{len(bounces)} of {len(pulses.first) - len(bounces)} hits of {name} are double, one {begins:.4g} s into "
-            f"the record with a second blow {1000 * gap[worst]:.3g} ms later and {percent(strength[worst], 2)} as "
-            f"strong: the force has dips every {1 / gap[worst]:.3g} Hz, where the response is uncertain; leave that "
-            "hit out of the record, or hit again with a lighter hammer",
-        )
-
-
-def _wrong_trigger(record: Record, name: str, u: FloatArray, pulses: Pulses) -> Iterator[Note]:
-    if pulses.first[0] == 0:
+        if text := _double_hits(record, name, pulses):
+            yield Note("frf/hits", text, place)
+        if pulses.first[0] == 0 or pulses.last[-1] == len(u) - 1:
+            text = (
+                f"begins or ends within a hit of {name}, whose force or answer is cut: set a pretrigger of some "
+                "milliseconds, and record until the answer has died out"
+            )
+            yield Note("frf/hits", text, place)
+    overloads = [(name, _overloads_of_force(u, pulses)) for name, u, pulses in hit]
+    overloads += [(name, _overloads_of_answer(y)) for name, y in zip(record.outputs, record.y.T, strict=True) if hit]
+    if found := [f"{name} ({count} times)" for name, count in overloads if count]:
         text = (
-            f"begins within a hit of {name}: its first sample is at {percent(abs(u[0]) / pulses.size.max(), 2)} of the "
-            "largest force, so that the rise of the force is lost and the response is too large; set a pretrigger of "
-            "some milliseconds"
+            f"stays at the end of its range at {', '.join(found)}: overloaded, which makes responses too large or looks"
+            " like damping; hit more softly, or take a wider range"
         )
-        yield _note(record, "frf/hits", text)
-    if pulses.last[-1] == len(u) - 1:
-        text = f"ends within a hit of {name}, whose answer is not in it; record for longer after the trigger"
-        yield _note(record, "frf/hits", text)
+        yield Note("frf/overload", text, place)
 
 
-def _overload_of_force(record: Record, name: str, u: FloatArray, pulses: Pulses) -> Iterator[Note]:
-    top = float(np.abs(u).max())
-    flat = 0
+def _double_hits(record: Record, name: str, pulses: Pulses) -> str:
+    bounces = pulses.bounces(record.rate_hz)
+    if not len(bounces):
+        return ""
+    gap = (pulses.first[bounces] - pulses.first[bounces - 1]) / record.rate_hz
+    strength = pulses.size[bounces] / pulses.size[bounces - 1]
+    worst = int(np.argmax(strength))
+    begins = pulses.first[bounces[worst] - 1] / record.rate_hz
+    return (
+        f"{len(bounces)} of {len(pulses.first) - len(bounces)} hits of {name} are double, one {begins:.4g} s into "
+        f"the record with a second blow {1000 * gap[worst]:.3g} ms later and {percent(strength[worst], 2)} as "
+        f"strong: the force has dips every {1 / gap[worst]:.3g} Hz, where the response is uncertain; leave that "
+        "hit out of the record, or hit again with a lighter hammer"
+    )
+
+
+def _overloads_of_force(u: FloatArray, pulses: Pulses) -> int:
+    """Hits that stay at the largest force for some samples."""
+    top, flat = float(np.abs(u).max()), 0
     for a, b in zip(pulses.first, pulses.last, strict=True):
         first, last = runs(np.abs(u[a : b + 1]) == top)
-        longest = int(np.max(last - first + 1, initial=0))
-        flat += longest >= max(LIMITS.run, LIMITS.run_share * (b - a + 1))
-    if flat:
-        text = (
-            f"{flat} of {len(pulses.first)} hits of {name} stay at {top:.4g} for {LIMITS.run} samples and more: the "
-            "amplifier is overloaded, and the response too large; hit more softly, or take a wider range"
-        )
-        yield _note(record, "frf/overload", text)
+        flat += int(np.max(last - first + 1, initial=0)) >= max(LIMITS.run, LIMITS.run_share * (b - a + 1))
+    return flat
 
 
-def _overload_of_answers(record: Record, outputs: Iterable[tuple[str, FloatArray]]) -> Iterator[Note]:
-    found = []
-    for name, y in outputs:
-        visits = 0
-        for limit in (y.max(), y.min()):
-            first, last = runs(y == limit)
-            visits += int(np.sum(last - first + 1 >= LIMITS.run))
-        if visits > 1 and np.ptp(y) > 0:
-            found.append(f"{name} ({visits} times)")
-    if found:
-        text = (
-            f"stays at the end of its range at {', '.join(found)}: overloaded, which looks like damping; "
-            "hit more softly, or take a wider range"
-        )
-        yield _note(record, "frf/overload", text)
+def _overloads_of_answer(y: FloatArray) -> int:
+    """Visits of some samples to either end of what it reaches; 0 for a single one, and where it does not move."""
+    visits = 0
+    for limit in (y.max(), y.min()):
+        first, last = runs(y == limit)
+        visits += int(np.sum(last - first + 1 >= LIMITS.run))
+    return visits if visits > 1 and np.ptp(y) > 0 else 0

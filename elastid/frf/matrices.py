@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import reduce
 from typing import TypeAlias
 
@@ -13,8 +13,6 @@ from elastid.base.kernels import call, is_compiled
 
 # One stack for each block.
 Stacks: TypeAlias = Sequence[ComplexArray]
-# Matrices of so many lines fit into the processor's cache.
-LINES_AT_ONCE = 256
 
 
 def transposed(A: ComplexArray) -> ComplexArray:
@@ -37,45 +35,26 @@ def power(A: ComplexArray) -> FloatArray:
     return np.asarray(np.maximum(np.einsum("fii->fi", A).real, 0.0))
 
 
-def in_parts(F: int, of_lines: Callable[[slice], ComplexArray]) -> ComplexArray:
-    """The values (F, ...) of a function of lines, some lines at a time: what it needs meanwhile stays in the cache."""
-    first = of_lines(slice(0, LINES_AT_ONCE))
-    if F <= LINES_AT_ONCE:
-        return first
-    values = np.empty((F, *first.shape[1:]), first.dtype)
-    values[:LINES_AT_ONCE] = first
-    for start in range(LINES_AT_ONCE, F, LINES_AT_ONCE):
-        part = slice(start, start + LINES_AT_ONCE)
-        values[part] = of_lines(part)
-    return values
-
-
 def added_products(A: Stacks, B: Stacks) -> ComplexArray:
     """Sum over blocks of A B (F, n, m), A (F, n, k) and B (F, k, m)."""
     if is_compiled():
         return _sum_of_products(A, [transposed(b) for b in B], -1)
-    pairs = list(zip(A, B, strict=True))
-    return in_parts(len(A[0]), lambda part: reduce(np.add, (_cut(a, part) @ _cut(b, part) for a, b in pairs)))
+    return reduce(np.add, (a @ b for a, b in zip(A, B, strict=True)))
 
 
 def added_cross_products(A: Stacks, B: Stacks) -> ComplexArray:
     """Sum over blocks of A B^H (F, n, m), A (F, n, k) and B (F, m, k)."""
     if is_compiled():
         return _sum_of_products(A, B, 1)
-    pairs = list(zip(A, B, strict=True))
-    return in_parts(len(A[0]), lambda part: reduce(np.add, (_cut(a, part) @ adjoint(_cut(b, part)) for a, b in pairs)))
+    return added_products(A, [adjoint(b) for b in B])
 
 
 def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
     """Sum over blocks of D D^H (F, n, n), D = Y - G U."""
     F, n, m = G.shape
     if not is_compiled():
-
-        def of_lines(part: slice) -> ComplexArray:
-            D = (y[part] - G[part] @ _cut(u, part) for y, u in zip(Y, U, strict=True))
-            return reduce(np.add, (error @ adjoint(error) for error in D))
-
-        return in_parts(F, of_lines)
+        D = [y - G @ u for y, u in zip(Y, U, strict=True)]
+        return added_cross_products(D, D)
     total = np.empty((F, n, n), np.complex128)
     call(
         "sum_of_errors", F, n, m, len(Y), np.array([y.shape[2] for y in Y]), _places(Y), _places([G]), _places(U), total
@@ -105,13 +84,6 @@ def singular_values(A: ComplexArray) -> FloatArray:
     return np.sort(values)[:, ::-1]
 
 
-def semidefinite_eigenvalues(A: ComplexArray) -> FloatArray:
-    """Eigenvalues (F, n) of each positive semidefinite A, no less than zero, largest first."""
-    if is_compiled():
-        return singular_values(A)
-    return np.asarray(np.maximum(np.linalg.eigvalsh(A)[:, ::-1], 0.0))
-
-
 def positive(A: ComplexArray) -> ComplexArray:
     """The nearest positive semidefinite matrix of each Hermitian A (F, n, n)."""
     F, n, _ = A.shape
@@ -121,11 +93,6 @@ def positive(A: ComplexArray) -> ComplexArray:
     part = np.empty((F, n, n), np.complex128)
     call("positive_part", F, n, _places([A]), part)
     return part
-
-
-def _cut(A: ComplexArray, part: slice) -> ComplexArray:
-    """Some lines, the numbers of each matrix side by side, which products need to be fast."""
-    return np.ascontiguousarray(A[part])
 
 
 def _sum_of_products(A: Stacks, B: Stacks, sign: int) -> ComplexArray:

@@ -5,8 +5,7 @@ C_Z in one period, and returns G with its weights W_m and their share s, so that
 
 .. math:: \hat G - G = s \sum_m V_m W_m, \quad s \sum_m U_m W_m = 1
 
-(Wernholt and Moberg, LiTH-ISY-R-2827, 2008; Guillaume, Pintelon and Schoukens, IEEE TIM 41(6), 1992; for H2 Maia and
-Silva, Theoretical and Experimental Modal Analysis, 1997.)
+(Wernholt and Moberg, LiTH-ISY-R-2827, 2008; Guillaume, Pintelon and Schoukens, IEEE TIM 41(6), 1992.)
 """
 
 from __future__ import annotations
@@ -53,11 +52,6 @@ def h1(data: MeanSpectra) -> Estimate:
     return _instrumental(data, data.U)
 
 
-def h2(data: MeanSpectra) -> Estimate:
-    """G = (sum Y Y^H)(sum U Y^H)^-1, for n_y = n_u: all noise on the inputs."""
-    return _instrumental(data, data.Y)
-
-
 def joint(data: MeanSpectra) -> Estimate:
     """G = (sum Y R^H)(sum U R^H)^-1: the responses of y and u to the injected torque, divided (joint input-output)."""
     R = [block.R for block in data.blocks if block.R is not None]
@@ -88,7 +82,7 @@ def errors_in_variables(data: MeanSpectra) -> Estimate:
     return replace(h1(data), G=Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:]))
 
 
-METHODS: dict[str, Estimator] = {method.__name__: method for method in (arithmetic, h1, h2, joint, errors_in_variables)}
+METHODS: dict[str, Estimator] = {method.__name__: method for method in (arithmetic, h1, joint, errors_in_variables)}
 
 
 def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Estimate:

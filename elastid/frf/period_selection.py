@@ -38,9 +38,8 @@ class Limits:
     neighbours: int = 9  # lines that share a noise level
     weighed: float = 4.0  # typical distances in units of the noise, at least; two of 90 clean sets have 2.6
     lines: int = 120  # evenly taken, that give a distance as well as all
-    compared: int = 512  # periods with which each period of a longer record is compared,
-    least_compared: int = 32  # or down to so few
-    pairs: int = 1 << 21  # where there are more pairs than fit into memory
+    pairs: int = 1 << 19  # of periods that are compared; of more, each with fewer others, down to
+    least_compared: int = 32
     order: int = 8  # of the prediction of noise from its samples before
     # Power of what it does not predict, in the first eighth of a difference over that in the second half: 1 of noise
     # and wander, 42 in one of 16 clean sets, 700 to 1e7 where a log began with its excitation.
@@ -93,16 +92,9 @@ class Compared:
     @classmethod
     def _from_amplitudes(cls, X: FloatArray, outlier_sigma: float) -> Compared:
         P = X.shape[1]
-        if LIMITS.compared >= P:
-            references = np.arange(P)
-            products = X @ np.swapaxes(X, 1, 2)
-            power = np.einsum("cpp->cp", products)
-        else:
-            count = min(LIMITS.compared, max(LIMITS.least_compared, LIMITS.pairs // P))
-            references = np.linspace(0, P - 1, count).round().astype(np.int64)
-            products = X @ np.swapaxes(X[:, references], 1, 2)
-            power = np.einsum("cpk,cpk->cp", X, X)
-        squares = power[:, :, None] + power[:, None, references] - 2 * products
+        references = np.linspace(0, P - 1, min(P, max(LIMITS.least_compared, LIMITS.pairs // P))).round().astype(int)
+        power = np.einsum("cpk,cpk->cp", X, X)
+        squares = power[:, :, None] + power[:, None, references] - 2 * X @ np.swapaxes(X[:, references], 1, 2)
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
 
     def weighed(self, good: IntArray) -> Compared:
@@ -291,21 +283,11 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
     kind = "half period" if record.half_wave else "period"
     channels = [f"y {name}" for name in record.outputs] + [f"u {name}" for name in record.inputs]
     worst = int(np.argmax((measured.D[left_out] / np.maximum(measured.limit, LIMITS.negligible_distance)).max(axis=0)))
-    numbers = spectra.periods[left_out] + 1
-    total = record.n_repeats
-    when = ""
-    if record.rate_is_known:
-        length = record.repeat_samples / record.rate_hz
-        when = f" (from {_listed([f'{(n - 1) * length:.6g} s' for n in numbers])})"
-    by = _listed([f"{100 * d:.2g} %" for d in measured.D[left_out, worst]])
+    numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
         "frf/periods-left-out",
-        f"{kind}{'s' if len(numbers) > 1 else ''} {_listed([str(n) for n in numbers])} of {total}"
-        f"{when} left out as {reason}: {by} away from the other periods in {channels[worst]}, "
-        f"where {100 * measured.typical[worst]:.2g} % is usual",
+        f"{kind}{'s' if len(numbers) > 1 else ''} {', '.join(numbers)} of {record.n_repeats} left out as {reason}: "
+        f"up to {100 * measured.D[left_out, worst].max():.2g} % away from the others in {channels[worst]}, where "
+        f"{100 * measured.typical[worst]:.2g} % is usual",
         f"record {record.name}",
     )
-
-
-def _listed(items: Sequence[str]) -> str:
-    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

@@ -21,7 +21,7 @@ from elastid.base.errors import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
-from elastid.frf.matrices import inverse, power, semidefinite_eigenvalues, singular_values, squared_magnitude
+from elastid.frf.matrices import inverse, power, singular_values, squared_magnitude
 from elastid.record import Motion, Record
 from elastid.response import Levels, Quality, Response
 
@@ -85,7 +85,7 @@ def relative_singular_values(S_U: ComplexArray) -> FloatArray:
     """Roots (F, n_u) of the eigenvalues of the inputs' spectra S_U (F, n_u, n_u), each over its RMS; largest first."""
     rms = np.sqrt(np.einsum("fii->fi", S_U).real.mean(axis=0))
     rms[rms == 0] = 1.0
-    return np.sqrt(semidefinite_eigenvalues(S_U / np.outer(rms, rms)))
+    return np.sqrt(singular_values(S_U / np.outer(rms, rms)))
 
 
 def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[FloatArray, FloatArray]:
@@ -195,16 +195,10 @@ def wide_windows(
     if beyond.size == 0:
         return []
     worst = beyond[np.argmax(load[beyond])]
-    if poles == 0:
-        text = (
-            f"the windows are wider than the bandwidth of {beyond.size} of {len(span)} modes: {span[worst]:.3g} Hz "
-            f"at {f_0[worst]:.4g} Hz, where the mode is {width[worst]:.3g} Hz wide; its peak may be flattened: take "
-            "method local_rational, a longer period or record, or more experiments"
-        )
-        return [Note("frf/window", text)]
     text = (
-        f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {f_0[worst]:.4g} Hz, which has poles for "
-        f"{poles}; take a longer period or record, more experiments or a higher local_order"
+        f"windows are too wide for {beyond.size} of {len(span)} modes: {span[worst]:.3g} Hz at {f_0[worst]:.4g} Hz, "
+        f"where a mode is {width[worst]:.3g} Hz wide and a window has {inside[worst]}, with poles for {poles}; "
+        "take a longer period or record, more experiments, or method local_rational with a higher local_order"
     )
     return [Note("frf/window", text)]
 

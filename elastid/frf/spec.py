@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.section import Key, section
+from elastid.base.section import Key, check_band, section
 from elastid.base.units import Frequency, Time
 from elastid.record import Motion
 
@@ -13,7 +13,6 @@ Method: TypeAlias = Literal[
     "auto",
     "arithmetic",
     "h1",
-    "h2",
     "joint",
     "errors_in_variables",
     "local_polynomial",
@@ -31,13 +30,13 @@ _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 class EstimatorSpec:
     """Estimation of frequency responses from records.
 
-    Records without a period take `h1` or `h2` by Welch's method, a local method, or `auto`, which compares `h1`
-    with `local_rational`; their lines are `full`.
+    Records without a period take `h1` by Welch's method, a local method, or `auto`, which compares both; their
+    lines are `full`.
     """
 
     # fmt: off
     method: Annotated[Method, Key("Method of estimation: `arithmetic` mean of the "
-        "realisations' responses, each from as many experiments as inputs; or of all experiments together `h1`, `h2`, "
+        "realisations' responses, each from as many experiments as inputs; or of all experiments together `h1`, "
         "`joint` (input-output, by the injected torque) or `errors_in_variables`; or `local_polynomial` or "
         "`local_rational` (where windows are wider than resonances), from one experiment of all inputs or more, "
         "started from rest or not; `auto` takes the `arithmetic` mean where periods and experiments allow, else the "
@@ -58,11 +57,11 @@ class EstimatorSpec:
     transient_periods: Annotated[int | Literal["auto"], Key("Periods left out at the start of a record, or `auto`: "
         "those that differ from the rest; a number where more must go. None with a local method.", "a number where "
         "more must go than `auto` finds, as with slow thermal drift; 0 keeps all periods of a log that begins in "
-        "steady state. No effect with a local method, which estimates the transient.")] = "auto"
+        "steady state. No effect with a local method, which estimates the transient.", least=0)] = "auto"
     outlier_sigma: Annotated[float, Key("Threshold of outliers: a period further from the median than so many robust "
         "standard deviations is left out with a note, but for local methods.", "lower, about 4, where blows or "
         "dropouts spoil periods; higher keeps all. At 6 a good period is practically never left out; "
-        "transient_periods: auto judges by it too.")] = 6.0
+        "transient_periods: auto judges by it too.", above=0)] = 6.0
     friction: Annotated[Friction, Key("Friction of the motors that is taken out of the torque before the responses are "
         "estimated, as the records themselves show it: Coulomb's level alone (`coulomb`), with bristles that bend "
         "before they slide (`curve`), or this only where it makes realisations agree better (`auto`).", "`none` for "
@@ -78,26 +77,17 @@ class EstimatorSpec:
         "apart; the next begins in its middle. `auto`: the longest power of two in samples that leaves 16 segments, "
         "and 8 for each input, and holds a million numbers at most in all channels together, for memory.", "longer for "
         "sharp resonances (1/segment below a quarter of their width), shorter for lower variance; the product of both "
-        "is bound by the length of the record.")] = "auto"
+        "is bound by the length of the record.", above=0)] = "auto"
     resolution_hz: Annotated[Frequency | None, Key("Distance of the lines of a local method, whose windows are as wide "
         "at least, for records without a period; default: each line of their DFT.", "larger for a faster fit with "
-        "fewer lines; it must stay below a quarter of the narrowest resonance.")] = None
+        "fewer lines; it must stay below a quarter of the narrowest resonance.", above=0)] = None
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Check band, counts and threshold."""
-        if self.band_hz is not None and not 0 <= self.band_hz[0] < self.band_hz[1]:
-            raise ValueError(f"band_hz is [{self.band_hz[0]:g}, {self.band_hz[1]:g}]; give [lowest, highest]")
-        if self.transient_periods != "auto" and self.transient_periods < 0:
-            raise ValueError(f"transient_periods is {self.transient_periods}; it must not be negative")
-        if not self.outlier_sigma > 0:
-            raise ValueError(f"outlier_sigma is {self.outlier_sigma:g}; it must be positive")
+        """Check band and order."""
+        check_band(self.band_hz)
         if self.local_order != "auto" and not 1 <= self.local_order <= 6:
             raise ValueError(f"local_order is {self.local_order}; it must be 1 to 6")
-        if self.segment != "auto" and not self.segment > 0:
-            raise ValueError(f"segment is {self.segment:g} s; it must be positive")
-        if self.resolution_hz is not None and not self.resolution_hz > 0:
-            raise ValueError(f"resolution_hz is {self.resolution_hz:g}; it must be positive")
 
     def experiments_needed(self, n_u: int, realisations: int) -> int:
         """Experiments of each realisation that are needed to separate n_u inputs."""

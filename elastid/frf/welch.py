@@ -1,8 +1,8 @@
-r"""Welch's H1 and H2: responses of records without a period, from windowed segments that overlap.
+r"""Welch's H1: responses of records without a period, from windowed segments that overlap.
 
 Every segment of every record of a configuration is a realisation. With the cross spectra of all K of them,
 
-.. math:: S_{yu} = \sum_k Y_k U_k^H, \quad H_1 = S_{yu} S_{uu}^{-1}, \quad H_2 = S_{yy} S_{uy}^{-1}
+.. math:: S_{yu} = \sum_k Y_k U_k^H, \quad H_1 = S_{yu} S_{uu}^{-1}
 
 The residual gives the covariance; for one input it is that by coherence,
 
@@ -49,7 +49,14 @@ from elastid.frf.checks import LIMITS as CHECKS
 from elastid.frf.covariance import kronecker
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.matrices import adjoint, power, transposed
-from elastid.frf.quality import coherences, local_modes, measured_response, segment_notes, together_notes
+from elastid.frf.quality import (
+    coherences,
+    local_modes,
+    measured_response,
+    relative_singular_values,
+    segment_notes,
+    together_notes,
+)
 from elastid.frf.segments import Segments, make_segments
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import refuse_uncomputable, unit_scale
@@ -191,7 +198,7 @@ def _are_repeats(first: Record, other: Record) -> bool:
 
 
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
-    """G (F, n_y, n_u) of one configuration by h1 or h2, with coherences, from all segments of its records.
+    """G (F, n_y, n_u) of one configuration by h1, with coherences, from all segments of its records.
 
     noise: with distortion, which segments do not separate.  total: with the leakage of windows.  Lines are those of a
     segment.
@@ -202,8 +209,8 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     segments, whole = make_segments(records, spec), records
     records = [segments.padded(record) for record in whole]
     data = cross_spectra(records, segments, spec)
-    power_ratio = _input_power(data)
-    usable = power_ratio[:, 0] > 1e-12 * power_ratio[:, -1]  # below, rounding decides
+    strength = relative_singular_values(data.uu / data.K)
+    usable = strength[:, -1] > 1e-6 * strength[:, 0]  # below, rounding decides
     if not usable.any():
         raise DataError(
             "frf/inputs-together",
@@ -215,7 +222,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     is_cut = np.zeros_like(usable) if records[0] is whole[0] else _is_cut(whole, segments, spec, data)
     kept = usable & ~is_cut if np.any(usable & ~is_cut) else usable
     data, L = data.on(kept), len(segments.window)
-    G = _response(data, spec.method)
+    G = data.yu @ np.linalg.inv(data.uu)
     covariance, total, beta, C_V = _covariances(data, G, segments, _by_leverage(records, segments, spec, data, G))
     quality = _quality(data, G, C_V)
     notes = [note for record in records for note in record.notes]
@@ -224,7 +231,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
         notes.append(Note("frf/lines-left-out", text))
     length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
     text = (
-        f"{spec.method} from {data.K} segments of {length}, window {spec.window}, overlap "
+        f"h1 from {data.K} segments of {length}, window {spec.window}, overlap "
         f"{percent(1 - segments.step / L, 2)}: "
         f"worth {data.K_e:.3g} independent ones"
     )
@@ -249,13 +256,6 @@ def _is_cut(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, 
     at_end = np.sum([np.abs(rfft(end, len(w), axis=0)[lines] * scale[:, n_y:]) ** 2 for end in ends], axis=0)
     whole = power(data.uu) * segments.step / np.sum(w**2)
     return np.asarray(np.any(at_end > _END_SHARE * whole, axis=1))
-
-
-def _response(data: CrossSpectra, method: str) -> ComplexArray:
-    """G (F, n_y, n_u) by H1 or H2, whose response of an output that does not move is 0."""
-    if method == "h1":
-        return data.yu @ np.linalg.inv(data.uu)
-    return np.asarray(data.yy @ np.linalg.pinv(adjoint(data.yu)))
 
 
 def _covariances(
@@ -295,17 +295,9 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
     return np.asarray(beta * np.sqrt(np.maximum(share, 0.0)))
 
 
-def _input_power(data: CrossSpectra) -> FloatArray:
-    """Eigenvalues (F, n_u) of the mean S_uu, each input relative to its RMS over lines; smallest first."""
-    S = data.uu / data.K
-    rms = np.sqrt(power(S).mean(axis=0))
-    rms = np.where(rms > 0, rms, 1.0)
-    return np.asarray(np.maximum(np.linalg.eigvalsh(S / np.outer(rms, rms)), 0.0))
-
-
 def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:
     """Coherences and levels; the noise in the inputs is unknown and counts as none."""
-    noise, relative = power(C_V), np.sqrt(_input_power(data)[:, ::-1])
+    noise, relative = power(C_V), relative_singular_values(data.uu / data.K)
     ordinary, multiple = coherences(power(data.yy), data.yu, data.uu)
     return Quality(
         coherence=ordinary,

@@ -21,6 +21,7 @@ motion; what is left out, of fourth order, is smaller by that square in rad^2.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -63,54 +64,33 @@ def effect_of_motion(
     motion, known, freq_hz = response.motion, response.uncertainty, response.freq_hz
     if motion is None or not motion.power.any():
         return None
-    about, most = _About.of(model, linear, theta, motion), round(share * _MOST_LINES)
+    expansion, most = _expand(model, linear, theta), round(share * _MOST_LINES)
+    places = [motion.motors.index(motor) if motor in motion.motors else -1 for motor in model.inputs]
+    mean = _mean(expansion, motion, linear.configuration.angles, places)
+    of_outputs, of_inputs = linear.channel_gains(theta)
+    inputs = [model.inputs.index(place) for place in linear.inputs]
+
+    def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
+        """dG of a motion of at most so many lines."""
+        omega = 2 * np.pi * lines_hz
+        moved = _Moved.of(expansion, motion, places, mean, most)
+        nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
+        changes = _between(omega, nodes, np.stack([moved.change(node) for node in nodes]))
+        dG = expansion.response_change(omega, changes)[:, :, inputs]
+        gain = factor(linear, theta, (1j * omega).astype(np.complex128))[:, None, None]
+        return np.asarray(gain * of_outputs[:, None] * dG * of_inputs)
+
     if known is not None:
         some = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
-        rough = about.effect(freq_hz[some], _FEW)
+        rough = of_motion(freq_hz[some], _FEW)
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.where(known.variance[some] > 0, np.abs(rough) ** 2 / known.variance[some], np.inf)
         size = np.sqrt(2 * float(np.sum(shares)) * response.n_lines / len(some))
         if size < NEGLIGIBLE:
             return None
         most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / (NEGLIGIBLE / 2)))))
-    effect = about.effect(freq_hz, max(most, _FEW))
+    effect = of_motion(freq_hz, max(most, _FEW))
     return effect if np.isfinite(effect).all() else None
-
-
-@dataclass(frozen=True, eq=False)
-class _About:
-    """A motion about a posture: what its effect is worked out of, on any lines.
-
-    places (n_u,): of the model's motors in the motion, -1 for unknown.  mean: of `_Moved`.
-    """
-
-    model: ElasticModel
-    linear: LinearModel
-    theta: FloatArray
-    motion: MotorMotion
-    expansion: _Expansion
-    places: list[int]
-    mean: FloatArray
-
-    @classmethod
-    def of(cls, model: ElasticModel, linear: LinearModel, theta: FloatArray, motion: MotorMotion) -> _About:
-        """Arguments as `effect_of_motion`."""
-        expansion = _expand(model, linear, theta)
-        places = [motion.motors.index(motor) if motor in motion.motors else -1 for motor in model.inputs]
-        mean = _mean(expansion, motion, linear.configuration.angles, places)
-        return cls(model, linear, theta, motion, expansion, places, mean)
-
-    def effect(self, freq_hz: FloatArray, most: int) -> ComplexArray:
-        """dG (F, n_y, n_u) of a motion of at most so many lines."""
-        expansion, linear, omega = self.expansion, self.linear, 2 * np.pi * freq_hz
-        moved = _Moved.of(expansion, self.motion, self.places, self.mean, most)
-        nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
-        changes = _between(omega, nodes, np.stack([moved.change(node) for node in nodes]))
-        dG = expansion.response_change(omega, changes)
-        of_outputs, of_inputs = linear.channel_gains(self.theta)
-        inputs = [self.model.inputs.index(place) for place in linear.inputs]
-        gain = factor(linear, self.theta, (1j * omega).astype(np.complex128))[:, None, None]
-        return np.asarray(gain * of_outputs[:, None] * dG[:, :, inputs] * of_inputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +106,7 @@ class _Expansion:
     n: int
     J: FloatArray
     curvature: FloatArray
-    jacobian: Jacobian
+    jacobian: Callable[[FloatArray], FloatArray]
     B: FloatArray
     free: IntArray
     orders: IntArray
@@ -185,7 +165,7 @@ class _Moved:
 
     @classmethod
     def of(cls, expansion: _Expansion, motion: MotorMotion, places: list[int], mean: FloatArray, most: int) -> _Moved:
-        """places: of `_About`.  most: lines of the motion."""
+        """places: of the model's motors in the motion, -1 for unknown.  most: lines of the motion."""
         measured, at = np.flatnonzero(np.array(places) >= 0), [place for place in places if place >= 0]
         few = motion.grouped(most)
         sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
@@ -273,7 +253,7 @@ def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, m
 
 
 def _mean(expansion: _Expansion, motion: MotorMotion, angles: FloatArray, places: list[int]) -> FloatArray:
-    """`_Moved.mean`; angles (n_u,): of the configuration.  places: of `_About`."""
+    """`_Moved.mean`; angles (n_u,): of the configuration.  places: of `_Moved.of`."""
     measured, at = np.flatnonzero(np.array(places) >= 0), [place for place in places if place >= 0]
     every = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
     covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
@@ -302,28 +282,6 @@ def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) 
     return np.asarray(np.tensordot(mean, expansion.curvature[:n], axes=1))
 
 
-class Jacobian:
-    """J (n + n_y, n_z) about the operating point, at a distance (n_z,) from it; independent constraints only."""
-
-    def __init__(self, function: ca.Function, z: FloatArray, theta: FloatArray, rows: FloatArray, kept: FloatArray):
-        self.point, self.rows, self.kept = z, rows, kept
-        # Matrices of CasADi would take a third of the time.  Its columns are rows here.
-        self._z, self._theta = np.array(z, np.float64), np.array(theta, np.float64)
-        J = np.empty(function.size_out(0)[::-1])
-        self._J = J.T
-        self._buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
-        self._buffer, self._evaluate = function.buffer()
-        for i, values in enumerate((self._z, self._theta)):
-            self._buffer.set_arg(i, values.data)
-        self._buffer.set_res(0, J.data)
-
-    def __call__(self, distance: FloatArray) -> FloatArray:
-        """J of the independent constraints there."""
-        np.add(self.point, self.kept @ distance, out=self._z)
-        self._evaluate()
-        return np.asarray(self.rows @ self._J @ self.kept)
-
-
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
     """R of a model about its equilibrium in the configuration of `linear`, with the outputs of that."""
     point = equilibrium(model, theta[:-1], linear.configuration)
@@ -340,7 +298,11 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     rows = np.zeros((n + n_y, n_q + n_c + n_y))
     rows[:n_q, :n_q], rows[n_q:n, n_q : n_q + n_c], rows[n:, n_q + n_c :] = np.eye(n_q), U.T, np.eye(n_y)
     z = np.concatenate([point.q, point.lambda_, np.zeros(2 * n_q)])
-    jacobian = Jacobian(_jacobian_of(model, linear.outputs), z, numbers, rows, kept)
+    slope = _jacobian_of(model, linear.outputs)
+
+    def jacobian(distance: FloatArray) -> FloatArray:
+        return np.asarray(rows @ slope(z + kept @ distance, numbers).full() @ kept)
+
     # Central differences in rad or m; equations are quadratic in the rates and linear in the others.
     steps = np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0)
     curvature = [(jacobian(step) - jacobian(-step)) / (2 * h) for h, step in zip(steps, np.diag(steps), strict=True)]

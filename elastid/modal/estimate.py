@@ -48,7 +48,6 @@ from elastid.modal.poles import (
     StabilisationDiagram,
     clusters,
     eliminated,
-    p_values,
     poles_over_orders,
     pursued,
     residual_peaks,
@@ -302,12 +301,11 @@ def _modes(
 ) -> Modes:
     """The poles that are modes; shift: of poles by a window that is taken out, 1/s; poles_hz: as chosen."""
     influences, scale = Influences(fit, response.correlated_lines), fit.data.basis.scale
-    chance = p_values(fit, response.correlated_lines)
     fitted = []
     for r in np.argsort(np.abs(fit.poles)).tolist():
         pole = complex(fit.poles[r] * scale)
         orders = int(np.max(np.where(np.abs(stable[0] - pole) < -pole.real, stable[1], 0), initial=0))
-        fitted.append(FittedMode.of(response, influences, r, pole + shift, orders, float(chance[r])))
+        fitted.append(FittedMode.of(response, influences, r, pole + shift, orders))
     if poles_hz is None:
         within = without_twins([mode for mode in fitted if mode.is_within(response)])
         found = [mode for mode in within if not mode.is_background(response)]
@@ -328,7 +326,7 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
         count = 1 + int(len(s) > 1 and s[1] > _second_singular_value(s, std))
         for k in range(count):
             shape, participation = U[:, k] / U[np.argmax(np.abs(U[:, k])), k], Vh[k] / Vh[k, np.argmax(np.abs(Vh[k]))]
-            numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std, mode.orders, mode.chance))
+            numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std, mode.orders))
             shapes.append(shape)
             participations.append(Vh[k] * s[k] * U[np.argmax(np.abs(U[:, k])), k])
             # By the entries of a residue along the input, or output, that goes with it.
@@ -336,7 +334,7 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
             noise = np.sqrt(np.abs(U[:, k]) ** 2 @ std**2) / (s[k] * np.abs(Vh[k]).max())
             participation_stds.append(_relative_std(participation, noise))
     n_y, n_u = response.G.shape[1:]
-    f, f_std, zeta, zeta_std, orders, chance = np.array(numbers).reshape(-1, 6).T
+    f, f_std, zeta, zeta_std, orders = np.array(numbers).reshape(-1, 5).T
     synthesis = fit.synthesis().reshape(response.G.shape)
     power = np.maximum(np.mean(np.abs(response.G) ** 2, axis=(1, 2)), np.finfo(float).tiny)
     stated = np.sqrt(np.mean(line_variance(response), axis=(1, 2)) / power)
@@ -345,8 +343,8 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
         response.rate_is_known, f, f_std, zeta, zeta_std, shape_matrix, np.array(stds).reshape(-1, n_y).T,
         drive, phase_collinearity(drive if n_u > n_y else shape_matrix) if shapes else np.empty(0),
-        orders.astype(int), chance,
-        response.freq_hz, synthesis, np.sqrt(np.mean(np.abs(response.G - synthesis) ** 2, axis=(1, 2)) / power),
+        orders.astype(int),
+        response.freq_hz, synthesis,
         stated, mode_indicators(response.G), diagram, (*damping_notes(modes, response), *line_notes(modes, response)),
         np.array(participation_stds).reshape(-1, n_u).T,
     )  # fmt: skip

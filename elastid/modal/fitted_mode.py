@@ -71,12 +71,9 @@ class FittedMode:
     residue: ComplexArray
     residue_std: FloatArray
     orders: int
-    chance: float
 
     @classmethod
-    def of(
-        cls, response: Response, influences: Influences, r: int, pole: complex, orders: int, chance: float
-    ) -> FittedMode:
+    def of(cls, response: Response, influences: Influences, r: int, pole: complex, orders: int) -> FittedMode:
         """The pole r of a fit; pole: the same in 1/s, without windows."""
         fit, size, scale = influences.fit, abs(pole), influences.fit.data.basis.scale
         C = influences.pole_covariances[r] * scale**2
@@ -87,7 +84,7 @@ class FittedMode:
         shape = response.G.shape[1:]
         residue = (fit.residues[r] * scale).reshape(shape)
         std = (influences.residue_std(r) * fit.data.scale * scale).reshape(shape)
-        return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, orders, chance)
+        return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, orders)
 
     def is_within(self, response: Response) -> bool:
         """True within the band, with a frequency and a damping that are known."""
@@ -233,7 +230,7 @@ class Influences:
         weight = np.sum(np.abs(scaled) ** 2, axis=(0, 2))
         lines = len(shifts) + float(weight.sum() ** 2 / (weight @ weight)) - 1
         dof = 2 * lines * float(weight @ self._free[low:high]) / float(weight.sum()) / self._together
-        return np.asarray(total * small_sample_factors(np.array(max(dof, LEAST_DOF))) ** 2)
+        return np.asarray(total * small_sample_factors(max(dof, LEAST_DOF)) ** 2)
 
     def _line_factor(self, influence: ComplexArray) -> float:
         """Variance with correlated lines over that without, by the autocorrelation of the residuals."""

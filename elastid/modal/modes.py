@@ -30,9 +30,9 @@ class Modes:
 
     freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation
     (n_u, n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC at `places`.
-    orders (n,): of the estimator that have the pole.  chance (n,): probability that a record of noise has such a pole.
-    at_hz (F,), synthesis (F, n_y, n_u): of the model; error (F,): |G - synthesis| over |G|, both RMS over elements, and
-    stated (F,): of that the part by the noise.  indicators (F, n): CMIF.  diagram: of stabilisation.
+    orders (n,): of the estimator that have the pole.
+    at_hz (F,), synthesis (F, n_y, n_u): of the model; stated (F,): standard deviation of G over |G|, both RMS over
+    elements.  indicators (F, n): CMIF.  diagram: of stabilisation.
     """
 
     configuration: str
@@ -50,10 +50,8 @@ class Modes:
     participation: ComplexArray = labelled("participation of inputs", "", "inputs mode")
     collinearity: FloatArray = labelled("modal phase collinearity")
     orders: IntArray
-    chance: FloatArray = labelled("probability by chance")
     at_hz: FloatArray = labelled("lines", "Hz")
     synthesis: ComplexArray = labelled("response of the modal model", "{unit}", "at_hz outputs inputs")
-    error: FloatArray = labelled("relative error of the synthesis")
     stated: FloatArray = labelled("relative standard deviation of the response")
     indicators: FloatArray = labelled("complex mode indicator functions", "{unit}", "at_hz rank")
     diagram: StabilisationDiagram
@@ -131,7 +129,7 @@ def without_modes(response: Response, note: Note) -> Modes:
     return Modes(
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
         response.rate_is_known, none, none, none, none, np.empty((n_y, 0), complex), np.empty((n_y, 0)),
-        np.empty((n_u, 0), complex), none, np.empty(0, int), none, no_lines.freq_hz, no_lines.G, none, none,
+        np.empty((n_u, 0), complex), none, np.empty(0, int), no_lines.freq_hz, no_lines.G, none,
         np.empty((0, min(n_y, n_u))), diagram, (note,),
     )  # fmt: skip
 

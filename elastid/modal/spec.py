@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from elastid.base.section import Key, section
+from elastid.base.section import Key, check_band, section
 from elastid.base.units import Frequency, Length, Time
 
 
@@ -57,20 +57,17 @@ class ModalSpec:
         "stabilisation diagram, in one band, where the automatic choice has one too many or too few.")] = None
     exponential: Annotated[Time | None, Key("Time constant of the exponential window that was put on hits and answers "
         "before they came here; its damping is taken out.", "only where your analyser used such a window; elastid "
-        "needs none, since its local methods have the transient in their model.")] = None
+        "needs none, since its local methods have the transient in their model.", above=0)] = None
     geometry: Annotated[GeometrySpec | None, Key("Points and lines of the structure, which move on the page.", "give "
         "it for mode shapes in motion; universal files bring their own.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Check band, order, poles and time constant."""
-        if self.band_hz is not None and not 0 <= self.band_hz[0] < self.band_hz[1]:
-            raise ValueError(f"band_hz is [{self.band_hz[0]:g}, {self.band_hz[1]:g}]; give [lowest, highest]")
+        """Check band, order and poles."""
+        check_band(self.band_hz)
         if self.max_order is not None and not 2 <= self.max_order <= 200:
             raise ValueError(f"max_order is {self.max_order}; it must be 2 to 200")
         if self.poles_hz is not None and not (self.poles_hz and all(0 < f < np.inf for f in self.poles_hz)):
             raise ValueError("poles_hz holds frequencies above 0 Hz, one or more")
         if self.poles_hz is not None and len(set(self.poles_hz)) < len(self.poles_hz):
             raise ValueError("poles_hz names a frequency twice; poles with one frequency have one entry")
-        if self.exponential is not None and not self.exponential > 0:
-            raise ValueError(f"exponential is {self.exponential:g} s; it must be positive")

@@ -28,7 +28,6 @@ import numpy as np
 from scipy.special import stdtr
 
 from elastid.base.arrays import FloatArray
-from elastid.base.statistics import discoveries
 
 Kind: TypeAlias = Literal["differs", "drifts"]
 
@@ -173,9 +172,11 @@ def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> t
         for parameter in parameters
         for finding in (*_differences(parameter, parameters), *_trends(parameter, parameters))
     ]
+    from scipy.stats import false_discovery_control  # slow to load, and seldom needed
+
     tests.sort(key=lambda finding: (finding.p, finding.parameter, finding.robot))
-    is_discovery = discoveries(np.array([test.p for test in tests]), false_discovery_rate) if tests else ()
-    return tuple(test for test, is_true in zip(tests, is_discovery, strict=True) if is_true)
+    rates = false_discovery_control([test.p for test in tests]) if tests else ()
+    return tuple(test for test, rate in zip(tests, rates, strict=True) if rate <= false_discovery_rate)
 
 
 def _parameters(values: Sequence[FleetValue]) -> list[_Parameter]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plants.refusals import refused
 
-from elastid.base.cluster import SCHEDULER, on_dask
+from elastid.base.cluster import on_dask
 from elastid.base.execution import Execution, ordered, surviving
 from elastid.base.workers import lasting_workers
 
@@ -129,30 +129,9 @@ def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp
 
 
 @pytest.mark.filterwarnings("default")
-def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
-    """No scheduler listens there."""
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "x", "host:notaport", "foo://x:1", "tcp://[::1", "tls://a:1"])
+def test_a_text_at_which_no_scheduler_answers_is_refused_before_any_work(address, monkeypatch):
+    """Nor one that needs certificates, where none are configured."""
     monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 0.5)
-    with on_dask("tcp://127.0.0.1:9"), refused("workers/cluster"):
-        ordered(abs, [1, 2], 1)
-
-
-@pytest.mark.parametrize(
-    "address", ["x", "tcp://", "host:notaport", "host:99999", "foo://x:1", "inproc://x", "tcp://[::1", ":", "a b:1"]
-)
-def test_a_text_that_is_no_address_of_a_scheduler_is_refused(address):
-    """Each ended in a traceback of Dask's parser, some of them after hours of work."""
-    with refused("options/invalid"):
+    with refused("workers/cluster"):
         on_dask(address).__enter__()
-
-
-@pytest.mark.parametrize("address", ["127.0.0.1:8786", "tcp://[::1]:8786", "tls://head:1", "inproc://a/1/2", ""])
-def test_the_addresses_that_schedulers_print_are_taken(address):
-    with on_dask(address):
-        assert SCHEDULER.get() == address
-    assert SCHEDULER.get() == ""
-
-
-def test_an_encrypted_scheduler_without_certificates_is_a_sentence():
-    """It was a TypeError of the context of its sockets, and a second traceback when the process ended."""
-    with on_dask("tls://127.0.0.1:1"), refused("workers/cluster"):
-        ordered(abs, [1, 2], 1)

@@ -22,7 +22,6 @@ The residuals are compressed (`compressed_residuals`), and their derivatives are
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
@@ -35,7 +34,7 @@ from elastid.base.kept import Kept
 from elastid.base.kernels import call
 from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
-from elastid.linear.response.derivatives import Columns, Images, Sensitivity
+from elastid.linear.response.derivatives import Columns, Sensitivity
 
 BATCH = 16
 Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
@@ -285,8 +284,8 @@ class NormalEquations:
         np.maximum.at(scale, pieces.base, np.abs(pieces.sigma @ self.columns.size(theta)) * highest)
         scale[scale == 0] = 1.0
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
-        weights, R, held = [], self.residuals.compressed.R, self.columns.images_at(theta)
-        for part in self.columns.at(theta, held):
+        weights, R = [], self.residuals.compressed.R
+        for part in self.columns.at(theta):
             constant, e = self.residuals.at(part.block, part.G)
             sums = R.sums(part, e, scale, precision)
             V, pull, moments = V + (constant + sums.cost), pull + sums.pulled, moments + sums.moments
@@ -296,7 +295,8 @@ class NormalEquations:
         g = highest * pull[pieces.power, pieces.base].real
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
         A = sign * moments.take(places)
-        return V, pieces.sigma.T @ g - self._of_images(held, weights), sigma.T @ A @ sigma
+        of_images = self.columns.pull_images(theta, np.concatenate(weights)) if weights else 0.0
+        return V, pieces.sigma.T @ g - of_images, sigma.T @ A @ sigma
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:
@@ -310,9 +310,3 @@ class NormalEquations:
         n_b = base.max(initial=-1) + 1
         places = (order * n_b + np.minimum(base, base[:, None])) * n_b + np.maximum(base, base[:, None])
         return places, turned * np.array([1.0, -1.0, -1.0, 1.0])[apart % 4]
-
-    def _of_images(self, held: Sequence[Images], weights: Sequence[ComplexArray]) -> FloatArray:
-        """Re sum weight dG / dtheta (P,) of images of held torques; weights (F, n_e) of each block of lines."""
-        if not (held and weights):
-            return np.zeros(len(self.columns.kernel.wanted))
-        return self.columns.pull_images(held, np.concatenate(weights))

@@ -11,8 +11,8 @@ lines the columns are held by their factors (`Sensitivity`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -21,8 +21,7 @@ import numpy.typing as npt
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.linear.linear_model import Slope
-from elastid.linear.response.kernel import Kernel, Products
-from elastid.linear.response.transfer import Folding, HoldImages
+from elastid.linear.response.kernel import Kernel
 
 AnyComplex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 
@@ -220,14 +219,12 @@ class Columns:
         V = _span(E.reshape(-1, n, n))
         return V, V.T @ E @ V
 
-    def at(self, theta: FloatArray, held: Sequence[Images] | None = None) -> Iterator[Sensitivity]:
-        """Block by block at theta (n_theta,); held: `images_at` there, if they are known."""
+    def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
+        """Block by block at theta (n_theta,)."""
         rows, columns = self.elements
         (_, S), n_u, kernel = self._directions, self.kernel.model.B.shape[1], self.kernel
         places, is_own = rows * n_u + columns, np.array_equal(kernel.output_columns, np.arange(n_u))
-        images = of_images = None
-        if kernel.is_held:
-            images, of_images = self._of_factors(theta, self.images_at(theta) if held is None else held)
+        images, of_images = self._of_factors.evaluate_images(theta) if kernel.above else (None, ())
         for block, s, gain, response, YX, moved in kernel.products(theta, self._asked):
             # The loops leave the lines of an element side by side.
             G = response.transpose(1, 2, 0).reshape(-1, len(s)).take(places, axis=0).T
@@ -240,7 +237,7 @@ class Columns:
                 np.broadcast_to(slope, response.shape)[:, rows, columns] * G
                 for _, slope in kernel.factor_slopes(theta, s)
             ]
-            if images is not None and of_images is not None:
+            if images is not None:
                 G = G + images[block][:, rows, columns]
                 factors = [own + part[block][:, rows, columns] for own, part in zip(factors, of_images, strict=True)]
             direct = [*factors, *moved[:, :, rows, columns]]
@@ -253,65 +250,20 @@ class Columns:
         """The directions of all bases (n, n_1 + r)."""
         return np.hstack([self.pieces.y, self._directions[0]])
 
-    def images_at(self, theta: FloatArray) -> tuple[Images, ...]:
-        """The images of torques held at each rate, at theta (n_theta,)."""
-        return tuple(Images.of(held, above, theta) for held, above in self.kernel.above)
+    @cached_property
+    def _of_factors(self) -> Kernel:
+        """The kernel of the factors of the response alone."""
+        return replace(self.kernel, wanted=self.kernel.factors)
 
-    def _of_factors(self, theta: FloatArray, held: Sequence[Images]) -> tuple[ComplexArray, ComplexArray]:
-        """The images in G (F, n_y, n_u), and their derivatives to the factors of the response."""
-        kernel, names = self.kernel, self.kernel.factors
-        total = np.zeros((kernel.freq_hz.size, len(kernel.model.outputs), len(kernel.model.inputs)), complex)
-        slopes = np.zeros((len(names), *total.shape), complex)
-        for each in held:
-            added = each.folding.images(each.G)
-            total += added
-            for name, dG in each.of_factors:
-                slopes[names.index(name)] += each.folding.images(dG)
-            for name, dG in kernel.sensor_slopes(each.held, theta, added, each.G):
-                if name in names:  # of forces at frames the delay is none
-                    slopes[names.index(name)] += dG
-        return total, slopes
-
-    def pull_images(self, held: Sequence[Images], weight: ComplexArray) -> FloatArray:
+    def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
         """Re sum_fe weight_fe dG_fe (P,) of the images that are not in the columns, weight (F, n_e)."""
         kernel, pulled = self.kernel, np.zeros(len(self.kernel.wanted))
         spread = np.zeros((len(weight), len(kernel.model.outputs), len(kernel.model.inputs)), complex)
         spread[:, *self.elements] = weight
-        for each in held:
-            places = [kernel.wanted.index(name) for name in each.above.wanted]
-            pulled[places] += each.above.pull(each.theta, each.products, each.folding.weight(spread))
+        for images, above in kernel.above:
+            places = [kernel.wanted.index(name) for name in above.wanted]
+            pulled[places] += above.pull(images.undelayed(theta), images.folding(theta).weight(spread))
         return pulled
-
-
-@dataclass(frozen=True, eq=False)
-class Images:
-    """Images of torques held at one rate, at one theta (n_theta,): what they are made of, above half the rate.
-
-    above: the kernel there, products: on its lines.
-    """
-
-    held: HoldImages
-    above: Kernel
-    theta: FloatArray
-    folding: Folding
-    products: tuple[Products, ...]
-
-    @classmethod
-    def of(cls, held: HoldImages, above: Kernel, theta: FloatArray) -> Images:
-        """Images at theta (n_theta,) of the model."""
-        own = held.undelayed(theta)
-        return cls(held, above, own, held.folding(theta), tuple(above.products(own, above.term_directions)))
-
-    @property
-    def G(self) -> ComplexArray:
-        """The response (J, n_y, n_u) there."""
-        return np.concatenate([block.G for block in self.products])
-
-    @property
-    def of_factors(self) -> Iterator[tuple[str, ComplexArray]]:
-        """Derivatives to the parameters that multiply the images, by name."""
-        for place, slope in self.above.factor_slopes(self.theta, (2j * np.pi * self.above.freq_hz).astype(complex)):
-            yield self.above.wanted[place], slope * self.G
 
 
 @dataclass(frozen=True)

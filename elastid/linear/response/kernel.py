@@ -3,17 +3,16 @@ r"""Frequency response of a LinearModel and its exact derivatives, all lines at 
 Z = -omega^2 M + j omega D + K is symmetric, so the solutions X = Z^-1 B and W = Z^-1 C^T give every derivative without
 another solve (plain transposes):
 
-.. math:: dG = -c\, W^T dZ\, X = -c \sum_t (j\omega)^{k_t} \sigma_t\, (W^T y_t)(y_t^T X), \qquad
-          dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
+.. math:: dG = -c\, W^T dZ\, X, \qquad dZ = dK + j\omega\, dD - \omega^2\, dM
 
-Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G. Geometry that moves
-an output adds c dC X, and one that moves a force c W^T dB. Gains of channels multiply all of it element by element.
+dG / dT_d = -j omega G. Geometry that moves an output adds c dC X, and one that moves a force c W^T dB. Gains of
+channels multiply all of it element by element.
 Letters as in `transfer`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -61,49 +60,6 @@ class Sides:
     tilts: IntArray
 
 
-@dataclass(frozen=True)
-class RankOneTerms:
-    """dZ of the parameters with the same number n_t of terms: power, sigma, direction (columns of Y), each (P_g, n_t).
-
-    members (P_g,): their places among the wanted parameters.
-    """
-
-    members: IntArray
-    power: IntArray
-    sigma: FloatArray
-    direction: IntArray
-
-
-def rank_one_terms(slopes: Sequence[Slope], n: int) -> tuple[FloatArray, tuple[RankOneTerms, ...]]:
-    """Y (n, n_d) of the terms of all slopes (P), each direction once, and the slopes in groups of as many terms."""
-    given = [
-        (place, power, matrix)
-        for place, slope in enumerate(slopes)
-        for power, matrix in enumerate((slope.K, slope.D, slope.M))
-        if matrix is not None
-    ]
-    values, vectors = np.linalg.eigh(np.array([matrix for *_, matrix in given]).reshape(-1, n, n))
-    # The rest is rounding.
-    which, terms = np.nonzero(np.abs(values) > 1e-12 * np.abs(values).max(axis=1, initial=0.0, keepdims=True))
-    y = vectors[which, :, terms]
-    leading = np.argmax(np.abs(y) > 0.5 * np.abs(y).max(axis=1, initial=0.0, keepdims=True), axis=1)
-    stacked = np.where(y[np.arange(len(y)), leading, None] > 0, y, -y)
-    parts: dict[int, list[tuple[int, float]]] = {}
-    for i, sigma in zip(which.tolist(), values[which, terms].tolist(), strict=True):
-        parts.setdefault(given[i][0], []).append((given[i][1], sigma))
-    # A spring and its damper have the same direction: Y X is computed once for both.
-    _, first, same = np.unique(np.round(stacked, 12), axis=0, return_index=True, return_inverse=True)
-    ends = np.cumsum([len(terms) for terms in parts.values()])
-    rows = dict(zip(parts, np.split(same.reshape(-1), ends[:-1]), strict=False))
-    groups = []
-    for count in sorted({len(terms) for terms in parts.values()}):
-        members = [place for place, terms in parts.items() if len(terms) == count]
-        powers = np.array([[power for power, _ in parts[place]] for place in members])
-        sigmas = np.array([[sigma for _, sigma in parts[place]] for place in members])
-        groups.append(RankOneTerms(np.array(members), powers, sigmas, np.array([rows[place] for place in members])))
-    return stacked[first].T, tuple(groups)
-
-
 @frozen_value(eq=False)
 class Kernel(Kept):
     """G and dG of one LinearModel on the lines freq_hz (F,), for the parameters `wanted` (P names).
@@ -130,21 +86,18 @@ class Kernel(Kept):
         n_y, n_u = self.model.C.shape[0], self.model.B.shape[1]
         G = np.empty((self.freq_hz.size, n_y, n_u), complex)
         dG = np.zeros((len(self.wanted), *G.shape), complex)
-        Y, groups = self._directions_and_terms
         moving = [self.wanted.index(name) for name in self.moved_outputs]
         of_outputs, of_inputs = self.model.channel_gains(theta)
-        for block, s, gain, G_block, YX, moved in self.products(theta, Y):
+        for block, s, gain, G_block, YX, moved in self.products(theta, np.eye(self.model.n)):
             G[block] = G_block
             for place, slope in self.factor_slopes(theta, s):
                 dG[place, block] = slope * G_block
-            by_direction = np.ascontiguousarray(YX.transpose(2, 0, 1))
-            left, right = by_direction[:, :, self.output_columns], by_direction[:, :, :n_u]
-            if self.model.gains:
-                left, right = of_outputs * left, of_inputs * right
-            powers = -np.stack([gain, gain * s, gain * s**2])
-            for terms in groups:
-                weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
-                dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
+            left = of_outputs[:, None] * YX[:, self.output_columns]
+            right = (of_inputs[:, None] * YX[:, :n_u]).swapaxes(1, 2)
+            for place, power, matrix in self._slope_matrices:
+                at = np.flatnonzero(matrix.any(axis=0))
+                change = left[:, :, at] @ matrix[np.ix_(at, at)] @ right[:, at]
+                dG[place, block] -= (gain * s**power)[:, None, None] * change
             dG[moving, block] += moved
         if self.above:
             images, slopes = self.evaluate_images(theta)
@@ -183,32 +136,19 @@ class Kernel(Kept):
         if DELAY in self.wanted:
             yield DELAY, images.folding(theta, order=1).images(G)
 
-    def pull(self, theta: FloatArray, products: Sequence[Products], weight: ComplexArray) -> FloatArray:
-        """Re sum over lines and elements of weight (F, n_y, n_u) times dG (P,), 0 of `factors`.
-
-        products: at theta (n_theta,), with the directions `term_directions`.
-        """
-        pulled, n_u = np.zeros(len(self.wanted)), self.model.B.shape[1]
+    def pull(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
+        """Re sum over lines and elements of weight (F, n_y, n_u) times dG (P,) at theta (n_theta,), 0 of `factors`."""
+        pulled, (n, n_u) = np.zeros(len(self.wanted)), self.model.B.shape
         gains = np.outer(*self.model.channel_gains(theta))
         moving = [self.wanted.index(name) for name in self.moved_outputs]
-        for block, s, gain, _, YX, moved in products:
-            left, right = YX[:, self.output_columns], YX[:, :n_u]
-            along = np.sum(left * ((gains * weight[block]) @ right), axis=1)
-            sums = -np.stack([gain, gain * s, gain * s**2]) @ along
-            for terms in self._directions_and_terms[1]:
-                pulled[terms.members] += np.sum(terms.sigma * sums[terms.power, terms.direction].real, axis=1)
+        between = np.zeros((3, n, n), complex)
+        for block, s, gain, _, YX, moved in self.products(theta, np.eye(n)):
+            along = YX[:, self.output_columns].swapaxes(1, 2) @ (gains * weight[block]) @ YX[:, :n_u]
+            between += np.tensordot(np.stack([gain, gain * s, gain * s**2]), along, axes=1)
             pulled[moving] += np.sum(weight[block] * moved, axis=(1, 2, 3)).real
+        for place, power, matrix in self._slope_matrices:
+            pulled[place] -= np.vdot(matrix, between[power]).real
         return pulled
-
-    @property
-    def term_directions(self) -> FloatArray:
-        """Y (n, n_d) of the terms of all wanted parameters."""
-        return self._directions_and_terms[0]
-
-    @property
-    def is_held(self) -> bool:
-        """True if G has images of held torques."""
-        return bool(self.above)
 
     @cached_property
     def above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
@@ -262,7 +202,7 @@ class Kernel(Kept):
 
     def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
         """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
-        M, D, K = self._matrices(theta)
+        M, D, K = self.model.matrices(theta)
         (C, T), tilted = self.model.readout(theta), self._sides.tilted
         right = np.column_stack([*self.model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
@@ -313,39 +253,14 @@ class Kernel(Kept):
     @cached_property
     def _elimination(self) -> Elimination:
         """Elimination of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
-        n = self.model.n
-        moved = np.zeros(3 * n * n, dtype=np.bool_)
-        moved[self._slopes[1]] = True
-        coupled = np.any((self._known != 0) | moved.reshape(3, n, n), axis=0)
-        return Elimination.of(coupled)
+        model = self.model
+        moved = [part for s in model.slopes.values() for part in (s.M, s.D, s.K) if part is not None]
+        return Elimination.of(np.any([part != 0 for part in (model.M, model.D, model.K, *moved)], axis=0))
 
     @cached_property
     def takes_compiled(self) -> bool:
         """True if Z is factorised, and the sums of a fit are formed, in C."""
         return is_compiled()
-
-    def _matrices(self, theta: FloatArray) -> FloatArray:
-        """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
-        places, moved, slopes = self._slopes
-        matrices = self._known.copy()
-        matrices.reshape(-1)[moved] += (theta - self.model.theta_ref)[places] @ slopes
-        return matrices
-
-    @cached_property
-    def _known(self) -> FloatArray:
-        """M, D, K (3, n, n) at the model's own theta."""
-        return np.stack([self.model.M, self.model.D, self.model.K])
-
-    @cached_property
-    def _slopes(self) -> tuple[IntArray, IntArray, FloatArray]:
-        """Places in theta of the parameters that move M, D, K, which entries (n_moved,) of 3 n n move, and how much."""
-        n, slopes = self.model.n, self.model.slopes
-        places = [self.model.parameters.index(name) for name in slopes]
-        zero = np.zeros((n, n))
-        stacked = [[zero if part is None else part for part in (s.M, s.D, s.K)] for s in slopes.values()]
-        slope_of = np.array(stacked).reshape(len(places), 3 * n * n)
-        moved = np.flatnonzero(slope_of.any(axis=0))
-        return np.array(places, np.int64), moved, slope_of[:, moved]
 
     @cached_property
     def _sides(self) -> Sides:
@@ -375,5 +290,8 @@ class Kernel(Kept):
         return Sides(np.array(extra, np.int64), np.array(columns, np.int64), tilted, tilts)
 
     @cached_property
-    def _directions_and_terms(self) -> tuple[FloatArray, tuple[RankOneTerms, ...]]:
-        return rank_one_terms([self.model.slopes.get(name, Slope()) for name in self.wanted], self.model.n)
+    def _slope_matrices(self) -> tuple[tuple[int, int, FloatArray], ...]:
+        """dZ of the wanted parameters that move it: place among them, power of s, symmetric matrix (n, n)."""
+        slopes = [(place, self.model.slopes.get(name, Slope())) for place, name in enumerate(self.wanted)]
+        parts = [(place, power, A) for place, s in slopes for power, A in enumerate((s.K, s.D, s.M))]
+        return tuple((place, power, matrix) for place, power, matrix in parts if matrix is not None)

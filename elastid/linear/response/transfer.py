@@ -200,15 +200,10 @@ def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
         lines = np.atleast_1d(np.asarray(freq_hz, float))
     except (TypeError, ValueError):
         raise ValueError(f"freq_hz is {freq_hz!r}; give numbers in Hz, such as [10.0, 20.0]") from None
-    if lines.ndim != 1:
-        raise ValueError(f"freq_hz has shape {lines.shape}; give one number or a list of them, shape (F,)")
-    if np.isinf(lines).any():
-        raise ValueError(f"freq_hz is infinite at index {int(np.argmax(np.isinf(lines)))}; leave the line out")
-    bad = np.flatnonzero(~(lines > 0))
-    if bad.size:
+    if lines.ndim != 1 or not np.all((lines > 0) & np.isfinite(lines)):
         raise ValueError(
-            f"freq_hz is {lines[bad[0]]:g} Hz at index {bad[0]}: a response is computed above 0 Hz, since a constant "
-            "torque turns a free motor for ever; leave the line out, or give a small frequency such as 0.01"
+            "freq_hz holds what is no finite number above 0 Hz, or no row of them: a constant torque turns a motor "
+            "for ever; leave it out, or give a small frequency such as 0.01"
         )
     return lines
 

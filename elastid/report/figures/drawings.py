@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
-from elastid.base.escape import file_names
+from elastid.base.escape import file_name
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import fit, friction
@@ -87,7 +87,7 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
         caption = f"{each.words}; band of two standard deviations of the prediction."
         draw = partial(fit.bode, each.measured, each.predicted, each.std)
         yield Drawing(f"tool-{i}", "why", caption, draw)
-    files = file_names([measured.configuration.name for measured, _ in content.frf], "frf")
+    files = [f"frf-{file_name(measured.configuration.name)}" for measured, _ in content.frf]
     models = content.dense or [(modelled, None) for _, modelled in content.frf]
     for file, (measured, _), model in zip(files, content.frf, models, strict=True):
         yield response_drawing(file, measured, *model)
@@ -106,7 +106,7 @@ def response_drawing(
 def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
     """The figures of measured responses without a model, to be drawn."""
     yield from friction_drawings(content.friction)
-    files = file_names([response.configuration.name for response in content.responses], "frf")
+    files = [f"frf-{file_name(response.configuration.name)}" for response in content.responses]
     for file, response, own, model in zip(files, content.responses, content.modes, content.synthesised, strict=True):
         name, quality = response.configuration.name, response.quality
         title = fit.configuration_title(response, left_out=False)
@@ -152,8 +152,8 @@ def friction_study_drawings(
         caption = "torque that is left of logs that were left out, as a part of its rms in each octave."
         octaves = partial(fit.octaves_figure, left_out.twin.balances)
         yield Drawing("left-out", "left-out", caption, octaves)
-    files = file_names([joint.joint for joint in result.joints], "friction")
-    for file, joint in zip(files, result.joints, strict=True):
+    for joint in result.joints:
+        file = f"friction-{file_name(joint.joint)}"
         followed = [tracked for tracked in filters if tracked.joint == joint.joint]
         explained = [balance for balance in twin.balances if balance.place == f"{JOINT}{joint.joint}"]
         draws = [partial(fit.torque_balance_figure, balance) for balance in explained]

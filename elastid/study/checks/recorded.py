@@ -32,7 +32,7 @@ from elastid.study.sections import Study
 from elastid.study.source import KeyPath
 
 # Methods that need no period.
-WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1", "h2")
+WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1")
 _RECORDED: KeyPath = ("experiment", "recorded")
 
 
