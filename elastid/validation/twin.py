@@ -29,15 +29,13 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError, StudyError
-from elastid.experiment.simulated.plant import exact_plant
-from elastid.linear.equilibrium import OperatingPoint
-from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import EXACT
+from elastid.experiment.simulated.plant import Plant, true_plant
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, simulate
-from elastid.simulation.controller import Gains, rigid_motion, tune
+from elastid.simulation.closed_loop import Commands, Trajectory, simulate
+from elastid.simulation.controller import Gains, rigid_motion, rigid_path, tune
 
 # Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
 INERTIA, GRAVITY, RIGID_BODY, ELASTICITY = "inertia", "gravity and offset", "rigid body", "elasticity"
@@ -268,58 +266,36 @@ def _spread(errors: Sequence[float]) -> str:
     return f"{100 * high:.3g} %" if len(errors) == 1 else f"{100 * low:.3g} to {100 * high:.3g} %"
 
 
-@dataclass(frozen=True)
-class TwinPlant:
-    """A robot at rest where its log begins, as equations, with exact drives and encoders and without limits."""
-
-    model: ElasticModel
-    loop: ClosedLoop
-    point: OperatingPoint
-
-    @classmethod
-    def of(cls, robot: Robot, rate_hz: float, start: Configuration, spec: ModelSpec = EXACT) -> TwinPlant:
-        """Plant with as many steps a sample as its fastest pole takes; StudyError where it finds no rest."""
-        plant, point = exact_plant(robot, spec, rate_hz, start)
-        free = np.tile([-np.inf, np.inf], (plant.model.n_u, 1))
-        return cls(plant.model, replace(plant.loop, limits=free), point)
-
-    def holding_gains(self, bandwidth_hz: float) -> Gains:
-        """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
-        return tune(self.model, self.point.q, bandwidth_hz, 1.0)
-
-    def gains(self, moving: BoolArray, held: Gains) -> Gains:
-        """Gains of `held` for motors that move (n_u,), of a loop of 5 Hz for the others."""
-        resting = self.holding_gains(5.0)
-        return Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
-
-    def moved(self, driven: Driven) -> Trajectory:
-        """Trajectory of the robot; DataError where a motor is lost."""
-        q = self.point.q if driven.q is None else driven.q
-        v = rigid_motion(self.model, q) @ driven.velocity
-        return simulate(self.loop, driven.gains, driven.commands, q, v0=v)
-
-
-@dataclass(frozen=True, eq=False)
-class Driven:
-    """Drive of a twin: commands and gains of its loops, from q (n_q,) or the rest, motors at a velocity (n_u,)."""
-
-    commands: Commands
-    gains: Gains
-    velocity: FloatArray
-    q: FloatArray | None = None
-
-
 def run_along(
-    empty: TwinRun, robot: Robot, start: Configuration, spec: ModelSpec, driven_by: Callable[[TwinPlant], Driven],
-    compared: Callable[[TwinPlant, Trajectory], Iterable[TwinSignal]],
-) -> TwinRun:  # fmt: skip
-    """The run of a robot along a log, or why it is lost; empty: without its results, at the rate of the samples."""
+    empty: TwinRun, robot: Robot, start: Configuration, spec: ModelSpec, moved: Callable[[Plant], Iterable[TwinSignal]]
+) -> TwinRun:
+    """The run of a robot along a log, or why it is lost; empty: without its signals, at the rate of the samples.
+
+    moved: the signals of a plant with exact drives and encoders and without limits, at rest where the log begins.
+    """
     try:
-        plant = TwinPlant.of(robot, empty.rate_hz, start, spec)
-        moved = plant.moved(driven_by(plant))
+        plant = true_plant(robot, SimulatedSpec(model=spec), empty.rate_hz, start, is_free=True)
+        return replace(empty, signals=tuple(moved(plant)))
     except (DataError, StudyError) as error:
         return replace(empty, lost=str(error))
-    return replace(empty, signals=tuple(compared(plant, moved)))
+
+
+def holding_gains(plant: Plant, bandwidth_hz: float) -> Gains:
+    """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
+    return tune(plant.model, plant.point.q, bandwidth_hz, 1.0)
+
+
+def follow(
+    plant: Plant, commands: Commands, moving: BoolArray, held: Gains, position: FloatArray, velocity: FloatArray
+) -> Trajectory:
+    """Trajectory from position and velocity (n_u,) of the motors; DataError where one is lost.
+
+    held: gains of motors that move (n_u,); others are held by a loop of 5 Hz.
+    """
+    model, point, resting = plant.model, plant.point, holding_gains(plant, 5.0)
+    gains = Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
+    (q,) = rigid_path(model, point.q, point.configuration.angles, position[None])
+    return simulate(plant.loop, gains, commands, q, v0=rigid_motion(model, q) @ velocity)
 
 
 @dataclass(frozen=True)

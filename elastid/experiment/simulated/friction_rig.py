@@ -42,11 +42,10 @@ from elastid.simulation.controller import feed_forward, tune
 
 @dataclass(frozen=True)
 class FrictionRun:
-    """A motion on the true robot: from rest at `point`, joint `index` along `path`, at temperature (n,) or at none."""
+    """A motion on the true robot: from its rest, joint `index` along `path`, at temperature (n,) or at none."""
 
     motion: PlannedMotion
     plant: Plant
-    point: OperatingPoint
     index: int
     path: PassReference
     temperature: FloatArray | None
@@ -55,23 +54,23 @@ class FrictionRun:
         """The motion in closed loop; DataError where the joint is lost."""
         model, n, i = self.plant.model, len(self.path.position), self.index
         position, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
-        position += self.point.configuration.angles
+        position += self.plant.point.configuration.angles
         position[:, i], velocity[:, i] = self.path.position, self.path.velocity
         acceleration[:, i] = self.path.acceleration
         injected[:, i] = 0.0 if self.motion.torque is None else self.motion.torque
-        moved = position - self.point.configuration.angles
-        torque = injected + feed_forward(model, self.point.q, moved, velocity, acceleration)
+        moved = position - self.plant.point.configuration.angles
+        torque = injected + feed_forward(model, self.plant.point.q, moved, velocity, acceleration)
         commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
         bandwidth_hz = controller.bandwidth_hz
         if self.motion.planned is None and self.motion.period_samples is not None:
             # Ten times slower than the torque, so that the loop does not hold the joint against it.
             bandwidth_hz = min(bandwidth_hz, 0.1 * rate_hz / self.motion.period_samples)
         gains = tune(
-            model, self.point.q, bandwidth_hz, controller.damping_ratio,
+            model, self.plant.point.q, bandwidth_hz, controller.damping_ratio,
             controller.velocity_integral_time if bandwidth_hz == controller.bandwidth_hz else None,
         )  # fmt: skip
         try:
-            return simulate(self.plant.loop, gains, commands, self.point.q, self._friction())
+            return simulate(self.plant.loop, gains, commands, self.plant.point.q, self._friction())
         except DataError as error:
             raise DataError(
                 "experiment/diverged",
@@ -84,9 +83,9 @@ class FrictionRun:
         contacts, own = self.plant.loop.contacts, (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
 
         def curves(moments: IntArray) -> Iterator[list[FloatArray]]:
-            holding = holding_torque(self.plant.model, self.point, self.index, self.path.position[moments])
+            holding = holding_torque(self.plant.model, self.plant.point, self.index, self.path.position[moments])
             for i, u in zip(moments, holding, strict=True):
-                loads = loads_of(contacts, self.plant.model.robot, replace(self.point, u=u))
+                loads = loads_of(contacts, self.plant.model.robot, replace(self.plant.point, u=u))
                 T = None if self.temperature is None else float(self.temperature[i])
                 pairs = zip(contacts.laws, loads, strict=True)
                 yield [law.curve(load, T if law.place in own else None) for law, load in pairs]
@@ -232,12 +231,12 @@ class SimulatedFrictionRig:
             path = PassReference(self.plan.rate_hz, still + motion.configuration.angles[index], still, still)
         robot, samples = with_point_mass(self.robot, motion.payload), round(self.plan.robot_time_s * self.plan.rate_hz)
         start = motion.configuration.moved(index, float(path.position[0]))
-        plant, point = true_plant(robot, self.simulated, self.plan.rate_hz, 0.0, samples, start, "friction.rate_hz")
+        plant = true_plant(robot, self.simulated, self.plan.rate_hz, start, samples=samples)
         temperature = None
         if self.simulated.heat is not None:
             heat = heat_of(self.plan, plant.model.robot, self.simulated.heat, motion.joint)
             temperature = heat.temperature_at(motion.start_s + np.arange(len(path.position)) / self.plan.rate_hz)
-        return FrictionRun(motion, plant, point, index, path, temperature)
+        return FrictionRun(motion, plant, index, path, temperature)
 
     def _record(
         self, run: FrictionRun, trajectory: Trajectory, noise: Noise, temperature: FloatArray | None
@@ -264,7 +263,7 @@ class SimulatedFrictionRig:
             start_s=motion.start_s + first / self.plan.rate_hz,
             period_samples=motion.period_samples,
             hold="zero-order",
-            configuration=run.point.configuration,
+            configuration=run.plant.point.configuration,
             is_reference=planned is not None and planned.is_reference,
             is_warm_up=motion.is_warm_up,
             place=motion.name,
@@ -278,7 +277,7 @@ class SimulatedFrictionRig:
         windows = [window for window in (run.path.there, run.path.back) if window is not None]
         sliding = np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)
         places = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
-        point = equilibrium(model, model.theta, run.point.configuration)
+        point = equilibrium(model, model.theta, run.plant.point.configuration)
         torque = holding_torque(model, point, run.index, run.path.position[sliding[places]])
         return float(np.abs(torque[:, run.index]).mean())
 

@@ -38,15 +38,16 @@ from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.controller import feed_forward, filters_of, gains_of
-from elastid.simulation.dynamics import MAX_SUBSTEPS, affordable_steps, contacts, least_steps, poles
+from elastid.simulation.dynamics import affordable_steps, contacts, least_steps, poles
 
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """The true robot as equations, alone and in its loop."""
+    """The true robot as equations, its closed loop, and its rest."""
 
     model: ElasticModel
     loop: ClosedLoop
+    point: OperatingPoint
 
 
 def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
@@ -75,7 +76,7 @@ def _model_of(robot: Robot, spec: ModelSpec) -> ElasticModel:
 
 
 @lru_cache(maxsize=4)
-def plant_of(
+def _loop_of(
     robot: Robot,
     equations: ModelSpec,
     rate_hz: float,
@@ -84,64 +85,46 @@ def plant_of(
     encoder_ripple: tuple[EncoderRippleSpec, ...],
     torque_ripple: tuple[TorqueRippleSpec, ...],
     saturation: bool,
+    controller: ControllerSpec,
     samples: int,
-    controller: ControllerSpec | None = None,
-) -> Plant:
-    """A plant and its closed loop, built once in a process: CasADi expressions do not pickle.
-
-    samples: about how many the whole plan has, where its step is to be compiled for them.  controller: has filters.
-    """
+    is_free: bool,
+) -> ClosedLoop:
+    """The closed loop of a robot, built once in a process: CasADi expressions do not pickle."""
     model = model_of(robot, equations)
-    limits = np.array([joint.limits.angle for joint in robot.driven])
+    limits = np.array([(-np.inf, np.inf) if is_free else joint.limits.angle for joint in robot.driven])
     hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
-    joints = [joint.name for joint in robot.driven]
-    filters = None if controller is None else filters_of(joints, controller, rate_hz)
-    return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, filters=filters))
+    filters = filters_of([joint.name for joint in robot.driven], controller, rate_hz)
+    return closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, filters=filters)
 
 
 def true_plant(
-    robot: Robot, spec: SimulatedSpec, rate_hz: float, highest_hz: float, samples: int, start: Configuration,
-    rate_key: str,
-) -> tuple[Plant, OperatingPoint]:  # fmt: skip
+    robot: Robot, spec: SimulatedSpec, rate_hz: float, start: Configuration, highest_hz: float = 0.0, samples: int = 0,
+    is_free: bool = False,
+) -> Plant:  # fmt: skip
     """The plant of a section `simulated`, with its truth, at rest in `start`.
 
-    highest_hz: the end of the band, if any.  samples: of the whole plan.  rate_key: of the study, for StudyError where
-    the integration steps are too long for the plant's fastest pole.
+    highest_hz: the end of the band, if any.  samples: about how many the whole plan has, for which steps are compiled
+    where the section asks for it.  is_free: without limits of the motors' angles.  StudyError where the integration
+    steps are too long for the fastest pole.
     """
-    hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
     robot = true_robot(robot, spec.truth).carrying(start.carries)
     model = model_of(robot, spec.model)
     point = equilibrium(model, model.theta, start)
-    own = poles(model, contacts(model, frictions(robot)), point.q)
-    substeps, needed = spec.steps(rate_hz, highest_hz), least_steps(own, 1 / rate_hz)
-    if spec.substeps is None and needed <= MAX_SUBSTEPS:
-        substeps = max(substeps, needed)
-    if substeps < needed:
+    own, substeps = poles(model, contacts(model, frictions(robot)), point.q), spec.steps(rate_hz, highest_hz)
+    if spec.substeps is None:
+        substeps = max(substeps, affordable_steps(own, rate_hz, robot.name))
+    elif substeps < (needed := least_steps(own, 1 / rate_hz)):
         raise StudyError(
             "experiment/simulated",
-            f"{substeps} steps a sample cannot follow the fastest motion of robot "
-            f"{robot.name} in configuration {start.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or "
-            f"friction at standstill); take at least {needed}, or raise {rate_key}",
+            f"{substeps} steps a sample cannot follow the fastest motion of robot {robot.name} in configuration "
+            f"{start.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or friction at standstill); take "
+            f"at least {needed}, or raise the rate",
             "experiment.simulated.substeps",
         )
+    hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
-    return plant_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, spec.controller), point
-
-
-def exact_plant(
-    robot: Robot, equations: ModelSpec, rate_hz: float, start: Configuration
-) -> tuple[Plant, OperatingPoint]:
-    """A robot with exact encoders and smooth drives, at rest in `start`, with as many steps a sample as it takes.
-
-    StudyError where it finds no rest there, and where that is more than MAX_SUBSTEPS.
-    """
-    robot = robot.carrying(start.carries)
-    model = model_of(robot, equations)
-    point = equilibrium(model, model.theta, start)
-    own = poles(model, contacts(model, frictions(robot)), point.q)
-    substeps = affordable_steps(own, rate_hz, robot.name)
-    return plant_of(robot, equations, rate_hz, substeps, 0, (), (), False, 0), point
+    return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free), point)
 
 
 def closed_loop_of(robot: Robot, controller: ControllerSpec, rate_hz: float) -> PredictClosedLoop:

@@ -27,7 +27,6 @@ from elastid.experiment.simulated.hardware import (
 from elastid.experiment.simulated.plant import Plant, feed_forward_of, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
-from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.elastic import ElasticModel
 from elastid.record import Record
 from elastid.robot import Robot
@@ -42,11 +41,10 @@ MAX_CLIPPED_SHARE = 0.5  # of the measured samples, beyond which a motor cannot 
 
 @dataclass(frozen=True)
 class _Run:
-    """An experiment on a robot: its rest, the reference and the gains of its controller, and all noise."""
+    """An experiment on a robot: the reference and the gains of its controller, and all noise."""
 
     experiment: Experiment
     plant: Plant
-    point: OperatingPoint
     given: Reference
     gains: Gains
     noise: Noise
@@ -129,7 +127,7 @@ class SimulatedRig:
         """u (n, n_u) and y (n, n_y) of the n samples of a trajectory, with noise, filters and gains of the sensors."""
         plan, end, experiment = self.plan, len(trajectory.u), run.experiment
         noise, given, robot = run.noise, run.given, run.plant.model.robot
-        setup = (run.plant.model, run.point.q, self.outputs, plan.rate_hz, plan.period_samples)
+        setup = (run.plant.model, run.plant.point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
         y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
         y = filter_motions(robot, y, plan.rate_hz)
@@ -173,21 +171,21 @@ class SimulatedRig:
         spec, rate_hz = self.simulated, self.plan.rate_hz
         samples, configuration = len(self.plan.experiments) * self.plan.run_samples, experiment.configuration
         highest_hz = float(self.plan.freq_hz[-1])
-        plant, point = true_plant(self.robot, spec, rate_hz, highest_hz, samples, configuration, "excitation.rate_hz")
+        plant = true_plant(self.robot, spec, rate_hz, configuration, highest_hz, samples)
         given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), configuration)
-        gains = gains_of(plant.model, point.q, spec.controller)
-        return _Run(experiment, plant, point, given, gains, self._noise(experiment))
+        gains = gains_of(plant.model, plant.point.q, spec.controller)
+        return _Run(experiment, plant, given, gains, self._noise(experiment))
 
     def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:
         """The first n samples of a run, the multisine times `factor`, from rest where the reference begins."""
-        plant, point, given, noise, experiment = run.plant, run.point, run.given, run.noise, run.experiment
+        plant, given, noise, experiment = run.plant, run.given, run.noise, run.experiment
         robot, warming = plant.model.robot, self.simulated.warming
-        curves = friction_of_a_run(plant.loop.contacts, robot, point, warming, self.plan, experiment)
+        curves = friction_of_a_run(plant.loop.contacts, robot, plant.point, warming, self.plan, experiment)
         torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
         commands = Commands(
             given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]
         )
-        (start,) = rigid_path(plant.model, point.q, experiment.configuration.angles, given.position[:1])
+        (start,) = rigid_path(plant.model, plant.point.q, experiment.configuration.angles, given.position[:1])
         try:
             return simulate(plant.loop, run.gains, commands, start, curves[:n] if curves.ndim > 1 else curves)
         except DataError as error:
