@@ -24,8 +24,10 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import grid_lines, line_frequencies
+from elastid.excitation.multisine import synthesise
 from elastid.experiment.simulated.hardware import filter_motions, logged_quantity, sense
 from elastid.experiment.simulated.plant import Plant
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, unit_scale
@@ -99,8 +101,8 @@ def elastic_balances(
     Y_m = Y[:, [record.outputs.index(place) for place in motors.outputs]]
     modelled = (frequency_response(*part, freq_hz) for part in parts)
     torques_of_models = (np.asarray(np.linalg.solve(G, Y_m[..., None])[..., 0]) for G in modelled)
-    full, frictionless, rigid = (signals_of(torque, lines, N) for torque in torques_of_models)
-    measured, dry = signals_of(U, lines, N), signals_of(U - U_net, lines, N)
+    full, frictionless, rigid = (synthesise(lines, torque, N) for torque in torques_of_models)
+    measured, dry = synthesise(lines, U, N), synthesise(lines, U - U_net, N)
     torques = {RIGID_BODY: rigid, ELASTICITY: frictionless - rigid, VISCOUS: full - frictionless, DRY: dry}
     band_hz = float(freq_hz[0]), float(freq_hz[-1]) * (1 + 1e-9)
     return tuple(
@@ -128,7 +130,7 @@ def elastic_runs(
     held_hz = 0.2 * band_hz[0]
     empty = TwinRun(record.name, "torque", held_hz, record.period_samples / record.rate_hz, record.rate_hz)
     moved = partial(_signals, record, held_hz, band_hz, delay_s)
-    return (run_along(empty, robot, record.configuration, spec, moved),)
+    return (run_along(empty, robot, record.configuration, SimulatedSpec(model=spec), moved),)
 
 
 def _signals(
@@ -198,7 +200,7 @@ def _compared(
 
     def in_time(log: Record, factor: ComplexArray | float) -> FloatArray:
         (Y,), (U,) = last_period(log, lines, "position")
-        return signals_of(np.hstack([U, factor * Y]), lines, N)
+        return synthesise(lines, np.hstack([U, factor * Y]), N)
 
     kinds: list[SignalKind] = [TORQUE] * len(record.inputs)
     kinds += [MOTION if place in record.inputs else LINK for place in record.outputs]
@@ -222,10 +224,3 @@ def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[Comp
     Y, U = (spectra.amplitudes(role, lines)[last] for role in ("y", "u"))
     scale = unit_scale(record, freq_hz, quantity)
     return Y * scale[:, :n_y], U * scale[:, n_y:]
-
-
-def signals_of(X: ComplexArray, lines: IntArray, N: int) -> FloatArray:
-    """One period (N, n_y) in time of the amplitudes X (F, n_y) at DFT lines (F,)."""
-    spectrum = np.zeros((N // 2 + 1, X.shape[1]), dtype=np.complex128)
-    spectrum[lines] = X * N / 2
-    return np.fft.irfft(spectrum, n=N, axis=0)

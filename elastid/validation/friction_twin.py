@@ -25,13 +25,14 @@ from elastid.base.errors import DataError
 from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import Plant
 from elastid.experiment.specs.recorded import CascadeSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.friction_study.joint_levels import motion_log, motion_logs
 from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts, rigid_body_torques
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.motion_terms import columns_of, full_rate_columns
 from elastid.friction_study.result import JointFriction
 from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import EXACT, formulate
+from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
 from elastid.robot import Robot
 from elastid.robot.simplified import without_friction
@@ -187,7 +188,8 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
     held_hz = HELD_HZ if controller is None else 0.0
     empty = TwinRun(log.records[0].name, drive, held_hz, len(log.position) / log.rate_hz, log.rate_hz)
     start = Configuration(log.records[0].name, log.position[0])
-    run = run_along(empty, robot, start, EXACT, partial(_signals, log, controller))
+    spec = SimulatedSpec() if controller is None else SimulatedSpec(controller=controller.spec)
+    run = run_along(empty, robot, start, spec, partial(_signals, log, controller))
     return replace(run, rate_hz=log.rate_hz / int(log.signals[0].kept.step)) if run.signals else run
 
 

@@ -31,7 +31,6 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.simulated.plant import Plant, true_plant
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
@@ -267,14 +266,18 @@ def _spread(errors: Sequence[float]) -> str:
 
 
 def run_along(
-    empty: TwinRun, robot: Robot, start: Configuration, spec: ModelSpec, moved: Callable[[Plant], Iterable[TwinSignal]]
+    empty: TwinRun,
+    robot: Robot,
+    start: Configuration,
+    spec: SimulatedSpec,
+    moved: Callable[[Plant], Iterable[TwinSignal]],
 ) -> TwinRun:
     """The run of a robot along a log, or why it is lost; empty: without its signals, at the rate of the samples.
 
-    moved: the signals of a plant with exact drives and encoders and without limits, at rest where the log begins.
+    spec: equations and controller of its plant.  moved: the signals of that, without limits, at rest at the start.
     """
     try:
-        plant = true_plant(robot, SimulatedSpec(model=spec), empty.rate_hz, start, is_free=True)
+        plant = true_plant(robot, spec, empty.rate_hz, start, is_free=True)
         return replace(empty, signals=tuple(moved(plant)))
     except (DataError, StudyError) as error:
         return replace(empty, lost=str(error))

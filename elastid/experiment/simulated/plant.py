@@ -18,9 +18,10 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
 from elastid.base.units import Quantity, to_si
+from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.movement import FeedForward, Movement
 from elastid.experiment.plan.plan import ClosedLoopResponse, PredictClosedLoop
 from elastid.experiment.simulated.hardware import drives
@@ -180,14 +181,6 @@ SHAKEN = (0, 2)
 BAND = (0.01, 0.4)
 
 
-@dataclass(frozen=True)
-class ShakenMasses:
-    """One experiment at even times: force (n, 2) in N, acceleration (n, 3) in m/s^2."""
-
-    force: FloatArray
-    acceleration: FloatArray
-
-
 def true_modes() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Natural frequencies in rad/s, damping ratios, and mode shapes (3, 3) of unit modal mass, column by column."""
     root = np.diag(1 / np.sqrt(MASSES))
@@ -205,33 +198,18 @@ def true_response(freq_hz: FloatArray) -> ComplexArray:
     return np.asarray(np.einsum("ir,fr,jr->fij", shapes, modal, shapes[list(SHAKEN)]))
 
 
-def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> tuple[ShakenMasses, ShakenMasses]:
-    """Both experiments of one realisation of a periodic multisine, in their steady state, with sensor noise.
+def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> list[FloatArray]:
+    """Forces in N and accelerations in m/s^2 (n, 2 + 3) in both experiments of one realisation of a multisine.
 
-    In the second the second shaker pushes with the other sign, so that the two separate the shakers at every line.
+    In steady state, with sensor noise.  In the second the second shaker pushes with the other sign, so that the two
+    separate the shakers at every line.
     """
     random = np.random.default_rng(seed)
     lines = np.arange(round(BAND[0] * period_samples), round(BAND[1] * period_samples))
-    amplitude = 5.0 * np.sqrt(2 / len(lines)) * period_samples / 2
-    U = amplitude * np.exp(2j * np.pi * random.random((len(lines), len(SHAKEN))))
-    G = true_response(lines * rate_hz / period_samples)
-    first, second = (
-        _noisy(_signal(lines, F, period_samples), _signal(lines, G @ F[..., None], period_samples), periods, random)
-        for F in (U, U * [1, -1])
-    )
-    return first, second
-
-
-def _signal(lines: IntArray, spectrum: ComplexArray, period_samples: int) -> FloatArray:
-    """One period (N, n) of a signal with its spectrum (F, n) at some lines."""
-    padded = np.zeros((period_samples // 2 + 1, spectrum.shape[1]), complex)
-    padded[lines] = spectrum.reshape(len(lines), -1)
-    return np.asarray(np.fft.irfft(padded, period_samples, axis=0))
-
-
-def _noisy(force: FloatArray, acceleration: FloatArray, periods: int, random: np.random.Generator) -> ShakenMasses:
-    force, acceleration = np.tile(force, (periods, 1)), np.tile(acceleration, (periods, 1))
-    return ShakenMasses(
-        force + 0.05 * random.standard_normal(force.shape),
-        acceleration + 0.1 * random.standard_normal(acceleration.shape),
-    )
+    U = 5.0 * np.sqrt(2 / len(lines)) * np.exp(2j * np.pi * random.random((len(lines), len(SHAKEN))))
+    G, experiments = true_response(lines * rate_hz / period_samples), []
+    for F in (U, U * [1, -1]):
+        of_each = ((F, 0.05), ((G @ F[..., None])[..., 0], 0.1))
+        signals = [(np.tile(synthesise(lines, X, period_samples), (periods, 1)), std) for X, std in of_each]
+        experiments.append(np.hstack([x + std * random.standard_normal(x.shape) for x, std in signals]))
+    return experiments
