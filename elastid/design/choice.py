@@ -13,7 +13,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
-from elastid.design.optimal import DesignCriterion, relaxed_design, whole_experiments
+from elastid.design.optimal import DesignCriterion, best_experiments
 from elastid.design.prospect import Prospect
 from elastid.design.spec import CandidateSpec
 from elastid.experiment.plan.plan import ChosenConfiguration
@@ -212,11 +212,7 @@ def choose_configurations(
     """
     H, rows = informations(prospect, configurations, x, execution)
     seen, ground = visible(criterion, H, elsewhere, prospect.parameters)
-    known = elsewhere + ground
-    shares = relaxed_design(H, seen, known / count)
-    numbers = whole_experiments(H, shares.weights, count, seen, known)
-    value = float(seen.value(known + np.einsum("q,sqij->sij", numbers, H)))
-    efficiency = math.exp(min(0.0, value - math.log(count) - shares.bound))
+    numbers, efficiency = best_experiments(H, count, seen, elsewhere + ground)
     chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
     return Choice(chosen, efficiency, len(rows))
 

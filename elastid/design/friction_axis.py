@@ -11,7 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
-from elastid.design.optimal import DesignCriterion, relaxed_design, whole_experiments
+from elastid.design.optimal import DesignCriterion, best_experiments
 from elastid.experiment.plan.friction import RAMP_PEAK, PassLimits, fastest_speed
 from elastid.experiment.simulated.plant import model_of
 from elastid.experiment.specs.simulated import ControllerSpec
@@ -85,12 +85,9 @@ def optimal_speeds(guesses: Sequence[StribeckGuess], lowest: float, highest: flo
         raise DataError("friction/plan", f"{count} passes for the {d} numbers of a Stribeck curve; give {d} or more")
     speeds = np.geomspace(lowest, highest, 200)
     H = np.stack([_information(guess, speeds) for guess in guesses])
-    criterion = DesignCriterion(np.eye(d))
-    relaxed = relaxed_design(H, criterion)
-    numbers = whole_experiments(H, relaxed.weights, count, criterion)
-    reached = criterion.value(np.einsum("q,sqij->sij", numbers / count, H))
+    numbers, efficiency = best_experiments(H, count, DesignCriterion(np.eye(d)), np.zeros((len(H), d, d)))
     chosen = numbers > 0
-    return PassSpeeds(speeds[chosen], numbers[chosen], float(np.exp(float(reached) - relaxed.value)))
+    return PassSpeeds(speeds[chosen], numbers[chosen], efficiency)
 
 
 def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
