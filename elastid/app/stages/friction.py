@@ -56,12 +56,11 @@ def design_motions(study: Study, work: Work) -> Artefacts:
     plan = design_friction(study.as_friction(), study.friction_joints, study.experiment, study.as_robot(), study.seed)
 
     def report(console: Console) -> None:
-        console.notes(plan.notes)
         console.say(
             f"design: {len(plan.motions)} motions of {len(plan.designs)} joints, {plan.robot_time_s / 60:.3g} min of "
             "the robot's time"
         )
-        for sentence in (*plan.known, *plan.unknown):
+        for sentence in plan.known:
             console.say(f"design: {sentence}")
 
     files: dict[str, Write] = {
