@@ -179,32 +179,11 @@ def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
     return values(angles)[:, rank - 1]
 
 
-@dataclass(frozen=True)
-class Choice:
-    """chosen: measured in addition to the configurations given.
-
-    efficiency: of the whole experiments, relative to the best possible shares.  n_candidates: admissible ones.
-    """
-
-    chosen: tuple[ChosenConfiguration, ...]
-    efficiency: float
-    n_candidates: int
-
-    @property
-    def sentence(self) -> str:
-        """The choice in a sentence."""
-        names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in self.chosen)
-        return (
-            f"chosen among {self.n_candidates} candidates: {names}; {100 * self.efficiency:.1f} % of the best "
-            "possible allocation"
-        )
-
-
 def choose_configurations(
     criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
     configurations: Sequence[Configuration], x: FloatArray, taken: Sequence[str], execution: Execution,
-) -> Choice:  # fmt: skip
-    """The best whole experiments, `count` in all, among candidate configurations.
+) -> tuple[tuple[ChosenConfiguration, ...], str]:  # fmt: skip
+    """The best whole experiments, `count` in all, among candidate configurations, and a sentence on them.
 
     elsewhere (S, n_x, n_x): information without them (given configurations, earlier measurements, priors).  x (S, n_x):
     guesses of the parameters.  taken: names that other configurations have.  StudyError where no candidate informs any
@@ -214,7 +193,9 @@ def choose_configurations(
     seen, ground = visible(criterion, H, elsewhere, prospect.parameters)
     numbers, efficiency = best_experiments(H, count, seen, elsewhere + ground)
     chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
-    return Choice(chosen, efficiency, len(rows))
+    names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in chosen)
+    best = f"{100 * efficiency:.1f} % of the best possible allocation"
+    return chosen, f"chosen among {len(rows)} candidates: {names}; {best}"
 
 
 def informations(
