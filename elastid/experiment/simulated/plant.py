@@ -12,14 +12,14 @@ Three masses in a row on springs to the ground, shaken at two of them: a structu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
-from elastid.base.errors import StudyError
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.units import Quantity, to_si
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.movement import FeedForward, Movement
@@ -34,12 +34,14 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
-from elastid.record import Configuration
+from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.controller import feed_forward, filters_of, gains_of
 from elastid.simulation.dynamics import affordable_steps, contacts, least_steps, poles
+
+MAX_CLIPPED_SHARE = 0.5  # of the samples, beyond which a motor cannot control the robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +128,38 @@ def true_plant(
     hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
     return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free), point)
+
+
+def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) -> Iterator[Note]:
+    """A note for each of some motors whose torque u (n, n_u) was clipped, or went beyond its limit.
+
+    DataError where most of it was clipped.
+    """
+    for i in motors:
+        joint, drive, torque = plant.model.robot.driven[i], float(plant.loop.drives.torque[i]), np.abs(u[:, i])
+        place, unit, share = f"{run}, motor {joint.name}", drive_unit(joint.slides), float(np.mean(torque >= drive))
+        text = f"clipped at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples"
+        if share > MAX_CLIPPED_SHARE:
+            raise DataError(
+                "experiment/diverged",
+                f"{text}: it cannot control the robot; lower excitation.torque_rms, choose a configuration with less "
+                "gravity torque, or correct limits.torque",
+                place,
+            )
+        if share > 0:
+            yield Note("experiment/limits", f"{text}; {_LOWER}", place)
+        elif torque.max() > joint.limits.torque:
+            yield beyond(place, torque.max(), joint.limits.torque, unit)
+
+
+def beyond(place: str, peak: float, limit: float, unit: str) -> Note:
+    """A note on a motor that went beyond a limit which its drive does not keep."""
+    return Note(
+        "experiment/limits", f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; {_LOWER}", place
+    )
+
+
+_LOWER = "lower excitation.torque_rms, or the highest speed of passes"
 
 
 def closed_loop_of(robot: Robot, controller: ControllerSpec, rate_hz: float) -> PredictClosedLoop:
