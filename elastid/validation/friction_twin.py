@@ -49,7 +49,6 @@ from elastid.validation.twin import (
     TORQUE,
     VISCOUS,
     Drive,
-    Prediction,
     SignalKind,
     TorqueBalance,
     TwinFindings,
@@ -240,20 +239,31 @@ def _compared(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[Twi
                 yield TwinSignal(kind, place, unit, kept.filtered(y[:n]), kept.filtered(y_twin[:n]))
 
 
+def friction_twin(
+    robot: Robot,
+    joints: Sequence[JointFriction],
+    measured: FrictionRecords,
+    controller: CascadeSpec | None,
+    execution: Execution | None = None,
+) -> TwinFindings:
+    """Torque of motions part by part, and the twin along them; robot: with the friction of `joints`."""
+    runs = friction_runs(robot, joints, measured, controller, execution)
+    return TwinFindings(friction_balances(joints, measured), runs)
+
+
 def predict_logs(
     robot: Robot,
     joints: Sequence[JointFriction],
     measured: FrictionRecords,
     controller: CascadeSpec | None,
     execution: Execution | None = None,
-) -> Prediction:
+) -> TwinFindings:
     """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
     outcomes = list(_along_logs(robot, joints, measured))
     judged = [each for each in outcomes if isinstance(each, JointFriction)]
     reasons = [each for each in outcomes if not isinstance(each, JointFriction)]
     missing = {joint: "; ".join(text for name, text in reasons if name == joint) for joint, _ in reasons}
-    runs = friction_runs(robot, judged, measured, controller, execution)
-    return Prediction(TwinFindings(friction_balances(judged, measured), runs), missing)
+    return replace(friction_twin(robot, judged, measured, controller, execution), missing=missing)
 
 
 def _along_logs(

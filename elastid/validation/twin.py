@@ -232,15 +232,21 @@ class TwinRun:
 
 @dataclass(frozen=True)
 class TwinFindings:
-    """The torque of logs part by part, and the twin moved along them."""
+    """The torque of logs part by part, and the twin moved along them; missing: joints not predicted there, and why."""
 
     balances: tuple[TorqueBalance, ...] = ()
     runs: tuple[TwinRun, ...] = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def run_words(self) -> tuple[str, ...]:
         """Errors of the twin in each run."""
         return tuple(map(describe_run, self.runs))
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The torque of each joint, then the simulations."""
+        return (*map(describe_balance, self.balances), *self.run_words)
 
 
 NO_TWIN = TwinFindings()
@@ -299,19 +305,3 @@ def follow(
     gains = Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
     (q,) = rigid_path(model, point.q, point.configuration.angles, position[None])
     return simulate(plant.loop, gains, commands, q, v0=rigid_motion(model, q) @ velocity)
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Torque and motion along logs by a result of others; missing: reason by joint that is not predicted there."""
-
-    twin: TwinFindings = NO_TWIN
-    missing: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """The torque of each joint, then the simulations."""
-        return (*map(describe_balance, self.twin.balances), *self.twin.run_words)
-
-
-NO_PREDICTION = Prediction()
