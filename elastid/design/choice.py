@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 
 import numpy as np
 
@@ -205,11 +204,10 @@ def informations(
 
     StudyError or DataError of the first where none has.
     """
-    chunks = [configurations[i : i + 16] for i in range(0, len(configurations), 16)]
     if len(configurations) * len(x) < 400:  # less work than it takes to start other processes
         execution = replace(execution, jobs=1)
-    parts = execution.ordered(partial(_informations, prospect, x), chunks)
-    informative = {i: H for i, H in enumerate(chain.from_iterable(parts)) if H is not None}
+    found = execution.ordered(partial(_information, prospect, x), configurations)
+    informative = {i: H for i, H in enumerate(found) if H is not None}
     if not informative:
         prospect.expected(configurations[0], x[0])  # raises with the reason
         raise StudyError(
@@ -221,17 +219,12 @@ def informations(
     return np.stack([*informative.values()], axis=1), np.array([*informative])
 
 
-def _informations(
-    prospect: Prospect, x: FloatArray, configurations: Sequence[Configuration]
-) -> list[FloatArray | None]:
-    """H (S, n_x, n_x) of each; None where there is no equilibrium for one of the guesses."""
-    found: list[FloatArray | None] = []
-    for configuration in configurations:
-        try:
-            found.append(prospect.information(configuration, x))
-        except (StudyError, DataError):
-            found.append(None)
-    return found
+def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
+    """H (S, n_x, n_x); None where there is no equilibrium for one of the guesses."""
+    try:
+        return prospect.information(configuration, x)
+    except (StudyError, DataError):
+        return None
 
 
 def visible(

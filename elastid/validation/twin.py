@@ -144,17 +144,13 @@ def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterat
 
 
 def describe_balance(balance: TorqueBalance) -> str:
-    """Shares of the parts, in two sentences."""
-    pairs = list(zip(balance.parts, balance.shares, strict=True))
-    shares = ", ".join(f"{part} {share:.1%}" for part, share in pairs)
-    text = f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left"
-    if any(part in FRICTION for part in balance.parts):
-        text += f" (without friction {balance.left_without_friction:.1%})"
+    """Shares of the parts in a sentence."""
+    shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(balance.parts, balance.shares, strict=True))
     worst, unit = balance.worst, "Hz" if balance.rate_is_known else "of the sampling rate"
     return (
-        f"{text}. By octaves most is left from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}, where "
-        f"{worst.power:.2%} of the torque's power lies: {worst.left:.0%} of that, without friction "
-        f"{worst.left_without_friction:.0%}."
+        f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left "
+        f"(without friction {balance.left_without_friction:.1%}), most from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}: "
+        f"{worst.left:.0%} of the {worst.power:.2%} of the power there."
     )
 
 
@@ -257,18 +253,12 @@ def describe_run(run: TwinRun) -> str:
     if run.lost:
         return f"Simulated forwards on {run.log}, driven by its {_DRIVES[run.drive]}, the twin is lost: {run.lost}."
     held = f", held on the log by a loop of {run.held_hz:.2g} Hz" if run.held_hz else ""
-    errors = {kind: [signal.error for signal in run.of(kind)] for kind in (MOTION, TORQUE, LINK)}
-    parts = [f"{kind} {_spread(own)}" for kind, own in errors.items() if own]
+    errors = {kind: [100 * signal.error for signal in run.of(kind)] for kind in (MOTION, TORQUE, LINK)}
+    parts = [f"{kind} at most {max(own):.3g} %" for kind, own in errors.items() if own]
     return (
         f"Simulated forwards over {run.seconds:.3g} s of {run.log}, driven by its {_DRIVES[run.drive]}{held}, the twin "
         f"is off by (rms error over rms signal): {'; '.join(parts)}."
     )
-
-
-def _spread(errors: Sequence[float]) -> str:
-    """A share, or the range of several."""
-    low, high = min(errors), max(errors)
-    return f"{100 * high:.3g} %" if len(errors) == 1 else f"{100 * low:.3g} to {100 * high:.3g} %"
 
 
 def run_along(
