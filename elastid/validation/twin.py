@@ -149,8 +149,8 @@ def describe_balance(balance: TorqueBalance) -> str:
     worst, unit = balance.worst, "Hz" if balance.rate_is_known else "of the sampling rate"
     return (
         f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left "
-        f"(without friction {balance.left_without_friction:.1%}), most from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}: "
-        f"{worst.left:.0%} of the {worst.power:.2%} of the power there."
+        f"(without friction {balance.left_without_friction:.1%}), most from {worst.low_hz:.3g} to {worst.high_hz:.3g} "
+        f"{unit}: {worst.left:.0%} of the {worst.power:.2%} of the power there."
     )
 
 
