@@ -236,8 +236,8 @@ class Session:
     def _refusal(self, proposal: NextExperiment, plans: Sequence[Plan], result: Result | None) -> str:
         """Why no further experiment leads to the goal; empty where one may."""
         spent = sum(plan.robot_time_s for plan in plans)
-        if math.isinf(proposal.more_s):
-            name, share = proposal.floor
+        if math.isinf(proposal.option.more_s):
+            name, share = proposal.option.floor
             width = 100 * share * self.goal.widths[name]
             return (
                 f"whatever is measured further, {name} stays at {width:.2g} % (goal {100 * self.goal.widths[name]:.3g} "
@@ -245,7 +245,7 @@ class Session:
             )
         if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
             return ""
-        more = spent + max(proposal.more_s, proposal.plan.robot_time_s)
+        more = spent + max(proposal.option.more_s, proposal.plan.robot_time_s)
         left = "" if result is None else f"{self.worst(self.goal.reached(result))}; "
         return (
             f"{left}{spent:.4g} s of {self.budget_s:.4g} s of the robot's time are used, and the next experiment takes "

@@ -29,7 +29,7 @@ from elastid.study.source import read_source
 from elastid.validation.agreement import validate
 from elastid.validation.friction_twin import predict_logs
 from elastid.validation.spec import ValidationSpec
-from elastid.validation.twin import Prediction, describe_balance
+from elastid.validation.twin import TwinFindings
 
 # Keys of a file of a study that are of that file alone, and not of another log with the same channels.
 _OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")
@@ -75,8 +75,8 @@ def predict(run: Run, source: Path) -> None:
                 carry_out(run, name)
         judged, content, words = (_friction if of_friction else _elasticity)(run, path)
         write_text(run.folder / "prediction.json", json.dumps(json_value(content), indent=1, allow_nan=False) + "\n")
-        if judged.twin.balances:
-            octaves_figure(judged.twin.balances).savefig(run.folder / "prediction.png")
+        if judged.balances:
+            octaves_figure(judged.balances).savefig(run.folder / "prediction.png")
         keep_checksums(run.folder, ["prediction.json"])
         for each in (*words, str(run.folder / "prediction.json")):
             run.console.say(f"predict: {each}")
@@ -101,7 +101,7 @@ def _result_of(run: Run, source: Path, name: str) -> Path:
     return path
 
 
-def _friction(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Sequence[str]]:
+def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
     result, measured = read_friction_result(path), read_friction_records(run.path("measure"))
     recorded = run.study.experiment.recorded
     robot, controller = run.study.as_robot(), None if recorded is None else recorded.controller
@@ -109,7 +109,7 @@ def _friction(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Sequenc
     prediction = predict_logs(identified, result.joints, measured, controller, Execution(run.jobs))
     for joint, reason in prediction.missing.items():
         run.console.warn(f"joint {joint} is not predicted: {reason}")
-    if not prediction.twin.balances:
+    if not prediction.balances:
         raise StudyError(
             "predict/mismatch",
             "none of its joints can be predicted on these logs; the reasons are above",
@@ -118,7 +118,7 @@ def _friction(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Sequenc
     return prediction, prediction_summary(run.study.name, str(path), prediction), prediction.words
 
 
-def _elasticity(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Sequence[str]]:
+def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
     study, responses, result = run.study, read_responses(run.path("estimate")), read_fit(path)
     robot = study.as_robot()
     lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
@@ -137,5 +137,4 @@ def _elasticity(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Seque
     shifts = {G.configuration.name: fitted.at(G.configuration.name).response_shifts(G.freq_hz) for G in responses}
     judged = validate(responses, fitted.responses, [*shifts], shifts=shifts)
     content = {**validation_summary(study.name, judged, twin), "with": str(path)}
-    sentences = (judged.verdict, *map(describe_balance, twin.balances), *twin.run_words)
-    return Prediction(twin), content, [words for words in sentences if words]
+    return twin, content, [words for words in (judged.verdict, *twin.words) if words]

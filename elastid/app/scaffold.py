@@ -251,7 +251,7 @@ def write_shaken_masses(folder: Path) -> None:
     columns = ("force_1", "force_3", "acc_1", "acc_2", "acc_3")
     logs = (log for realisation in range(2) for log in shake(256.0, 2048, 4, 1 + realisation))
     for i, log in enumerate(logs, start=1):
-        _write_log(folder / "logs" / f"bench_{i}.csv", columns, np.hstack([log.force, log.acceleration]))
+        _write_log(folder / "logs" / f"bench_{i}.csv", columns, log)
 
 
 def write_elastic_joint(folder: Path) -> None:

@@ -26,7 +26,7 @@ from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.values import SCHEMA, json_value
 from elastid.validation.agreement import Agreement, Validation
-from elastid.validation.twin import NO_PREDICTION, NO_TWIN, BandBalance, Prediction, TorqueBalance, TwinFindings
+from elastid.validation.twin import NO_TWIN, BandBalance, TorqueBalance, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
     from elastid.friction_study.motion import RigidBody
@@ -158,7 +158,7 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
 
 
 def friction_study_summary(
-    name: str, result: FrictionResult, twin: TwinFindings = NO_TWIN, left_out: Prediction = NO_PREDICTION
+    name: str, result: FrictionResult, twin: TwinFindings = NO_TWIN, left_out: TwinFindings = NO_TWIN
 ) -> dict[str, Any]:
     """summary.json of a friction study: parameters with intervals and origin, those not identified, measured ranges.
 
@@ -196,14 +196,14 @@ def friction_study_summary(
     }
 
 
-def prediction_summary(name: str, source: str, prediction: Prediction) -> dict[str, Any]:
+def prediction_summary(name: str, source: str, prediction: TwinFindings) -> dict[str, Any]:
     """The content of prediction.json: torque and twin of the logs of a study under the numbers of `source`."""
     return {"schema": SCHEMA, "study": name, "with": source} | _prediction(prediction)
 
 
-def _prediction(prediction: Prediction) -> dict[str, Any]:
+def _prediction(prediction: TwinFindings) -> dict[str, Any]:
     """not_predicted: reasons by joint."""
-    return {"not_predicted": dict(prediction.missing)} | _twin(prediction.twin)
+    return {"not_predicted": dict(prediction.missing)} | _twin(prediction)
 
 
 def _rigid_body(body: RigidBody) -> dict[str, Any]:

@@ -301,7 +301,6 @@ CODES: Final[Mapping[str, str]] = {
     "use/move": "A move cannot be made within the limits and the error that are asked for.",
     "use/path": "A file of postures or poses is not readable as a path.",
     "use/unreachable": "A pose or posture is out of reach.",
-    "validation/left-out": "Configurations to be left out leave nothing to fit, or were not measured.",
     "validation/missing-mode": "A measured mode has no partner in the model.",
     "workers/cluster": "The cluster of workers cannot be used.",
     "workers/died": "Worker processes died, or could not be started.",

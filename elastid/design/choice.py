@@ -6,14 +6,13 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
-from elastid.design.optimal import DesignCriterion, relaxed_design, whole_experiments
+from elastid.design.optimal import DesignCriterion, best_experiments
 from elastid.design.prospect import Prospect
 from elastid.design.spec import CandidateSpec
 from elastid.experiment.plan.plan import ChosenConfiguration
@@ -179,32 +178,11 @@ def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
     return values(angles)[:, rank - 1]
 
 
-@dataclass(frozen=True)
-class Choice:
-    """chosen: measured in addition to the configurations given.
-
-    efficiency: of the whole experiments, relative to the best possible shares.  n_candidates: admissible ones.
-    """
-
-    chosen: tuple[ChosenConfiguration, ...]
-    efficiency: float
-    n_candidates: int
-
-    @property
-    def sentence(self) -> str:
-        """The choice in a sentence."""
-        names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in self.chosen)
-        return (
-            f"chosen among {self.n_candidates} candidates: {names}; {100 * self.efficiency:.1f} % of the best "
-            "possible allocation"
-        )
-
-
 def choose_configurations(
     criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
     configurations: Sequence[Configuration], x: FloatArray, taken: Sequence[str], execution: Execution,
-) -> Choice:  # fmt: skip
-    """The best whole experiments, `count` in all, among candidate configurations.
+) -> tuple[tuple[ChosenConfiguration, ...], str]:  # fmt: skip
+    """The best whole experiments, `count` in all, among candidate configurations, and a sentence on them.
 
     elsewhere (S, n_x, n_x): information without them (given configurations, earlier measurements, priors).  x (S, n_x):
     guesses of the parameters.  taken: names that other configurations have.  StudyError where no candidate informs any
@@ -212,13 +190,11 @@ def choose_configurations(
     """
     H, rows = informations(prospect, configurations, x, execution)
     seen, ground = visible(criterion, H, elsewhere, prospect.parameters)
-    known = elsewhere + ground
-    shares = relaxed_design(H, seen, known / count)
-    numbers = whole_experiments(H, shares.weights, count, seen, known)
-    value = float(seen.value(known + np.einsum("q,sqij->sij", numbers, H)))
-    efficiency = math.exp(min(0.0, value - math.log(count) - shares.bound))
+    numbers, efficiency = best_experiments(H, count, seen, elsewhere + ground)
     chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
-    return Choice(chosen, efficiency, len(rows))
+    names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in chosen)
+    best = f"{100 * efficiency:.1f} % of the best possible allocation"
+    return chosen, f"chosen among {len(rows)} candidates: {names}; {best}"
 
 
 def informations(
@@ -228,11 +204,10 @@ def informations(
 
     StudyError or DataError of the first where none has.
     """
-    chunks = [configurations[i : i + 16] for i in range(0, len(configurations), 16)]
     if len(configurations) * len(x) < 400:  # less work than it takes to start other processes
         execution = replace(execution, jobs=1)
-    parts = execution.ordered(partial(_informations, prospect, x), chunks)
-    informative = {i: H for i, H in enumerate(chain.from_iterable(parts)) if H is not None}
+    found = execution.ordered(partial(_information, prospect, x), configurations)
+    informative = {i: H for i, H in enumerate(found) if H is not None}
     if not informative:
         prospect.expected(configurations[0], x[0])  # raises with the reason
         raise StudyError(
@@ -244,17 +219,12 @@ def informations(
     return np.stack([*informative.values()], axis=1), np.array([*informative])
 
 
-def _informations(
-    prospect: Prospect, x: FloatArray, configurations: Sequence[Configuration]
-) -> list[FloatArray | None]:
-    """H (S, n_x, n_x) of each; None where there is no equilibrium for one of the guesses."""
-    found: list[FloatArray | None] = []
-    for configuration in configurations:
-        try:
-            found.append(prospect.information(configuration, x))
-        except (StudyError, DataError):
-            found.append(None)
-    return found
+def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
+    """H (S, n_x, n_x); None where there is no equilibrium for one of the guesses."""
+    try:
+        return prospect.information(configuration, x)
+    except (StudyError, DataError):
+        return None
 
 
 def visible(

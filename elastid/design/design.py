@@ -10,13 +10,13 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution
-from elastid.design.choice import Choice, choose_configurations
+from elastid.design.choice import choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, room, unit_time_s
-from elastid.experiment.plan.plan import Plan
+from elastid.experiment.plan.plan import ChosenConfiguration, Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.tolerances import with_tolerances
@@ -64,11 +64,8 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     """
     execution = execution or Execution()
     excitation, experiment = problem.excitation, problem.experiment
-    settled = with_friction_damping(with_typical_spectrum(with_torques(problem), excitation.torque_rms))
-    choice = None
-    if problem.design is not None:
-        choice = _choose(settled, problem.design, execution)
-    chosen = choice.chosen if choice is not None else ()
+    settled = settled_problem(problem)
+    chosen, choice = ((), "") if problem.design is None else _choose(settled, problem.design, execution)
     spectra = best_spectra_of(settled, experiment, chosen, excitation.torque_rms)
     # Plan and rehearsal take the problem as it was given: the rehearsal has Coulomb friction itself.
     plan = problem.plan(experiment, chosen, spectra)
@@ -84,8 +81,13 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
         *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,
     )
-    expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
+    expected = replace(expected, notes=notes, choice=choice)
     return Design(plan, expected, limit_use)
+
+
+def settled_problem(problem: DesignProblem) -> DesignProblem:
+    """The problem with what a study leaves open: torques, the typical spectrum, damping by friction."""
+    return with_friction_damping(with_typical_spectrum(with_torques(problem), problem.excitation.torque_rms))
 
 
 def with_friction_damping(problem: DesignProblem) -> DesignProblem:
@@ -121,7 +123,9 @@ def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
     )
 
 
-def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> Choice:
+def _choose(
+    problem: DesignProblem, spec: DesignSpec, execution: Execution
+) -> tuple[tuple[ChosenConfiguration, ...], str]:
     candidates = problem.candidates(spec)
     x = problem.guesses
     sections = problem.excitation, problem.experiment, len(problem.robot.driven)
@@ -154,4 +158,4 @@ def _prospect(problem: DesignProblem, x: FloatArray) -> tuple[Prospect, FloatArr
     for q, configuration in enumerate(probe.configurations):
         if configuration.name in set(problem.experiment.configurations) - set(problem.left_out):
             known = known + problem.prospect(probe, q).information(configuration, x)
-    return problem.prospect(probe, len(probe.configurations) - 1), known
+    return problem.prospect(probe, -1), known

@@ -19,7 +19,7 @@ from elastid.base.statistics import correlation_of
 from elastid.base.units import of_translation
 from elastid.design.prospect import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
-from elastid.fit.covariance import estimate_uncertainty
+from elastid.fit.covariance import estimate_uncertainty, inverse_information
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import covariance_by_noise
@@ -141,10 +141,8 @@ def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
 
 
 def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
-    length = np.linalg.norm(R, axis=0)
-    length[length == 0] = 1.0
-    C = np.linalg.pinv(R / length, rcond=1e-8)
-    A_inverse = (C @ C.T) / np.outer(length, length)
+    half, _, _ = inverse_information(R)
+    A_inverse = half.T @ half
     parts = []
     for _, J in fit.blocks(x):
         effect = np.tensordot(A_inverse, J, axes=1)
@@ -174,16 +172,9 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
     for direction in blind:
         largest = np.argsort(-np.abs(direction), kind="stable")
         parts = [i for i in largest if abs(direction[i]) > LIMITS.component]
-        who = ", ".join(names[i] for i in parts)
-        if len(parts) == 1:
-            text = f"this plan cannot determine {who}: fix it, or measure outputs that depend on it"
-            notes.append(Note("fit/undetermined", text))
-            continue
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
-        text = (
-            f"this plan cannot determine the combination {terms} (relative changes) of {who}: fix or tie one of them, "
-            "or measure a configuration that distinguishes them"
-        )
+        who = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
+        text = f"this plan cannot determine {who}: fix or tie one number, or measure what depends on it"
         notes.append(Note("fit/undetermined", text))
     return notes
 

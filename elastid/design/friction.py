@@ -1,36 +1,274 @@
 """The plan of a friction study: speeds of passes, their order, torques at standstill, and warm-ups.
 
-Speeds are D-optimal over the laws that the joint may have (`pass_speeds`, with its certificate), windows and ramps
-those that the joint's limits leave (`friction_axis`); what cannot be done is refused by name.
+Speeds are D-optimal over the laws that the joint may have (with a certificate), windows and ramps those that the
+joint's limits leave; what cannot be done is refused by name.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.display import number as printed
-from elastid.base.errors import DataError, StudyError
-from elastid.design.friction_axis import Axis, PassSpeeds, axis_of, optimal_speeds
+from elastid.base.errors import StudyError
+from elastid.design.optimal import DesignCriterion, best_experiments
 from elastid.excitation.multisine import growing_loops, small_multisine
 from elastid.experiment.plan.friction import (
+    RAMP_PEAK,
     FrictionPlan,
     JointPassDesign,
     PassLimits,
     PlannedMotion,
     PlannedWarmUp,
+    fastest_speed,
     pass_time,
     plan_passes,
     planned_pass,
 )
+from elastid.experiment.simulated.plant import model_of
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.friction_study.laws import LOWEST_SPEED, MIN_SPEEDS
+from elastid.experiment.specs.simulated import ControllerSpec
+from elastid.friction.robot_friction import frictions
+from elastid.friction.static import Conditions, columns, slopes
 from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec, WarmUpSpec
+from elastid.linear.equilibrium import equilibrium
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
+from elastid.simulation.controller import feed_forward, tune
+
+LINEAR, SEARCHED = ("coulomb", "stiction", "viscous"), ("stribeck_velocity", "exponent")
+
+
+@dataclass(frozen=True)
+class StribeckGuess:
+    """A law as it may be: F_c, F_s, viscous friction, nu_s and the exponent, SI of one side.
+
+    is_from_file: true if the robot's file has it, else of common gears.
+    """
+
+    coulomb: float
+    stiction: float
+    viscous: float
+    stribeck_velocity: float
+    exponent: float = 2.0
+    is_from_file: bool = False
+
+    @property
+    def spread(self) -> tuple[StribeckGuess, ...]:
+        """The laws that a design must serve: the Stribeck velocity is the number that is known least."""
+        nu_s = self.stribeck_velocity
+        return tuple(replace(self, stribeck_velocity=factor * nu_s) for factor in (0.4, 1.0, 2.5))
+
+    def torque(self, speed: float) -> float:
+        """F(v), Nm: what braking takes at a speed."""
+        fall = math.exp(-float((speed / self.stribeck_velocity) ** self.exponent))
+        return self.coulomb + (self.stiction - self.coulomb) * fall + self.viscous * speed
+
+    def slope(self, speed: float) -> float:
+        """dF / dv, Nms/rad: negative where friction falls with speed."""
+        x = float((speed / self.stribeck_velocity) ** self.exponent)
+        return self.viscous - (self.stiction - self.coulomb) * self.exponent * x * math.exp(-x) / speed
+
+
+def optimal_speeds(
+    guesses: Sequence[StribeckGuess], lowest: float, highest: float, count: int
+) -> tuple[FloatArray, FloatArray, float]:
+    """Speeds (n,), lowest first, passes (n,) at each, and their efficiency, (det M / det M*)^(1 / d).
+
+    `count` passes between two speeds that know all five numbers of a Stribeck curve best, over all guesses, where every
+    level is known to the same torque.
+    """
+    speeds, d = np.geomspace(lowest, highest, 200), len(LINEAR) + len(SEARCHED)
+    H = np.stack([_information(guess, speeds) for guess in guesses])
+    numbers, efficiency = best_experiments(H, count, DesignCriterion(np.eye(d)), np.zeros((len(H), d, d)))
+    chosen = numbers > 0
+    return speeds[chosen], numbers[chosen].astype(float), efficiency
+
+
+def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
+    """J^T J (n, d, d) of one level at each speed, by the numbers relative to themselves."""
+    zeros = np.zeros_like(speeds)
+    conditions = Conditions(speeds, zeros, zeros, np.full_like(speeds, np.nan))
+    linear = {"coulomb": guess.coulomb, "stiction": guess.stiction, "viscous": guess.viscous}
+    eta = {"stribeck_velocity": guess.stribeck_velocity, "exponent": guess.exponent}
+    J = np.hstack([columns(conditions, LINEAR, eta, 0.0), slopes(conditions, linear, SEARCHED, eta, 0.0)])
+    J = J * np.array([*linear.values(), *eta.values()]) / guess.coulomb
+    return np.asarray(J[:, :, None] * J[:, None, :])
+
+
+@dataclass(frozen=True)
+class CommonGear:
+    """Friction where the robot's file has none, and limits where a joint has none.
+
+    LiTH-ISY-R-2948 has F_c of 3 % of the rating and nu_s of 5 % of the speed; its viscous friction at full speed is
+    three times F_c.
+    """
+
+    coulomb: float = 0.03  # of the largest torque
+    stiction: float = 1.6  # over F_c
+    viscous: float = 2.0  # at the highest speed, over F_c
+    stribeck_velocity: float = 0.05  # of the highest speed
+    torque_rate: float = 10.0  # largest torque over inertia, rad/s^2
+    speed: float = 2.0  # highest, rad/s
+
+
+GEAR = CommonGear()
+
+
+def guess_friction(robot: Robot, joint: Joint, inertia: float) -> StribeckGuess:
+    """The friction of a driven joint, link side, as far as the file has it.
+
+    inertia: of the joint in kg m^2, link side, from which that of a joint without limits follows.  Stiction and
+    Stribeck velocity that the file does not have are those of common gears.
+    """
+    speed = joint.limits.velocity if math.isfinite(joint.limits.velocity) else GEAR.speed
+    torque = joint.limits.torque if math.isfinite(joint.limits.torque) else GEAR.torque_rate * inertia
+    viscous = joint.viscous + (0.0 if joint.motor is None else joint.motor.viscous * joint.motor.ratio**2)
+    laws = [law for law in frictions(robot) if law.place in (f"motor {joint.name}", f"joint {joint.name}")]
+    curves = [law.curve().tolist() for law in laws]
+    coulomb = sum(curve[0] for curve in curves) or GEAR.coulomb * torque
+    excess = sum(curve[1] - curve[0] for curve in curves) or (GEAR.stiction - 1) * coulomb
+    nu_s = next((1 / curve[2] for curve in curves if curve[2] > 0), GEAR.stribeck_velocity * speed)
+    exponent = next((law.spec.exponent for law in laws if law.spec.stribeck_velocity is not None), 2.0)
+    viscous = viscous or GEAR.viscous * coulomb / speed
+    return StribeckGuess(coulomb, coulomb + excess, viscous, nu_s, exponent, bool(laws))
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A driven joint in one posture, link side: limits of passes, largest |holding torque|, inertia, k_d, the guess.
+
+    index: among the driven joints.
+    """
+
+    joint: Joint
+    index: int
+    limits: PassLimits
+    holding: float
+    inertia: float
+    damping: float
+    guess: StribeckGuess
+
+    def peak_torque(self, speed: float) -> float:
+        """|u| that a pass at a speed takes at most: gravity, ramps, friction."""
+        friction = max(self.guess.torque(speed), self.guess.stiction)
+        return self.holding + self.inertia * self.limits.acceleration + friction
+
+    def sticks_at(self, speed: float) -> bool:
+        """True if friction falls faster with speed than the loop brakes: k_d + dF/dv < 0."""
+        return self.damping + self.guess.slope(speed) <= 0
+
+    @property
+    def slowest(self) -> float:
+        """The slowest speed at which the joint slides steadily; below 0.03 nu_s passes only take more time."""
+        lowest = 0.03 * self.guess.stribeck_velocity
+        sticking = [v for v in self._speeds(lowest).tolist() if self.sticks_at(v)]
+        return 1.05 * max(sticking, default=lowest)
+
+    @property
+    def fastest(self) -> float:
+        """The highest speed that fits into the window and whose torque is not clipped; 0 without room."""
+        room = fastest_speed(self.limits)
+        if room <= 0:
+            return 0.0
+        within = [
+            v for v in self._speeds(1e-3 * room, room).tolist() if self.peak_torque(v) <= self.joint.limits.torque
+        ]
+        return max(within, default=0.0)
+
+    def check_speeds(self, speeds: FloatArray) -> None:
+        """StudyError for the first speed that sticks and slips, or whose torque would be clipped."""
+        place, unit, largest = self.limits.place, f"{self.limits.unit}/s", self.joint.limits.torque
+        for speed in speeds.tolist():
+            if self.sticks_at(speed) or self.peak_torque(speed) > largest:
+                raise StudyError(
+                    "friction/plan",
+                    f"{place} would stick and slip at {speed:.4g} {unit}, or its torque be clipped "
+                    f"({self.peak_torque(speed):.4g} of {largest:.4g} {drive_unit(self.joint.slides)}); its loop and "
+                    f"its torque leave {self.slowest:.3g} to {self.fastest:.3g} {unit}: measure there, raise "
+                    "experiment.simulated.controller.bandwidth_hz, or choose a posture with less gravity torque",
+                    "friction.passes.speeds",
+                )
+
+    def _speeds(self, lowest: float, highest: float | None = None) -> FloatArray:
+        top = highest or max(lowest * 2, 20 * self.guess.stribeck_velocity)
+        return np.geomspace(lowest, top, 200)
+
+
+def axis_of(robot: Robot, joint: Joint, posture: Configuration, passes: PassesSpec, controller: ControllerSpec) -> Axis:
+    """A joint of the nominal robot in a posture; StudyError where the posture has no rest or gravity no room."""
+    index = [driven.name for driven in robot.driven].index(joint.name)
+    window = passes.window or default_window(joint)
+    holding, inertia, damping = _dynamics(robot, index, posture, window, controller)
+    guess = guess_friction(robot, joint, inertia)
+    acceleration = _acceleration(joint, holding, inertia, guess)
+    stiffness = inertia * (2 * math.pi * controller.bandwidth_hz) ** 2
+    motor = joint.motor
+    turn = 2 * math.pi / abs(motor.ratio) if motor is not None else 0.0
+    speed = joint.limits.velocity if math.isfinite(joint.limits.velocity) else window[1] - window[0]
+    limits = PassLimits(
+        f"joint {joint.name}", window, speed, acceleration, min(turn, 0.5 * (window[1] - window[0])),
+        controller.bandwidth_hz, 2 * guess.stiction / stiffness, joint.slides,
+    )  # fmt: skip
+    return Axis(joint, index, limits, holding, inertia, damping, guess)
+
+
+def default_window(joint: Joint) -> tuple[float, float]:
+    """The middle half of the joint's limits; without limits 1 rad or 0.25 m to either side of zero."""
+    low, high = joint.limits.angle
+    if not (math.isfinite(low) and math.isfinite(high)):
+        reach = 0.5 if joint.slides else 2.0
+        low, high = max(low, -reach), min(high, reach)
+    middle, half = (low + high) / 2, 0.5 * (high - low) / 2
+    return middle - half, middle + half
+
+
+@lru_cache(maxsize=16)
+def _middle(robot: Robot, index: int, name: str, angles: tuple[float, ...], angle: float) -> FloatArray:
+    model = model_of(robot)
+    return equilibrium(model, model.theta, Configuration(name, np.array(angles)).moved(index, angle)).q
+
+
+def _dynamics(
+    robot: Robot, index: int, posture: Configuration, window: tuple[float, float], controller: ControllerSpec
+) -> tuple[float, float, float]:
+    """Largest |holding torque| over the window, inertia, and damping k_d of the loop."""
+    model = model_of(robot)
+    q0 = _middle(robot, index, posture.name, tuple(posture.angles.tolist()), sum(window) / 2)
+    moved = np.zeros((21, model.n_u))
+    moved[:, index] = np.linspace(*window, len(moved)) - sum(window) / 2
+    still = np.zeros_like(moved)
+    holding = feed_forward(model, q0, moved, still, still)[:, index]
+    gains = tune(model, q0, controller.bandwidth_hz, controller.damping_ratio)
+    inertia = gains.kp[index] / (2 * math.pi * controller.bandwidth_hz) ** 2
+    return float(np.abs(holding).max()), float(inertia), float(gains.kd[index])
+
+
+def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckGuess) -> float:
+    """Acceleration of ramps: within the joint's limit, 0.4 s to full speed, 90 % of the torque left by gravity."""
+    limits = joint.limits
+    speed = limits.velocity if math.isfinite(limits.velocity) else 1.0
+    given = min(limits.acceleration, RAMP_PEAK * speed / 0.4)
+    if not math.isfinite(limits.torque):
+        return given
+    room = 0.9 * limits.torque - holding - guess.stiction
+    if room <= 0:
+        unit = "N" if joint.slides else "N*m"
+        raise StudyError(
+            "friction/plan",
+            f"gravity takes {holding:.4g} {unit} of the {limits.torque:.4g} that the drive of joint "
+            f"{joint.name} gives, and break-away about {guess.stiction:.3g}: nothing is left to move it; choose a "
+            "posture or window with less gravity torque, or correct limits.torque",
+            "friction.passes",
+        )
+    # Viscous friction at full speed takes its part while the ramp ends.
+    return min(given, max(0.2 * room, room - guess.viscous * speed) / inertia)
 
 
 def passes_of(
@@ -89,13 +327,6 @@ def warm_up_of(
 ) -> tuple[PlannedWarmUp, tuple[PlannedMotion, ...], float]:
     """Motion to and fro over the window, interrupted by groups of test passes; and its end."""
     joint, limits = axis.joint.name, axis.limits
-    if spec.speed > axis.fastest:
-        raise StudyError(
-            "friction/plan",
-            f"{limits.place} reaches {axis.fastest:.3g} {limits.unit}/s in its window and with "
-            f"its torque, and {spec.speed:.3g} are asked for; lower the speed, or widen friction.passes.window",
-            "friction.warm_up.speed",
-        )
     reach = planned_pass(spec.speed, 0, limits)
     warm_up = PlannedWarmUp(joint, posture, reach.start, reach.stop, spec.speed, start_s, spec.time)
     # A slow, a medium and the highest speed of the passes.
@@ -129,7 +360,6 @@ def design_friction(
         end_s,
         tuple(warm_up for part in parts for warm_up in part.warm_ups),
         tuple(sentence for part in parts for sentence in part.known),
-        tuple(dict.fromkeys(sentence for part in parts for sentence in part.unknown)),
     )
 
 
@@ -145,9 +375,8 @@ def _planned(
     ]
     # The load that takes most of the torque decides ramps and speeds of all.
     axis = max(axes, key=lambda axis: axis.holding)
-    speeds = _speeds(spec, axis)
-    axis.check_speeds(speeds.speed)
-    design = JointPassDesign(joint.name, axis.limits, speeds.speed, speeds.passes.astype(float), speeds.efficiency)
+    design = JointPassDesign(joint.name, axis.limits, *_speeds(passes, axis))
+    axis.check_speeds(design.speed)
     draws = np.random.SeedSequence(seed).spawn(2)
     untimed = (
         *passes_of(passes, loads, postures, design, int(draws[0].generate_state(1)[0])),
@@ -158,8 +387,7 @@ def _planned(
     if spec.warm_up is not None:
         warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, postures[0], end_s)
         motions, warm_ups = (*motions, *tests), (warm_up,)
-    known, unknown = (_known(axis, design),), tuple(_unknown(spec, axis, design))
-    return FrictionPlan(spec.rate_hz, motions, (design,), end_s, warm_ups, known, unknown)
+    return FrictionPlan(spec.rate_hz, motions, (design,), end_s, warm_ups, (_known(axis, design),))
 
 
 def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:
@@ -171,23 +399,21 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
     return Configuration("zero", np.array([float(np.clip(0.0, *joint.limits.angle)) for joint in robot.driven]))
 
 
-def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
-    passes, unit = spec.designed_passes, axis.limits.unit
-    lowest, highest = passes.speeds or (axis.slowest, axis.fastest)
-    try:
-        if passes.spacing == "optimal":
-            return optimal_speeds(axis.guess.spread, lowest, highest, passes.count)
-        if not 0 < lowest < highest:
-            raise DataError("friction/plan", f"passes from {lowest:.3g} to {highest:.3g} {unit}/s leave no range")
-        speeds = np.geomspace(lowest, highest, passes.count)
-        return PassSpeeds(speeds, np.ones(passes.count, np.int64), float("nan"))
-    except DataError as error:
+def _speeds(passes: PassesSpec, axis: Axis) -> tuple[FloatArray, FloatArray, float]:
+    """Speeds, passes at each, and efficiency; StudyError for a range without room."""
+    (lowest, highest), unit = passes.speeds or (axis.slowest, axis.fastest), axis.limits.unit
+    is_optimal = passes.spacing == "optimal"
+    if not 0 < lowest < highest / (4 if is_optimal else 1):
         raise StudyError(
             "friction/plan",
-            f"{axis.limits.place}: {error}; its window of {np.ptp(axis.limits.window):.3g} "
-            f"{unit}, its loop and its torque leave {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
+            f"{axis.limits.place}: passes from {lowest:.3g} to {highest:.3g} {unit}/s: a friction curve takes a range "
+            f"of four and more; its window of {np.ptp(axis.limits.window):.3g} {unit}, its loop and its torque leave "
+            f"{axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
             "friction.passes.speeds",
-        ) from None
+        )
+    if is_optimal:
+        return optimal_speeds(axis.guess.spread, lowest, highest, passes.count)
+    return np.geomspace(lowest, highest, passes.count), np.ones(passes.count), math.nan
 
 
 def _known(axis: Axis, design: JointPassDesign) -> str:
@@ -200,21 +426,3 @@ def _known(axis: Axis, design: JointPassDesign) -> str:
         f"{source} (F_c {printed(axis.guess.coulomb, 3)} {drive_unit(slides)}, nu_s "
         f"{printed(axis.guess.stribeck_velocity, 3)} {axis.limits.unit}/s)"
     )
-
-
-def _unknown(spec: FrictionSpec, axis: Axis, design: JointPassDesign) -> list[str]:
-    nu_s, unknown = axis.guess.stribeck_velocity, []
-    if len(design.speed) < MIN_SPEEDS:
-        unknown.append(f"{axis.limits.place}: stiction: {len(design.speed)} speeds; it needs {MIN_SPEEDS}")
-    elif design.speed[0] > LOWEST_SPEED * nu_s:
-        unknown.append(
-            f"{axis.limits.place}: stiction and its Stribeck velocity: no speed below a third of about {nu_s:.3g} "
-            f"{axis.limits.unit}/s; measure at {LOWEST_SPEED * nu_s:.2g} and below"
-        )
-    if len(spec.loads) < 2:
-        unknown.append("growth with the load: one load; give loads, other postures or payloads")
-    if spec.warm_up is None:
-        unknown.append("change with temperature: one temperature; give warm_up")
-    if spec.presliding is None and spec.at_rest is None:
-        unknown.append("friction before the joint slides: give presliding or at_rest")
-    return unknown

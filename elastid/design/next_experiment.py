@@ -27,11 +27,12 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.execution import Execution
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95
+from elastid.base.units import to_si
 from elastid.design.choice import Candidates, informations, obstacles
-from elastid.design.design import with_friction_damping
+from elastid.design.design import settled_problem
 from elastid.design.forecast import LimitUse
 from elastid.design.limits import within_limits
-from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
+from elastid.design.problem import DesignProblem, best_spectra_of
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
@@ -75,34 +76,29 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
     """
     widths: dict[str, float] = {}
     for text in (part.strip() for whole in texts for part in whole.split(",")):
-        pattern, colon, width = (part.strip() for part in text.partition(":"))
+        pattern, _, width = (part.strip() for part in text.partition(":"))
         matches = matching(pattern, names)
-        if not colon or not pattern:
+        if not pattern or not 0 < (share := _share(width)) < 1:
             raise StudyError(
-                "design/goal", f"--goal '{text}': give parameters and the half width of their intervals, as {EXAMPLE}"
+                "design/goal",
+                f"--goal '{text}': give parameters and half widths of their intervals in percent of the value, above "
+                f"0 % and below 100 %, as {EXAMPLE}",
             )
         if not matches:
             raise StudyError(
                 "design/goal", f"--goal '{text}': the fit does not identify '{pattern}'; {did_you_mean(pattern, names)}"
             )
         for name in matches:
-            widths[name] = min(_share(width, text), widths.get(name, np.inf))
+            widths[name] = min(share, widths.get(name, np.inf))
     return Goal({name: widths[name] for name in names if name in widths})
 
 
-def _share(width: str, text: str) -> float:
-    number, is_percent = width.removesuffix("%").strip(), width.endswith("%")
+def _share(width: str) -> float:
+    """The number of a text in percent, NaN of any other."""
     try:
-        share = float(number) / 100
+        return to_si(width, "1") if width.endswith("%") else math.nan
     except ValueError:
-        share = np.nan
-    if not is_percent or not 0 < share < 1:
-        raise StudyError(
-            "design/goal",
-            f"--goal '{text}': '{width}' is no width; give percent of the value, above 0 % and below 100 %, "
-            f"as {EXAMPLE}",
-        )
-    return share
+        return math.nan
 
 
 TRIED = 8  # configurations whose other lengths are compared, and that are tried where limits refuse the best
@@ -139,26 +135,39 @@ def _prior_information(parameters: Parameters) -> FloatArray:
 
 
 @dataclass(frozen=True)
+class Option:
+    """An experiment that may be next.
+
+    used: parts of the goal that intervals are expected to use after it.  reaches: they reach it.  gain: of Phi.
+    more_s: robot time of such experiments until the goal is reached, infinite where they never do.  floor: the
+    parameter that then uses most of the goal, and its part.
+    """
+
+    configuration: Configuration
+    periods: int
+    used: dict[str, float]
+    reaches: bool
+    gain: float
+    time_s: float
+    more_s: float
+    floor: tuple[str, float]
+
+    @property
+    def order(self) -> tuple[bool, float, float]:
+        """Rank: those that reach the goal first, the shortest of them; else by the gain for each second."""
+        return (False, self.time_s, -self.gain) if self.reaches else (True, -self.gain / self.time_s, self.time_s)
+
+
+@dataclass(frozen=True)
 class NextExperiment:
     """A plan of one configuration, within the limits of every robot that the fit allows.
 
-    used: parts of the goal that intervals are expected to use after it.  more_s: robot time of such experiments until
-    the goal is reached, infinite where they never do.  floor: the parameter that then uses most of the goal, and its
-    part.  limit_use: of the robot that comes closest to a limit.  refused: configurations that were better, and why
-    the envelope excluded them.
+    limit_use: of the robot that comes closest to a limit.
     """
 
     plan: Plan
-    used: dict[str, float]
-    more_s: float
-    floor: tuple[str, float]
+    option: Option
     limit_use: LimitUse
-    refused: tuple[str, ...] = ()
-
-    @property
-    def configuration(self) -> Configuration:
-        """The one that it measures."""
-        return self.plan.configurations[0]
 
 
 def next_experiment(
@@ -178,7 +187,7 @@ def next_experiment(
     of the fit, on each of which the limits are kept.  left_s: robot time that is left; a longer experiment is proposed
     only where none is so short.  StudyError where no candidate has an experiment within limits.
     """
-    settled = with_friction_damping(with_typical_spectrum(with_torques(problem), problem.excitation.torque_rms))
+    settled = settled_problem(problem)
     options = _ranked(settled, candidates, known, goal, execution)
     options = [option for option in options if option.time_s <= left_s] or options
     refused: list[str] = []
@@ -197,35 +206,18 @@ def next_experiment(
         if hit := _hit(problem.design, problem.robot, configuration, use):
             refused.append(f"{option.configuration.name}: {hit}")
             continue
-        return NextExperiment(plan, option.used, option.more_s, option.floor, use, tuple(refused))
+        return NextExperiment(plan, option, use)
     raise StudyError("design/limits", f"no experiment keeps the limits of the robot: {refused[0]}")
-
-
-@dataclass(frozen=True)
-class _Option:
-    configuration: Configuration
-    periods: int
-    used: dict[str, float]
-    reaches: bool
-    gain: float
-    time_s: float
-    more_s: float
-    floor: tuple[str, float]
-
-    @property
-    def order(self) -> tuple[bool, float, float]:
-        """Rank: those that reach the goal first, the shortest of them; else by the gain for each second."""
-        return (False, self.time_s, -self.gain) if self.reaches else (True, -self.gain / self.time_s, self.time_s)
 
 
 def _ranked(
     problem: DesignProblem, candidates: Candidates, known: Known, goal: Goal, execution: Execution
-) -> list[_Option]:
+) -> list[Option]:
     """Options, the best first: all candidates at the study's length, and the best of them at others."""
     lengths = sorted({2, problem.experiment.periods, 2 * problem.experiment.periods})
     usual = problem.experiment.periods
 
-    def at(periods: int, configurations: Sequence[Configuration]) -> list[_Option]:
+    def at(periods: int, configurations: Sequence[Configuration]) -> list[Option]:
         prospect = _prospect(problem, known, periods)
         H, rows = informations(prospect, configurations, known.x[None], execution)
         n_u = len(problem.robot.driven)
@@ -242,13 +234,12 @@ def _ranked(
 
 def _prospect(problem: DesignProblem, known: Known, periods: int) -> Prospect:
     problem = replace(problem, experiment=replace(problem.experiment, periods=periods))
-    probe = problem.probe(problem.experiment)
-    return replace(problem.prospect(probe, len(probe.configurations) - 1), parameters=known.parameters)
+    return replace(problem.prospect(problem.probe(problem.experiment), -1), parameters=known.parameters)
 
 
 def _option(
     known: Known, goal: Goal, H: FloatArray, configuration: Configuration, periods: int, time_s: float
-) -> _Option:
+) -> Option:
     """An experiment of information H (n_x, n_x)."""
     M = known.information
 
@@ -264,7 +255,7 @@ def _option(
     gain = float(1 / np.sum(after**2) - 1 / np.sum(before**2))
     expected = dict(zip(goal.widths, after.tolist(), strict=True))
     # A goal counts as reached where at most 0.9 of it is expected to be used.
-    return _Option(configuration, periods, expected, bool(after.max() <= 0.9), gain, time_s, more_s, floor)
+    return Option(configuration, periods, expected, bool(after.max() <= 0.9), gain, time_s, more_s, floor)
 
 
 def _within_envelope(

@@ -1,19 +1,10 @@
-r"""Optimal design: the shares of candidates of known information in an experiment, with a bound on their optimality.
-
-.. math:: \max_\lambda\ \varphi\Big(M_0 / N + \sum_i \lambda_i H_i\Big), \quad \lambda_i \ge 0, \ \sum_i \lambda_i = 1
-
-phi = ln det(M_S) / s of the information M_S = [(M^-1)_SS]^-1 on the s parameters of interest (D-optimality). Its
-exponential is concave and homogeneous, so that with g_i = Tr(grad phi H_i) no design is better than phi + ln max g_i;
-where all parameters count g_i = Tr(M^-1 H_i) / d. Multiplicative updates lambda_i <- lambda_i g_i^c climb to it.
-(Silvey, Titterington and Torsney 1978; Pukelsheim, Optimal Design of Experiments, chapters 6 and 12, for bound and
-rounding.)
-
-Several information matrices of each candidate, one for each guess of the parameters, are averaged.
-
-Optimal powers: the distribution of each input's power over the lines, with a bound on its optimality.
+r"""Optimal design: powers of lines, or shares of candidates, of the most information, with a bound on their optimality.
 
 .. math:: \max_P\ \varphi\Big(M_0 + \sum_q H_q(P)\Big), \qquad \sum_{kl} c_{okl} P_{kl} \le 1, \quad
           P_{kl} \ge \epsilon \bar P_{kl}
+
+phi = ln det(M_S) / s of the information M_S = [(M^-1)_SS]^-1 on the s parameters of interest (D-optimality), the mean
+over several guesses of the parameters. P: power of each input l at each line k, by which the information grows as
 
 .. math:: H = 2\,\mathrm{Re} \sum_{kij} \frac{J_{kij} J_{kij}^H}{\sigma_{kij}^2}, \qquad
           \sigma_{kij}^2 = \frac{C_{ki}}{M} \sum_l \frac{|T_{klj}|^2}{P_{kl}} + f_{kij}
@@ -21,28 +12,27 @@ Optimal powers: the distribution of each input's power over the lines, with a bo
 c_o: cost of a power in terms of limit o: the RMS of an input, the torque, velocity ... of a motor.  T = I + F G: the
 torques to be injected at l for an acting torque at j alone.  C: variance of the equation error.  f: variance that does
 not depend on power (floor of the weights, distortion).  P bar: the even powers within the limits; epsilon of them keep
-the response itself measurable at every line.
+the response itself measurable at every line. Of candidates with known information H_k, P are their shares in an
+experiment, H = sum_k P_k H_k, of cost 1 each.
 
 Each 1 / sigma^2 is concave in P, and so is phi: with g = d phi / d P no P* in reach is better than
-phi + <g, P* - P>, and <g, P*> <= max g / h for any price h = sum_o mu_o c_o of a power. The multiplicative updates
-P <- P (g / h)^a, mu_o <- mu_o (c_o P)^a converge to an equal ratio of gain and price at all lines with more than the
-least power. (Silvey, Titterington and Torsney 1978 for one limit; for one input in the noise limit this is the optimal
-spectrum of Mehra, IEEE Trans. Automatic Control 19 (1974) 753.)
+phi + ln(1 + <g, P* - P>), as exp(phi) is concave and homogeneous, and <g, P*> <= max g / h for any price
+h = sum_o mu_o c_o of a power. The multiplicative updates P <- P (g / h)^a, mu_o <- mu_o (c_o P)^a converge to an equal
+ratio of gain and price at all lines with more than the least power. (Silvey, Titterington and Torsney 1978 for one
+limit; for one input in the noise limit this is the optimal spectrum of Mehra, IEEE Trans. Automatic Control 19 (1974)
+753; Pukelsheim, Optimal Design of Experiments, chapters 6 and 12, for bound and rounding of shares.)
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.fit.problem.least_squares import as_real
-
-MAX_GAP = 1e-3
-# Updates between two evaluations of all candidates; in between only those that could carry weight are updated.
-UPDATES_PER_ROUND = 25
 
 
 @dataclass(frozen=True)
@@ -68,107 +58,42 @@ class DesignCriterion:
         sign, log = np.linalg.slogdet(C)
         return np.where((sign > 0) & np.isfinite(log), -log / C.shape[-1], -np.inf)
 
-    def slope(self, M: FloatArray) -> CriterionSlope:
-        """phi and its gradient X C^-1 X^T / s at M (S, d, d), X = M^-1 K, C = K^T X."""
+    def slope(self, M: FloatArray) -> tuple[float, FloatArray]:
+        """phi and its gradient X C^-1 X^T / s (S, d, d) at M (S, d, d), X = M^-1 K, C = K^T X."""
         X = self._solved(M)
         C = self.interest.T @ X
         gradient = X @ np.linalg.solve(C, np.swapaxes(X, 1, 2)) / C.shape[-1]
-        return CriterionSlope(float(self._of_covariance(C).mean()), gradient / len(M))
+        return float(self._of_covariance(C).mean()), gradient / len(M)
 
 
-@dataclass(frozen=True)
-class CriterionSlope:
-    """value: phi.  gradient (S, d, d): no design exceeds value + ln max_i sum_s Tr(gradient_s H_si)."""
-
-    value: float
-    gradient: FloatArray
-
-
-@dataclass(frozen=True)
-class RelaxedDesign:
-    """weights (Q,): the share of each candidate.  value: phi reached.  gap: no design is better by more than this.
-
-    excess: max_i g_i - 1.
-    """
-
-    weights: FloatArray
-    value: float
-    gap: float
-    excess: float
-
-    @property
-    def bound(self) -> float:
-        """Upper bound of phi of all designs."""
-        return self.value + self.gap
-
-
-def relaxed_design(
-    H: FloatArray, criterion: DesignCriterion, known: FloatArray | None = None, tolerance: float = MAX_GAP
-) -> RelaxedDesign:
-    """The shares of candidates with information H (S, Q, d, d) per experiment, until the gap is below tolerance.
+def best_shares(H: FloatArray, criterion: DesignCriterion, known: FloatArray) -> Powers:
+    """The shares (1, Q, 1) of candidates with information H (S, Q, d, d) per experiment.
 
     known (S, d, d): earlier information, divided by the number of experiments to be shared.
-    M must be positive definite for equal shares.
     """
-    packed = pack(H if known is None else H + known[:, None])
-    weights = np.full(packed.shape[1], 1 / packed.shape[1])
-    slope = criterion.slope(unpack(weights @ packed))
-    max_updates = 10_000
-    for updates in range(0, max_updates + 1, UPDATES_PER_ROUND):
-        g = _gains(packed, slope)
-        excess = float(g.max()) - 1
-        if np.log1p(excess) <= tolerance or updates == max_updates:
-            break
-        active = np.flatnonzero((weights > 1e-4 * weights.max()) | (g > 1 - 2 * max(excess, tolerance)))
-        weights, slope = _climb(packed[:, active], weights, active, criterion)
-    return RelaxedDesign(weights, slope.value, float(np.log1p(excess)), excess)
+    group = [[CandidateInformation(of_guess) for of_guess in pack(H)]]
+    return best_powers([group], np.ones((1, 1, H.shape[1], 1)), criterion, known, 0.0, MAX_GAP / 4)
 
 
-def _climb(
-    packed: FloatArray, weights: FloatArray, active: IntArray, criterion: DesignCriterion
-) -> tuple[FloatArray, CriterionSlope]:
-    """UPDATES_PER_ROUND multiplicative updates on the active candidates; the others lose their shares."""
-    share = weights[active] / weights[active].sum()
-    # A candidate that has become active again needs some weight to grow from.
-    share = np.maximum(share, 1e-3 / len(share))
-    share /= share.sum()
-    slope = criterion.slope(unpack(share @ packed))
-    power = 1.0
-    for _ in range(UPDATES_PER_ROUND):
-        g = _gains(packed, slope)
-        while True:
-            tried = share * g**power
-            tried /= tried.sum()
-            moved = criterion.slope(unpack(tried @ packed))
-            if moved.value >= slope.value or power < 1e-3:
-                break
-            power /= 2
-        share, slope = tried, moved
-        power = min(1.3 * power, 2.0)
-    everyone = np.zeros_like(weights)
-    everyone[active] = share
-    return everyone, slope
+def best_experiments(
+    H: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray
+) -> tuple[IntArray, float]:
+    """Numbers (Q,) of whole experiments of each candidate, `count` in all, and efficiency against the best shares.
 
-
-def whole_experiments(
-    H: FloatArray, weights: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray | None = None
-) -> IntArray:
-    """Numbers (Q,) of whole experiments of each candidate, `count` in all: shares rounded, then exchanged one by one.
-
-    The best of several starts, one of them the rounded shares, the others drawn from the shares.
-    known (S, d, d): earlier information, undivided.
+    Shares rounded, then exchanged one by one: the best of several starts, one of them the rounded shares, the others
+    drawn from the shares.  known (S, d, d): earlier information.
     """
-    packed = pack(H)
-    base = np.zeros((len(H), packed.shape[-1])) if known is None else pack(known)
-    slope = criterion.slope(unpack(base / count + weights @ packed))
-    searched = np.argsort(-_gains(packed, slope) - weights, kind="stable")[:400]
+    best, packed, base = best_shares(H, criterion, known / count), pack(H), pack(known)
+    weights = best.P[0, :, 0]
+    _, gradient = criterion.slope(unpack(base / count + weights @ packed))
+    searched = np.argsort(-_gains(packed, gradient) - weights, kind="stable")[:400]
     share = weights[searched] / weights[searched].sum()
     draw = np.random.default_rng(0)
     starts = [_apportioned(share, count), *draw.multinomial(count, share, 5)]
     ends = [_exchanged(start, packed[:, searched], base, criterion) for start in starts]
     numbers = np.zeros(len(weights), dtype=np.int64)
-    numbers[searched] = max(ends, key=lambda end: end[1])[0]
-    return numbers
+    numbers[searched], value = max(ends, key=lambda end: end[1])
+    return numbers, float(np.exp(min(0.0, value - np.log(count) - best.value - best.gap)))
 
 
 def _exchanged(
@@ -192,9 +117,8 @@ def _exchanged(
 
 def _best_addition(rest: FloatArray, packed: FloatArray, criterion: DesignCriterion, leaves: int) -> tuple[int, float]:
     # The gradient half way: without the removed experiment M may be close to singular. The best 40 are exact.
-    slope = criterion.slope(unpack(rest + packed[:, leaves] / 2))
-    g = _gains(packed, slope)
-    best = np.argsort(-g, kind="stable")[:40]
+    _, gradient = criterion.slope(unpack(rest + packed[:, leaves] / 2))
+    best = np.argsort(-_gains(packed, gradient), kind="stable")[:40]
     values = criterion.value(unpack(rest[:, None] + packed[:, best]))
     winner = int(np.argmax(values))
     return int(best[winner]), float(values[winner])
@@ -214,9 +138,9 @@ def _apportioned(weights: FloatArray, count: int) -> IntArray:
     return numbers
 
 
-def _gains(packed: FloatArray, slope: CriterionSlope) -> FloatArray:
+def _gains(packed: FloatArray, gradient: FloatArray) -> FloatArray:
     """g (Q,): relative gain of phi by a small increase of each candidate's share."""
-    return np.asarray(np.maximum(np.einsum("sqp,sp->q", packed, pack(slope.gradient), optimize=True), 0.0))
+    return np.asarray(np.maximum(np.einsum("sqp,sp->q", packed, pack(gradient), optimize=True), 0.0))
 
 
 def pack(matrices: FloatArray) -> FloatArray:
@@ -236,7 +160,7 @@ def unpack(vectors: FloatArray) -> FloatArray:
 
 
 # phi is the log of a mean information: a gap of 0.01 is half a percent of a standard deviation.
-MAX_POWER_GAP = 0.01
+MAX_GAP = 0.01
 MIN_PRICE = 1e-12
 MAX_UPDATES = 500
 
@@ -275,6 +199,25 @@ class PowerSource:
         return np.where(self.used, 1 / variance, 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class CandidateInformation:
+    """The information of candidates as a function of their shares P (Q, 1): packed (Q, p) of each."""
+
+    packed: FloatArray
+
+    def information(self, P: FloatArray) -> FloatArray:
+        """H (n_x, n_x) of a mixture."""
+        return unpack(P[:, 0] @ self.packed)
+
+    def gains(self, P: FloatArray, gradient: FloatArray) -> FloatArray:
+        """d Tr(gradient H) / d P (Q, 1), the same at all P."""
+        return np.maximum(self.packed @ pack(gradient), 0.0)[:, None]
+
+
+# For each group its configurations, each with the information for each of S guesses.
+Groups: TypeAlias = Sequence[Sequence[Sequence[PowerSource | CandidateInformation]]]
+
+
 @dataclass(frozen=True)
 class Powers:
     """P (K, F, n_u) of each group of configurations.  value: phi there.  gap: no other powers exceed it by more."""
@@ -285,18 +228,17 @@ class Powers:
 
 
 def best_powers(
-    groups: Sequence[Sequence[Sequence[PowerSource]]],
+    groups: Groups,
     cost: FloatArray,
     criterion: DesignCriterion,
     known: FloatArray,
     least: float,
-    tolerance: float = MAX_POWER_GAP,
+    tolerance: float = MAX_GAP,
 ) -> Powers:
     """Best powers of each group, whose configurations all have the same.
 
-    groups: for each group its configurations, each with a PowerSource for each of S guesses.  cost (K, n_o, F, n_u):
-    c of each group; every input and line must have one.  known (S, n_x, n_x): earlier information.
-    least: epsilon.
+    cost (K, n_o, F, n_u): c of each group; every input and line must have one.  known (S, n_x, n_x): earlier
+    information.  least: epsilon.
     """
     even = even_powers(cost)
     best = Powers(even, float(criterion.value(_information(groups, even, known))), 0.0)
@@ -307,16 +249,16 @@ def best_powers(
     for update in range(MAX_UPDATES):
         P = least * even + share
         M = _information(groups, P, known)
-        slope = criterion.slope(M)
-        if slope.value > best.value:
-            best = replace(best, P=P, value=slope.value)
-        g = _power_gains(groups, P, slope.gradient)
+        value, gradient = criterion.slope(M)
+        if value > best.value:
+            best = replace(best, P=P, value=value)
+        g = _power_gains(groups, P, gradient)
         ratio = g / np.einsum("ko,kofl->kfl", price, cost)
         reach = float(1 + ratio.max() * np.sum(price * room) - np.sum(g * share))  # Tr(gradient M) is 1
-        bound = min(bound, slope.value + float(np.log(reach)))
+        bound = min(bound, value + float(np.log(reach)))
         if bound - best.value <= tolerance:
             break
-        exponent = (1 + update / 50) ** -0.5
+        exponent = (1 + update / 50) ** -0.5 if price.size > 1 else 1.0  # under one limit each update ascends
         share = share * (ratio / ratio.max()) ** exponent
         used = _used(cost, share) / room
         price = np.maximum(price * (used / used.max()) ** exponent, MIN_PRICE)
@@ -355,7 +297,7 @@ def _used(cost: FloatArray, P: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("kofl,kfl->ko", cost, P))
 
 
-def _information(groups: Sequence[Sequence[Sequence[PowerSource]]], P: FloatArray, known: FloatArray) -> FloatArray:
+def _information(groups: Groups, P: FloatArray, known: FloatArray) -> FloatArray:
     """M (S, n_x, n_x)."""
     M = known.copy()
     for group, powers in zip(groups, P, strict=True):
@@ -364,7 +306,7 @@ def _information(groups: Sequence[Sequence[Sequence[PowerSource]]], P: FloatArra
     return M
 
 
-def _power_gains(groups: Sequence[Sequence[Sequence[PowerSource]]], P: FloatArray, gradient: FloatArray) -> FloatArray:
+def _power_gains(groups: Groups, P: FloatArray, gradient: FloatArray) -> FloatArray:
     """d phi / d P (K, F, n_u)."""
     gains = []
     for group, powers in zip(groups, P, strict=True):

@@ -164,7 +164,8 @@ class DesignProblem:
         return values
 
     def prospect(self, plan: Plan, q: int) -> Prospect:
-        """The measurement of configurations like the q-th of a plan."""
+        """The measurement of configurations like the q-th of a plan; negative q count from the last."""
+        q %= len(plan.configurations)
         distortion = 0.0 if self.design is None else self.design.distortion
         own = replace(plan, configurations=(plan.configurations[q],), R=plan.R[q : q + 1, : plan.realisations[q]])
         fixed = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated

@@ -11,7 +11,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.extended_kalman_filter import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
-from elastid.validation.twin import LINK, NO_PREDICTION, NO_TWIN, TORQUE, Prediction, TwinFindings
+from elastid.validation.twin import LINK, NO_TWIN, TORQUE, TwinFindings
 
 # The first answer, by the status.
 GOOD = {
@@ -60,7 +60,7 @@ class FrictionContent:
     plan: FrictionPlan | None = None
     filters: tuple[FollowedFriction, ...] = ()
     twin: TwinFindings = NO_TWIN
-    left_out: Prediction = NO_PREDICTION
+    left_out: TwinFindings = NO_TWIN
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
@@ -99,7 +99,7 @@ class FrictionContent:
     @property
     def _off(self) -> str:
         """The signal in which a twin with these numbers is furthest off its log, where that is too far; else empty."""
-        runs = (*self.twin.runs, *self.left_out.twin.runs)
+        runs = (*self.twin.runs, *self.left_out.runs)
         if lost := next((run for run in runs if run.lost), None):
             return f"a robot with them is lost when it is simulated forwards on {lost.log}, as said below"
         off = [(signal.error, signal, run) for run in runs for signal in run.signals if signal.kind != LINK]

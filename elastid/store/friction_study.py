@@ -12,7 +12,7 @@ from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_value, reader
 from elastid.store.values import write_artefact, writer
-from elastid.validation.twin import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
+from elastid.validation.twin import NO_TWIN, TwinFindings
 
 PLAN, RECORDS, LEVELS = "friction plan", "friction records", "friction levels"
 FRICTION, FILTER = "friction", "filter"
@@ -27,7 +27,7 @@ read_filter = reader(FILTER, "joints", tuple[FollowedFriction, ...])
 # Of friction.h5 the result, and the prediction of logs that were left out, empty where none was.
 read_friction_result, read_left_out = (
     reader(FRICTION, "result", FrictionResult),
-    reader(FRICTION, "left_out", Prediction),
+    reader(FRICTION, "left_out", TwinFindings),
 )
 # records.h5: a group for each record, written one at a time, then the logs of warm-ups.
 write_friction_records = writer(
@@ -53,13 +53,13 @@ def write_friction_result(
     result: FrictionResult,
     stamp: Stamp = NO_STAMP,
     twin: TwinFindings = NO_TWIN,
-    left_out: Prediction = NO_PREDICTION,
+    left_out: TwinFindings = NO_TWIN,
 ) -> None:
     """friction.h5: the numbers of all joints as a table, a group with everything, the twin, and logs that judge it."""
     parts = {
         "numbers": (result.numbers, tuple[FrictionNumber, ...]),
         "result": (result, FrictionResult),
         "twin": (twin, TwinFindings),
-        "left_out": (left_out, Prediction),
+        "left_out": (left_out, TwinFindings),
     }
     write_artefact(path, FRICTION, stamp, parts)

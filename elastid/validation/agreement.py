@@ -22,7 +22,6 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.errors import StudyError
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.problem.weights import vec
 from elastid.fit.result import Result
@@ -267,18 +266,10 @@ def validate(
     """Judge the modelled FRFs, one for each measured one on the same lines; left_out: configurations not fitted.
 
     All are left out of a fit to other data.  shifts: as `agreement`, of configurations that were not fitted.
-    Raises StudyError where left_out names a configuration that was not measured.
     """
-    names = [response.configuration.name for response in measured]
-    if unknown := set(left_out) - set(names):
-        raise StudyError(
-            "validation/left-out",
-            f"{', '.join(sorted(unknown))} was not measured; there are {', '.join(names)}",
-            "validation.left_out",
-        )
     agreements = tuple(
-        agreement(Ghat, G, name in left_out, (shifts or {}).get(name))
-        for name, Ghat, G in zip(names, measured, modelled, strict=True)
+        agreement(Ghat, G, (name := Ghat.configuration.name) in left_out, (shifts or {}).get(name))
+        for Ghat, G in zip(measured, modelled, strict=True)
     )
     return Validation(agreements, _verdict(agreements))
 
@@ -296,14 +287,9 @@ def agreement(
     in independent directions; tests allow for them, as for the systematic errors of the measured one.  peaks: with its
     resonances, which take most of the time.
     """
-    name = measured.configuration.name
-    for each in ("inputs", "outputs", "quantity"):
-        if getattr(measured, each) != getattr(modelled, each):
-            raise ValueError(f"{each} differ: {getattr(measured, each)} measured, {getattr(modelled, each)} modelled")
-    if name != modelled.configuration.name:
-        raise ValueError(f"{name} measured, {modelled.configuration.name} modelled")
-    if not np.array_equal(measured.freq_hz, modelled.freq_hz):
-        raise ValueError(f"{name}: measured and modelled lines differ")
+    for each in ("inputs", "outputs", "quantity", "freq_hz"):
+        if not np.array_equal(getattr(measured, each), getattr(modelled, each)):
+            raise ValueError(f"{measured.configuration.name}: {each} of measurement and model differ")
     Ghat, G = measured.G, modelled.G
     noise = smooth_noise(measured)
     sigma = sigma_of(measured, noise)
@@ -315,7 +301,7 @@ def agreement(
     reference = np.maximum(np.maximum(np.abs(G), sigma), tiny)
     ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
     return Agreement(
-        configuration=name,
+        configuration=measured.configuration.name,
         left_out=left_out,
         outputs=measured.outputs,
         inputs=measured.inputs,

@@ -15,8 +15,8 @@ torque of the model, since that of a log contains what no response shows.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
@@ -24,7 +24,10 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import grid_lines, line_frequencies
+from elastid.excitation.multisine import synthesise
 from elastid.experiment.simulated.hardware import filter_motions, logged_quantity, sense
+from elastid.experiment.simulated.plant import Plant
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, unit_scale
@@ -37,7 +40,6 @@ from elastid.record import Motion, Record, motion_unit
 from elastid.robot import Robot
 from elastid.robot.simplified import elastic_coordinates, stiffened
 from elastid.simulation.closed_loop import Commands, Trajectory
-from elastid.simulation.controller import rigid_path
 from elastid.validation.twin import (
     DRY,
     ELASTICITY,
@@ -47,12 +49,12 @@ from elastid.validation.twin import (
     RIGID_BODY,
     TORQUE,
     VISCOUS,
-    Driven,
     SignalKind,
     TorqueBalance,
-    TwinPlant,
     TwinRun,
     TwinSignal,
+    follow,
+    holding_gains,
     run_along,
     torque_balance,
 )
@@ -99,8 +101,8 @@ def elastic_balances(
     Y_m = Y[:, [record.outputs.index(place) for place in motors.outputs]]
     modelled = (frequency_response(*part, freq_hz) for part in parts)
     torques_of_models = (np.asarray(np.linalg.solve(G, Y_m[..., None])[..., 0]) for G in modelled)
-    full, frictionless, rigid = (signals_of(torque, lines, N) for torque in torques_of_models)
-    measured, dry = signals_of(U, lines, N), signals_of(U - U_net, lines, N)
+    full, frictionless, rigid = (synthesise(lines, torque, N) for torque in torques_of_models)
+    measured, dry = synthesise(lines, U, N), synthesise(lines, U - U_net, N)
     torques = {RIGID_BODY: rigid, ELASTICITY: frictionless - rigid, VISCOUS: full - frictionless, DRY: dry}
     band_hz = float(freq_hz[0]), float(freq_hz[-1]) * (1 + 1e-9)
     return tuple(
@@ -112,19 +114,13 @@ def elastic_balances(
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class FittedTwin:
-    """The robot with its fitted elasticity and friction, the delay of its torques in s, and the equations it has."""
-
-    robot: Robot
-    delay_s: float
-    spec: ModelSpec
-
-
-def elastic_runs(record: Record, twin: FittedTwin, band_hz: tuple[float, float]) -> tuple[TwinRun, ...]:
+def elastic_runs(
+    record: Record, robot: Robot, band_hz: tuple[float, float], delay_s: float = 0.0, spec: ModelSpec = EXACT
+) -> tuple[TwinRun, ...]:
     """The run along a record, driven by its torque and compared within band_hz; none without a rate.
 
-    Of a record without a period at most LONGEST_S from its beginning are simulated.
+    robot: with its fitted elasticity and friction.  delay_s: of its torques.  spec: the equations that it has.  Of a
+    record without a period at most LONGEST_S from its beginning are simulated.
     """
     if not record.rate_is_known:
         return ()
@@ -132,18 +128,18 @@ def elastic_runs(record: Record, twin: FittedTwin, band_hz: tuple[float, float])
     if not record.is_periodic and record.n_samples > n:
         record = replace(record, u=record.u[:n], y=record.y[:n], r=None, period_samples=n)
     held_hz = 0.2 * band_hz[0]
-    seconds = record.period_samples / record.rate_hz
-    empty = TwinRun(record.name, "torque", held_hz, seconds, record.rate_hz)
-    driven_by, compared = partial(_by_torque, record, held_hz), partial(_compared, record, band_hz, twin.delay_s)
-    return (run_along(empty, twin.robot, record.configuration, twin.spec, driven_by, compared),)
+    empty = TwinRun(record.name, "torque", held_hz, record.period_samples / record.rate_hz, record.rate_hz)
+    moved = partial(_signals, record, held_hz, band_hz, delay_s)
+    return (run_along(empty, robot, record.configuration, SimulatedSpec(model=spec), moved),)
 
 
-def _by_torque(record: Record, held_hz: float, plant: TwinPlant) -> Driven:
-    """The torque of the last period of a record, over and over, and the loop about its motion."""
+def _signals(
+    record: Record, held_hz: float, band_hz: tuple[float, float], delay_s: float, plant: Plant
+) -> Iterator[TwinSignal]:
+    """Signals of a plant under the torque of the last period of a record, over and over, held on its motion."""
     model, angles, chain = plant.model, record.configuration.angles, plant.model.robot.chain
     N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
-    left_out = {repetition // (2 if record.half_wave else 1) for repetition in record.left_out}
-    last = max((p for p in range(record.n_periods) if p not in left_out), default=record.n_periods - 1)
+    last = _last(record.n_periods, {each // (2 if record.half_wave else 1) for each in record.left_out})
     period = slice(last * N, (last + 1) * N)
     position = np.tile(angles, (N, 1))
     for i, place in zip(motors, record.inputs, strict=True):
@@ -161,12 +157,17 @@ def _by_torque(record: Record, held_hz: float, plant: TwinPlant) -> Driven:
     lead = lead if record.is_periodic else 0  # periods before the one that is compared
     still = np.zeros(((lead + 1) * N, model.n_u))
     path, rate, driving = (np.tile(each, (lead + 1, 1)) for each in (position, velocity, torque))
-    (start,) = rigid_path(model, plant.point.q, angles, position[:1])
-    gains = plant.gains(np.isin(np.arange(model.n_u), motors), plant.holding_gains(held_hz))
-    return Driven(Commands(path, rate, driving, still, still), gains, velocity[0], start)
+    commands = Commands(path, rate, driving, still, still)
+    moving, held = np.isin(np.arange(model.n_u), motors), holding_gains(plant, held_hz)
+    return _compared(record, band_hz, delay_s, plant, follow(plant, commands, moving, held, position[0], velocity[0]))
 
 
-def _logged(record: Record, plant: TwinPlant, moved: Trajectory) -> Record:
+def _last(periods: int, left_out: Collection[int]) -> int:
+    """The last period that is not left out; the last one where all are."""
+    return max((p for p in range(periods) if p not in left_out), default=periods - 1)
+
+
+def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
     """The last period of a trajectory as it would be logged."""
     N, model, chain = record.period_samples, plant.model, plant.model.robot.chain
     y = sense(moved.q, moved.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
@@ -190,7 +191,7 @@ def _held(record: Record, u: FloatArray) -> FloatArray:
 
 
 def _compared(
-    record: Record, band_hz: tuple[float, float], delay_s: float, plant: TwinPlant, moved: Trajectory
+    record: Record, band_hz: tuple[float, float], delay_s: float, plant: Plant, moved: Trajectory
 ) -> Iterator[TwinSignal]:
     """Torques and motions of the last period, at the lines within the band."""
     N = record.period_samples
@@ -199,7 +200,7 @@ def _compared(
 
     def in_time(log: Record, factor: ComplexArray | float) -> FloatArray:
         (Y,), (U,) = last_period(log, lines, "position")
-        return signals_of(np.hstack([U, factor * Y]), lines, N)
+        return synthesise(lines, np.hstack([U, factor * Y]), N)
 
     kinds: list[SignalKind] = [TORQUE] * len(record.inputs)
     kinds += [MOTION if place in record.inputs else LINK for place in record.outputs]
@@ -217,17 +218,9 @@ def settled_periods(record: Record, spec: EstimatorSpec) -> int:
 
 def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
     """Y (1, F, n_y), U (1, F, n_u) of the last period of a record that was not left out."""
-    periods = range(record.n_samples // record.repeat_samples)
-    last = [max((p for p in periods if p not in record.left_out), default=len(periods) - 1)]
+    last = [_last(record.n_samples // record.repeat_samples, record.left_out)]
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     spectra, n_y = RecordSpectra(record), len(record.outputs)
     Y, U = (spectra.amplitudes(role, lines)[last] for role in ("y", "u"))
     scale = unit_scale(record, freq_hz, quantity)
     return Y * scale[:, :n_y], U * scale[:, n_y:]
-
-
-def signals_of(X: ComplexArray, lines: IntArray, N: int) -> FloatArray:
-    """One period (N, n_y) in time of the amplitudes X (F, n_y) at DFT lines (F,)."""
-    spectrum = np.zeros((N // 2 + 1, X.shape[1]), dtype=np.complex128)
-    spectrum[lines] = X * N / 2
-    return np.fft.irfft(spectrum, n=N, axis=0)

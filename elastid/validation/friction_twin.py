@@ -23,13 +23,16 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.execution import Execution
+from elastid.experiment.simulated.plant import Plant
 from elastid.experiment.specs.recorded import CascadeSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.friction_study.joint_levels import motion_log, motion_logs
 from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts, rigid_body_torques
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.motion_terms import columns_of, full_rate_columns
 from elastid.friction_study.result import JointFriction
-from elastid.model.formulation import EXACT, formulate
+from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
 from elastid.robot import Robot
 from elastid.robot.simplified import without_friction
@@ -46,14 +49,13 @@ from elastid.validation.twin import (
     TORQUE,
     VISCOUS,
     Drive,
-    Driven,
-    Prediction,
     SignalKind,
     TorqueBalance,
     TwinFindings,
-    TwinPlant,
     TwinRun,
     TwinSignal,
+    follow,
+    holding_gains,
     run_along,
     torque_balance,
 )
@@ -185,13 +187,13 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
     held_hz = HELD_HZ if controller is None else 0.0
     empty = TwinRun(log.records[0].name, drive, held_hz, len(log.position) / log.rate_hz, log.rate_hz)
     start = Configuration(log.records[0].name, log.position[0])
-    driven_by, compared = partial(_driven, log, controller), partial(_compared, robot, log)
-    run = run_along(empty, robot, start, EXACT, driven_by, compared)
+    spec = SimulatedSpec() if controller is None else SimulatedSpec(controller=controller.spec)
+    run = run_along(empty, robot, start, spec, partial(_signals, log, controller))
     return replace(run, rate_hz=log.rate_hz / int(log.signals[0].kept.step)) if run.signals else run
 
 
-def _driven(log: _Log, controller: CascadeSpec | None, plant: TwinPlant) -> Driven:
-    """Reference, torque and gains; those of joints that rest are the same under both drives."""
+def _signals(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[TwinSignal]:
+    """Signals of a plant under reference, torque and gains; joints that rest have the same in all."""
     q, moving = plant.point.q, np.array(log.moving)
     smooth = formulate(without_friction(plant.model.robot))
     own = feed_forward(smooth, q, log.position - log.position[0], log.velocity, log.acceleration)
@@ -200,7 +202,7 @@ def _driven(log: _Log, controller: CascadeSpec | None, plant: TwinPlant) -> Driv
     if controller is None:
         # The plant holds a torque from sample to sample: the mean of both ends acts on it.
         acting = (log.torque + np.vstack([log.torque[1:], log.torque[-1:]])) / 2
-        held = plant.holding_gains(HELD_HZ)
+        held = holding_gains(plant, HELD_HZ)
         # As the loop differentiates what it reads, so that its torque is of the error alone.
         position = log.position
         velocity = np.diff(position, axis=0, prepend=position[:1]) * log.rate_hz
@@ -217,16 +219,16 @@ def _driven(log: _Log, controller: CascadeSpec | None, plant: TwinPlant) -> Driv
         error = held.kp * (position[0] - log.position[0]) + held.kd * (velocity[0] - log.velocity[0])
         acting = known + np.where(held.ki > 0, log.torque[0] - known[0] - error, 0.0)
     commands = Commands(position, velocity, np.where(moving, acting, own), lacking, still)
-    return Driven(commands, plant.gains(moving, held), log.velocity[0])
+    return _compared(log, plant.model, follow(plant, commands, moving, held, log.position[0], log.velocity[0]))
 
 
-def _compared(robot: Robot, log: _Log, plant: TwinPlant, moved: Trajectory) -> Iterator[TwinSignal]:
+def _compared(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[TwinSignal]:
     """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
-    names, n = [joint.name for joint in robot.driven], len(moved.u)
+    names, n = [joint.name for joint in model.robot.driven], len(moved.u)
     for record, signals in zip(log.records, log.signals, strict=True):
         # Of a log that is not simulated to its end, without the rest.
         kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, n), signals.kept.step))
-        i, k = names.index(record.joint), plant.model.index(f"joint {record.joint}")
+        i, k = names.index(record.joint), model.index(f"joint {record.joint}")
         motor, turning = f"motor {record.joint}", motion_unit("position", record.slides)
         simulated = moved.reading[:, i], moved.u[:, i], moved.q[:, k]
         measured = record.position, record.torque, record.link_position
@@ -237,20 +239,31 @@ def _compared(robot: Robot, log: _Log, plant: TwinPlant, moved: Trajectory) -> I
                 yield TwinSignal(kind, place, unit, kept.filtered(y[:n]), kept.filtered(y_twin[:n]))
 
 
+def friction_twin(
+    robot: Robot,
+    joints: Sequence[JointFriction],
+    measured: FrictionRecords,
+    controller: CascadeSpec | None,
+    execution: Execution | None = None,
+) -> TwinFindings:
+    """Torque of motions part by part, and the twin along them; robot: with the friction of `joints`."""
+    runs = friction_runs(robot, joints, measured, controller, execution)
+    return TwinFindings(friction_balances(joints, measured), runs)
+
+
 def predict_logs(
     robot: Robot,
     joints: Sequence[JointFriction],
     measured: FrictionRecords,
     controller: CascadeSpec | None,
     execution: Execution | None = None,
-) -> Prediction:
+) -> TwinFindings:
     """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
     outcomes = list(_along_logs(robot, joints, measured))
     judged = [each for each in outcomes if isinstance(each, JointFriction)]
     reasons = [each for each in outcomes if not isinstance(each, JointFriction)]
     missing = {joint: "; ".join(text for name, text in reasons if name == joint) for joint, _ in reasons}
-    runs = friction_runs(robot, judged, measured, controller, execution)
-    return Prediction(TwinFindings(friction_balances(judged, measured), runs), missing)
+    return replace(friction_twin(robot, judged, measured, controller, execution), missing=missing)
 
 
 def _along_logs(

@@ -29,15 +29,12 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError, StudyError
-from elastid.experiment.simulated.plant import exact_plant
-from elastid.linear.equilibrium import OperatingPoint
-from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import EXACT
-from elastid.model.spec import ModelSpec
+from elastid.experiment.simulated.plant import Plant, true_plant
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, simulate
-from elastid.simulation.controller import Gains, rigid_motion, tune
+from elastid.simulation.closed_loop import Commands, Trajectory, simulate
+from elastid.simulation.controller import Gains, rigid_motion, rigid_path, tune
 
 # Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
 INERTIA, GRAVITY, RIGID_BODY, ELASTICITY = "inertia", "gravity and offset", "rigid body", "elasticity"
@@ -147,17 +144,13 @@ def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterat
 
 
 def describe_balance(balance: TorqueBalance) -> str:
-    """Shares of the parts, in two sentences."""
-    pairs = list(zip(balance.parts, balance.shares, strict=True))
-    shares = ", ".join(f"{part} {share:.1%}" for part, share in pairs)
-    text = f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left"
-    if any(part in FRICTION for part in balance.parts):
-        text += f" (without friction {balance.left_without_friction:.1%})"
+    """Shares of the parts in a sentence."""
+    shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(balance.parts, balance.shares, strict=True))
     worst, unit = balance.worst, "Hz" if balance.rate_is_known else "of the sampling rate"
     return (
-        f"{text}. By octaves most is left from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}, where "
-        f"{worst.power:.2%} of the torque's power lies: {worst.left:.0%} of that, without friction "
-        f"{worst.left_without_friction:.0%}."
+        f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left "
+        f"(without friction {balance.left_without_friction:.1%}), most from {worst.low_hz:.3g} to {worst.high_hz:.3g} "
+        f"{unit}: {worst.left:.0%} of the {worst.power:.2%} of the power there."
     )
 
 
@@ -235,15 +228,21 @@ class TwinRun:
 
 @dataclass(frozen=True)
 class TwinFindings:
-    """The torque of logs part by part, and the twin moved along them."""
+    """The torque of logs part by part, and the twin moved along them; missing: joints not predicted there, and why."""
 
     balances: tuple[TorqueBalance, ...] = ()
     runs: tuple[TwinRun, ...] = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def run_words(self) -> tuple[str, ...]:
         """Errors of the twin in each run."""
         return tuple(map(describe_run, self.runs))
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The torque of each joint, then the simulations."""
+        return (*map(describe_balance, self.balances), *self.run_words)
 
 
 NO_TWIN = TwinFindings()
@@ -254,85 +253,45 @@ def describe_run(run: TwinRun) -> str:
     if run.lost:
         return f"Simulated forwards on {run.log}, driven by its {_DRIVES[run.drive]}, the twin is lost: {run.lost}."
     held = f", held on the log by a loop of {run.held_hz:.2g} Hz" if run.held_hz else ""
-    errors = {kind: [signal.error for signal in run.of(kind)] for kind in (MOTION, TORQUE, LINK)}
-    parts = [f"{kind} {_spread(own)}" for kind, own in errors.items() if own]
+    errors = {kind: [100 * signal.error for signal in run.of(kind)] for kind in (MOTION, TORQUE, LINK)}
+    parts = [f"{kind} at most {max(own):.3g} %" for kind, own in errors.items() if own]
     return (
         f"Simulated forwards over {run.seconds:.3g} s of {run.log}, driven by its {_DRIVES[run.drive]}{held}, the twin "
         f"is off by (rms error over rms signal): {'; '.join(parts)}."
     )
 
 
-def _spread(errors: Sequence[float]) -> str:
-    """A share, or the range of several."""
-    low, high = min(errors), max(errors)
-    return f"{100 * high:.3g} %" if len(errors) == 1 else f"{100 * low:.3g} to {100 * high:.3g} %"
-
-
-@dataclass(frozen=True)
-class TwinPlant:
-    """A robot at rest where its log begins, as equations, with exact drives and encoders and without limits."""
-
-    model: ElasticModel
-    loop: ClosedLoop
-    point: OperatingPoint
-
-    @classmethod
-    def of(cls, robot: Robot, rate_hz: float, start: Configuration, spec: ModelSpec = EXACT) -> TwinPlant:
-        """Plant with as many steps a sample as its fastest pole takes; StudyError where it finds no rest."""
-        plant, point = exact_plant(robot, spec, rate_hz, start)
-        free = np.tile([-np.inf, np.inf], (plant.model.n_u, 1))
-        return cls(plant.model, replace(plant.loop, limits=free), point)
-
-    def holding_gains(self, bandwidth_hz: float) -> Gains:
-        """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
-        return tune(self.model, self.point.q, bandwidth_hz, 1.0)
-
-    def gains(self, moving: BoolArray, held: Gains) -> Gains:
-        """Gains of `held` for motors that move (n_u,), of a loop of 5 Hz for the others."""
-        resting = self.holding_gains(5.0)
-        return Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
-
-    def moved(self, driven: Driven) -> Trajectory:
-        """Trajectory of the robot; DataError where a motor is lost."""
-        q = self.point.q if driven.q is None else driven.q
-        v = rigid_motion(self.model, q) @ driven.velocity
-        return simulate(self.loop, driven.gains, driven.commands, q, v0=v)
-
-
-@dataclass(frozen=True, eq=False)
-class Driven:
-    """Drive of a twin: commands and gains of its loops, from q (n_q,) or the rest, motors at a velocity (n_u,)."""
-
-    commands: Commands
-    gains: Gains
-    velocity: FloatArray
-    q: FloatArray | None = None
-
-
 def run_along(
-    empty: TwinRun, robot: Robot, start: Configuration, spec: ModelSpec, driven_by: Callable[[TwinPlant], Driven],
-    compared: Callable[[TwinPlant, Trajectory], Iterable[TwinSignal]],
-) -> TwinRun:  # fmt: skip
-    """The run of a robot along a log, or why it is lost; empty: without its results, at the rate of the samples."""
+    empty: TwinRun,
+    robot: Robot,
+    start: Configuration,
+    spec: SimulatedSpec,
+    moved: Callable[[Plant], Iterable[TwinSignal]],
+) -> TwinRun:
+    """The run of a robot along a log, or why it is lost; empty: without its signals, at the rate of the samples.
+
+    spec: equations and controller of its plant.  moved: the signals of that, without limits, at rest at the start.
+    """
     try:
-        plant = TwinPlant.of(robot, empty.rate_hz, start, spec)
-        moved = plant.moved(driven_by(plant))
+        plant = true_plant(robot, spec, empty.rate_hz, start, is_free=True)
+        return replace(empty, signals=tuple(moved(plant)))
     except (DataError, StudyError) as error:
         return replace(empty, lost=str(error))
-    return replace(empty, signals=tuple(compared(plant, moved)))
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """Torque and motion along logs by a result of others; missing: reason by joint that is not predicted there."""
-
-    twin: TwinFindings = NO_TWIN
-    missing: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """The torque of each joint, then the simulations."""
-        return (*map(describe_balance, self.twin.balances), *self.twin.run_words)
+def holding_gains(plant: Plant, bandwidth_hz: float) -> Gains:
+    """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
+    return tune(plant.model, plant.point.q, bandwidth_hz, 1.0)
 
 
-NO_PREDICTION = Prediction()
+def follow(
+    plant: Plant, commands: Commands, moving: BoolArray, held: Gains, position: FloatArray, velocity: FloatArray
+) -> Trajectory:
+    """Trajectory from position and velocity (n_u,) of the motors; DataError where one is lost.
+
+    held: gains of motors that move (n_u,); others are held by a loop of 5 Hz.
+    """
+    model, point, resting = plant.model, plant.point, holding_gains(plant, 5.0)
+    gains = Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
+    (q,) = rigid_path(model, point.q, point.configuration.angles, position[None])
+    return simulate(plant.loop, gains, commands, q, v0=rigid_motion(model, q) @ velocity)

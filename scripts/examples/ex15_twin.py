@@ -12,15 +12,13 @@ import ex01_identify_from_python as bench
 import numpy as np
 from matplotlib.figure import Figure
 
-from elastid.model.formulation import EXACT
 from elastid.use.draws import estimated_robot
-from elastid.validation.elastic_twin import FittedTwin, elastic_runs
+from elastid.validation.elastic_twin import elastic_runs
 from elastid.validation.twin import MOTION, describe_run
 
 robot, (low_hz, high_hz) = estimated_robot(bench.result), bench.excitation["band_hz"]
 soft = robot.with_parameters({"k_1": bench.result["k_1"].value / 2})
-twins = [FittedTwin(each, 0.0, EXACT) for each in (robot, soft)]
-runs = [run for each in twins for run in elastic_runs(bench.records[0], each, (low_hz, high_hz))]
+runs = [run for each in (robot, soft) for run in elastic_runs(bench.records[0], each, (low_hz, high_hz))]
 twin, poor = (run.of(MOTION)[0] for run in runs)
 
 if __name__ == "__main__":

@@ -60,9 +60,9 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
         ({"thermometer": CONTROLLER}, "controller: no channel has role reference, so that the motion that"),
         (
             {"thermometer": REFERENCE + CONTROLLER.replace("30", "[30, 40]")},
-            "controller.position_gain: 2 gains for 1 driven joints; give one for all, or one for each",
+            "controller.position_gain: 2 numbers for 1 driven joints",
         ),
-        ({"thermometer": REFERENCE + CONTROLLER.replace("30", "-1")}, "a loop that holds a joint has a positive one"),
+        ({"thermometer": REFERENCE + CONTROLLER.replace("30", "-1")}, "controller.position_gain: position_gain is -1"),
         ({"files": "      - {path: log.csv, load: full}"}, "files[0].load: no load is called 'full'; there are empty"),
         ({"temperature": "yes"}, "friction.law.temperature: no log has a temperature"),
         ({"files": "      - {path: log.csv, joint: 2}"}, "files[0].joint: no driven joint is called '2'"),

@@ -129,10 +129,10 @@ def test_a_log_that_contradicts_its_plan_ends_the_command(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--goal", "k_*"), "give parameters and the half width"),
-        (("--goal", "k_*: 1"), "'1' is no width"),
-        (("--goal", "k_*: -1 %"), "is no width"),
-        (("--goal", "m_*: 1 %"), "the fit does not identify 'm_*'"),
+        (("--goal", "k_*"), "[design/goal]"),
+        (("--goal", "k_*: 1"), "[design/goal]"),
+        (("--goal", "k_*: -1 %"), "[design/goal]"),
+        (("--goal", "m_*: 1 %"), "[design/goal]"),
         (("--goal", GOAL, "--robot-time", "3"), "the next experiment takes 16 s"),
         (("--goal", GOAL, "--set", "experiment.simulated.carrier={kind: offset, velocity: 0.1}"), "simulated.carrier"),
         (("--goal", GOAL, "--set", "experiment.simulated.outputs=[motor 1]"), "simulated.outputs"),

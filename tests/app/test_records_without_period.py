@@ -63,7 +63,7 @@ def test_one_record_of_noise_gives_responses_whose_intervals_cover_the_truth(
 ) -> None:
     """Three masses, two shakers, three sensors: a window of noise that neither repeats nor begins at rest."""
     (log, _) = shake(256.0, 4 * n, 1, 21)
-    table = np.hstack([log.force, log.acceleration])[n : 2 * n]
+    table = log[n : 2 * n]
     write_log(tmp_path / "log.csv", MASSES, table)
     channels = [channel("u", name, "force", "N") for name in MASSES[:2]]
     channels += [channel("y", name, "acceleration", "m/s^2") for name in MASSES[2:]]

@@ -202,7 +202,7 @@ def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     assert [note.code for note in forecasted.notes if note.code == "fit/undetermined"] == ["fit/undetermined"]
     alone = replace(fit, parameters={"k_2": ParameterSpec(), "c_upper_z": ParameterSpec()})
     note = said(design(replace(problem, fit=alone)).forecast.notes)[0]
-    assert "cannot determine c_upper_z: fix it" in note
+    assert "c_upper_z" in note
 
 
 UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()})

@@ -56,7 +56,7 @@ def test_the_posture_is_that_which_informs_the_goal() -> None:
     for spring in ("k_1", "k_2"):
         best = min(GIVEN, key=lambda name: expected[name][spring])
         found = proposed(asked, Goal({spring: 1e-9}))
-        np.testing.assert_allclose(found.configuration.angles, GIVEN[best])
+        np.testing.assert_allclose(found.plan.configurations[0].angles, GIVEN[best])
 
 
 @pytest.mark.slow
@@ -69,10 +69,10 @@ def test_the_shortest_experiment_that_reaches_the_goal_is_taken() -> None:
         asked = replace(asked, experiment=replace(asked.experiment, periods=4))
         found = proposed(asked, coarse)
         assert found.plan.periods == 2
-        assert max(found.used.values()) <= 1
+        assert max(found.option.used.values()) <= 1
         found = proposed(asked, fine)
         assert found.plan.periods == best
-        assert found.more_s > found.plan.robot_time_s
+        assert found.option.more_s > found.plan.robot_time_s
 
 
 def test_a_parameter_that_is_known_no_longer_counts() -> None:
@@ -85,7 +85,7 @@ def test_a_parameter_that_is_known_no_longer_counts() -> None:
     goal = Goal({"k_1": 1e-4, "k_2": 1e-9})
     found = proposed(asked, goal, replace(before, covariance=covariance))
     alone = proposed(asked, Goal({"k_2": 1e-9}))
-    np.testing.assert_array_equal(found.configuration.angles, alone.configuration.angles)
+    np.testing.assert_array_equal(found.plan.configurations[0].angles, alone.plan.configurations[0].angles)
 
 
 @pytest.mark.slow
@@ -112,20 +112,20 @@ def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
     box = BoxSpec("table", (x - 0.3, -0.5, z - 0.4), (x + 0.2, 0.5, z - 0.12))
     free = problem(points=points)
     goal = Goal({"k_1": 1e-9})
-    assert proposed(free, goal).configuration.angles[1] in (0.0, 1.4)
+    assert proposed(free, goal).plan.configurations[0].angles[1] in (0.0, 1.4)
     near = problem(points=points, boxes=(replace(box, upper=(x + 0.2, 0.5, z - 0.001)),))
     assert near.design is not None
     assert len(near.candidates(near.design).configurations) <= 2
     found = proposed(near, goal)
-    assert found.configuration.angles[1] == 0.0
+    assert found.plan.configurations[0].angles[1] == 0.0
 
 
 def test_where_no_posture_shows_a_parameter_more_time_never_helps() -> None:
     """More of the same cannot reach a goal a millionth as wide as one experiment: it is said so."""
     found = proposed(problem(), Goal({"k_1": 1e-12}))
-    assert found.more_s == np.inf
-    assert found.floor[0] == "k_1"
-    assert found.floor[1] > 1
+    assert found.option.more_s == np.inf
+    assert found.option.floor[0] == "k_1"
+    assert found.option.floor[1] > 1
 
 
 def test_the_used_part_is_the_half_width_over_the_goal() -> None:

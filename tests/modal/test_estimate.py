@@ -68,7 +68,7 @@ def test_the_intervals_hold_the_modes_of_whole_records() -> None:
             Record(
                 f"{i}", BENCH, i // 2, i % 2, 256.0, 2048, ("a", "b"), ("1", "2", "3"), ("acceleration",) * 3, *parts
             )
-            for i, parts in enumerate((log.force, log.acceleration) for log in logs)
+            for i, parts in enumerate((log[:, :2], log[:, 2:]) for log in logs)
         ]
         modes = estimate_modes(estimate(tuple(records), EstimatorSpec(method="arithmetic"), None), max_order=12)
         freq_hz = natural / (2 * np.pi)

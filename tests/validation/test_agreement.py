@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.refusals import refused
 from plants.report_values import fit_result
 from plants.two_mass import FREQ_HZ, STIFFNESS, circular, response, two_mass
 
@@ -95,21 +94,6 @@ def test_without_an_uncertainty_the_errors_are_there_and_the_statistics_are_not(
     assert judged.overall_rms_log_db == pytest.approx(20 * math.log10(1.1))
     assert math.isnan(judged.overall_rms_sigma)
     assert validate([response(G)], [response(G)], []).verdict.endswith(".")
-
-
-def measured_and_modelled(errors_db):
-    """Configurations c1, c2, ... whose model is off by so many dB."""
-    G = two_mass(FREQ_HZ)[0]
-    names = [f"c{i + 1}" for i in range(len(errors_db))]
-    return (
-        [response(G, 1e-3, name=name) for name in names],
-        [response(G * 10 ** (db / 20), name=name) for name, db in zip(names, errors_db, strict=True)],
-    )
-
-
-def test_a_left_out_configuration_that_was_not_measured_is_refused():
-    with refused("validation/left-out", place="validation.left_out", holds=("c1", "c2", "c9")):
-        validate(*measured_and_modelled([0.5, 0.5]), left_out=["c9"])
 
 
 @pytest.mark.parametrize(("sigmas", "says"), [(1.0, "no more than the noise"), (2.0, "more than the noise")])

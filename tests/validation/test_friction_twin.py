@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.experiment.simulated.plant import exact_plant
+from elastid.experiment.simulated.plant import true_plant
 from elastid.experiment.specs.recorded import CascadeSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
-from elastid.model.formulation import EXACT
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
 from elastid.robot.friction_numbers import with_laws
@@ -50,7 +50,7 @@ def record() -> FrictionRecord:
 def recorded(pulse: float = 0.0) -> FrictionRecord:
     """Two sines under the cascade, the arm heavier by 5 kg than the robot's file; pulses of 0.2 s push its motor."""
     robot = swing(25.0)
-    plant, point = exact_plant(robot, EXACT, RATE_HZ, Configuration("start", np.zeros(2)))
+    plant = true_plant(robot, SimulatedSpec(), RATE_HZ, Configuration("start", np.zeros(2)))
     t = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     reference = np.zeros((len(t), 2))
     reference[:, 0] = 0.5 * (1 - np.cos(2 * np.pi * 0.25 * t)) + 0.1 * np.sin(2 * np.pi * 0.8 * t) ** 3
@@ -58,7 +58,7 @@ def recorded(pulse: float = 0.0) -> FrictionRecord:
     pushed = still.copy()
     pushed[:, 0] = np.where(t % 1.7 > 1.5, pulse, 0.0)
     gains = Gains(np.array([12000.0, 12000.0]), np.array([400.0, 400.0]), np.array([20.0, 0.0]))
-    run = simulate(plant.loop, gains, Commands(reference, velocity, pushed, still, still), point.q)
+    run = simulate(plant.loop, gains, Commands(reference, velocity, pushed, still, still), plant.point.q)
     noise = TORQUE_STD * np.random.default_rng(1).standard_normal(len(t))
     link = run.q[:, plant.model.index("joint 1")]
     return FrictionRecord(

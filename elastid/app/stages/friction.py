@@ -47,8 +47,8 @@ from elastid.store.artefacts import Stamp
 from elastid.store.measured import write_reference
 from elastid.store.results import read_twin
 from elastid.study import Study
-from elastid.validation.friction_twin import friction_balances, friction_runs, predict_logs
-from elastid.validation.twin import NO_PREDICTION, TwinFindings, describe_balance
+from elastid.validation.friction_twin import friction_twin, predict_logs
+from elastid.validation.twin import NO_TWIN
 
 
 def design_motions(study: Study, work: Work) -> Artefacts:
@@ -56,12 +56,11 @@ def design_motions(study: Study, work: Work) -> Artefacts:
     plan = design_friction(study.as_friction(), study.friction_joints, study.experiment, study.as_robot(), study.seed)
 
     def report(console: Console) -> None:
-        console.notes(plan.notes)
         console.say(
             f"design: {len(plan.motions)} motions of {len(plan.designs)} joints, {plan.robot_time_s / 60:.3g} min of "
             "the robot's time"
         )
-        for sentence in (*plan.known, *plan.unknown):
+        for sentence in plan.known:
             console.say(f"design: {sentence}")
 
     files: dict[str, Write] = {
@@ -137,17 +136,14 @@ def friction(study: Study, work: Work) -> Artefacts:
     # Along the first log of each group of joints that moved together.
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     execution = Execution(work.jobs)
-    runs = friction_runs(identified, result.joints, measured, controller, execution)
-    twin = TwinFindings(friction_balances(result.joints, measured), runs)
-    judged = predict_logs(identified, result.joints, others, controller, execution) if left_out else NO_PREDICTION
+    twin = friction_twin(identified, result.joints, measured, controller, execution)
+    judged = predict_logs(identified, result.joints, others, controller, execution) if left_out else NO_TWIN
     reported = [note for each in joint_levels for note in each.notes]
 
     def report(console: Console) -> None:
         console.notes(note for each in result.joints for note in each.notes if note not in reported)
         console.say(f"friction: {result.message}")
-        for balance in twin.balances:
-            console.say(f"friction: {describe_balance(balance)}")
-        for words in (*twin.run_words, *(f"left out: {words}" for words in judged.words)):
+        for words in (*twin.words, *(f"left out: {words}" for words in judged.words)):
             console.say(f"friction: {words}")
 
     return Artefacts(

@@ -164,5 +164,5 @@ def _twin_runs(own: Validated, path: Path) -> tuple[TwinRun, ...]:
     moved = with_findings(robot, own.friction, own.gears)
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
-    twin = elastic_twin.FittedTwin(moved, result.parameters.numbers(result.x, chosen).get(DELAY, 0.0), own.study.model)
-    return elastic_twin.elastic_runs(record, twin, band_hz)
+    delay_s = result.parameters.numbers(result.x, chosen).get(DELAY, 0.0)
+    return elastic_twin.elastic_runs(record, moved, band_hz, delay_s, own.study.model)

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.base.errors import Note, StudyError
+from elastid.base.errors import StudyError
 from elastid.record import Configuration, Purpose
 
 SHORTEST_S = 0.3  # of a plateau
@@ -238,7 +238,7 @@ class PlannedWarmUp:
 class FrictionPlan:
     """All motions in their order, sampled at rate_hz, and the warm-ups between them.
 
-    robot_time_s: of all of them.  known, unknown: sentences on what the levels will identify, and what not, and why.
+    robot_time_s: of all of them.  known: sentences on the levels of each joint.
     """
 
     rate_hz: float
@@ -247,5 +247,3 @@ class FrictionPlan:
     robot_time_s: float
     warm_ups: tuple[PlannedWarmUp, ...] = ()
     known: tuple[str, ...] = ()
-    unknown: tuple[str, ...] = ()
-    notes: tuple[Note, ...] = ()

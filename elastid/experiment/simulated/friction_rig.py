@@ -13,8 +13,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray, frozen_value
-from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import DataError, StudyError
 from elastid.experiment.plan.friction import (
     FrictionPlan,
     PassLimits,
@@ -27,7 +27,7 @@ from elastid.experiment.plan.friction import (
     planned_pass,
 )
 from elastid.experiment.simulated.hardware import Noise, draw_noise, drifting, loads_of
-from elastid.experiment.simulated.plant import Plant, model_of, true_plant, true_robot
+from elastid.experiment.simulated.plant import Plant, limit_notes, model_of, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import ControllerSpec, HeatSpec, SimulatedSpec
 from elastid.friction.robot_friction import frictions
@@ -42,11 +42,10 @@ from elastid.simulation.controller import feed_forward, tune
 
 @dataclass(frozen=True)
 class FrictionRun:
-    """A motion on the true robot: from rest at `point`, joint `index` along `path`, at temperature (n,) or at none."""
+    """A motion on the true robot: from its rest, joint `index` along `path`, at temperature (n,) or at none."""
 
     motion: PlannedMotion
     plant: Plant
-    point: OperatingPoint
     index: int
     path: PassReference
     temperature: FloatArray | None
@@ -55,23 +54,23 @@ class FrictionRun:
         """The motion in closed loop; DataError where the joint is lost."""
         model, n, i = self.plant.model, len(self.path.position), self.index
         position, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
-        position += self.point.configuration.angles
+        position += self.plant.point.configuration.angles
         position[:, i], velocity[:, i] = self.path.position, self.path.velocity
         acceleration[:, i] = self.path.acceleration
         injected[:, i] = 0.0 if self.motion.torque is None else self.motion.torque
-        moved = position - self.point.configuration.angles
-        torque = injected + feed_forward(model, self.point.q, moved, velocity, acceleration)
+        moved = position - self.plant.point.configuration.angles
+        torque = injected + feed_forward(model, self.plant.point.q, moved, velocity, acceleration)
         commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
         bandwidth_hz = controller.bandwidth_hz
         if self.motion.planned is None and self.motion.period_samples is not None:
             # Ten times slower than the torque, so that the loop does not hold the joint against it.
             bandwidth_hz = min(bandwidth_hz, 0.1 * rate_hz / self.motion.period_samples)
         gains = tune(
-            model, self.point.q, bandwidth_hz, controller.damping_ratio,
+            model, self.plant.point.q, bandwidth_hz, controller.damping_ratio,
             controller.velocity_integral_time if bandwidth_hz == controller.bandwidth_hz else None,
         )  # fmt: skip
         try:
-            return simulate(self.plant.loop, gains, commands, self.point.q, self._friction())
+            return simulate(self.plant.loop, gains, commands, self.plant.point.q, self._friction())
         except DataError as error:
             raise DataError(
                 "experiment/diverged",
@@ -84,9 +83,9 @@ class FrictionRun:
         contacts, own = self.plant.loop.contacts, (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
 
         def curves(moments: IntArray) -> Iterator[list[FloatArray]]:
-            holding = holding_torque(self.plant.model, self.point, self.index, self.path.position[moments])
+            holding = holding_torque(self.plant.model, self.plant.point, self.index, self.path.position[moments])
             for i, u in zip(moments, holding, strict=True):
-                loads = loads_of(contacts, self.plant.model.robot, replace(self.point, u=u))
+                loads = loads_of(contacts, self.plant.model.robot, replace(self.plant.point, u=u))
                 T = None if self.temperature is None else float(self.temperature[i])
                 pairs = zip(contacts.laws, loads, strict=True)
                 yield [law.curve(load, T if law.place in own else None) for law, load in pairs]
@@ -105,25 +104,12 @@ def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, posit
     return feed_forward(model, point.q, moved, still, still)
 
 
-@frozen_value
-class JointHeat:
-    """Heat of a joint: temperature (n + 1,) in degC at time_s (n + 1,), power (n,) in W in between."""
-
-    time_s: FloatArray
-    temperature: FloatArray
-    power: FloatArray
-
-    def temperature_at(self, time_s: FloatArray) -> FloatArray:
-        """degC at times (m,)."""
-        return np.interp(time_s, self.time_s, self.temperature)
-
-
 # Motion of a joint from a time to another, in s; its speeds (m,), equally likely ones, none at rest.
 _Activity: TypeAlias = tuple[float, float, FloatArray]
 
 
-def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> JointHeat:
-    r"""The temperature of a joint of the true robot over the whole plan.
+def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    r"""Times (n + 1,), temperature (n + 1,) in degC of a joint of the true robot, and power (n,) in W in between.
 
     .. math:: C \dot T = P - h (T - T_a), \qquad
               T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
@@ -145,7 +131,7 @@ def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> Joi
             times.append(end_s)
             powers.append(power)
             temperatures.append(spec.ambient + (T - spec.ambient) * fade + power / spec.conductance * (1 - fade))
-    return JointHeat(np.array(times), np.array(temperatures), np.array(powers))
+    return np.array(times), np.array(temperatures), np.array(powers)
 
 
 def _activities(plan: FrictionPlan, joint: str) -> list[_Activity]:
@@ -232,18 +218,18 @@ class SimulatedFrictionRig:
             path = PassReference(self.plan.rate_hz, still + motion.configuration.angles[index], still, still)
         robot, samples = with_point_mass(self.robot, motion.payload), round(self.plan.robot_time_s * self.plan.rate_hz)
         start = motion.configuration.moved(index, float(path.position[0]))
-        plant, point = true_plant(robot, self.simulated, self.plan.rate_hz, 0.0, samples, start, "friction.rate_hz")
+        plant = true_plant(robot, self.simulated, self.plan.rate_hz, start, samples=samples)
         temperature = None
         if self.simulated.heat is not None:
-            heat = heat_of(self.plan, plant.model.robot, self.simulated.heat, motion.joint)
-            temperature = heat.temperature_at(motion.start_s + np.arange(len(path.position)) / self.plan.rate_hz)
-        return FrictionRun(motion, plant, point, index, path, temperature)
+            time_s, T, _ = heat_of(self.plan, plant.model.robot, self.simulated.heat, motion.joint)
+            temperature = np.interp(motion.start_s + np.arange(len(path.position)) / self.plan.rate_hz, time_s, T)
+        return FrictionRun(motion, plant, index, path, temperature)
 
     def _record(
         self, run: FrictionRun, trajectory: Trajectory, noise: Noise, temperature: FloatArray | None
     ) -> FrictionRecord:
         motion, path, i = run.motion, run.path, run.index
-        notes = _torque_notes(trajectory.u[:, i], run.plant, i, motion.name)
+        notes = tuple(limit_notes(run.plant, motion.name, trajectory.u, [i]))
         first = motion.period_samples or 0 if motion.purpose == "at_rest" else 0
         planned = motion.planned
         return FrictionRecord(
@@ -264,7 +250,7 @@ class SimulatedFrictionRig:
             start_s=motion.start_s + first / self.plan.rate_hz,
             period_samples=motion.period_samples,
             hold="zero-order",
-            configuration=run.point.configuration,
+            configuration=run.plant.point.configuration,
             is_reference=planned is not None and planned.is_reference,
             is_warm_up=motion.is_warm_up,
             place=motion.name,
@@ -278,7 +264,7 @@ class SimulatedFrictionRig:
         windows = [window for window in (run.path.there, run.path.back) if window is not None]
         sliding = np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)
         places = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
-        point = equilibrium(model, model.theta, run.point.configuration)
+        point = equilibrium(model, model.theta, run.plant.point.configuration)
         torque = holding_torque(model, point, run.index, run.path.position[sliding[places]])
         return float(np.abs(torque[:, run.index]).mean())
 
@@ -293,32 +279,12 @@ class SimulatedFrictionRig:
     def _warm_up(self, warm_up: PlannedWarmUp) -> WarmUpLog:
         spec = self.simulated.heat
         assert spec is not None  # refused at the beginning
-        heat = heat_of(self.plan, true_robot(self.robot, self.simulated.truth), spec, warm_up.joint)
+        time_s, T, power = heat_of(self.plan, true_robot(self.robot, self.simulated.truth), spec, warm_up.joint)
         tests = [test.start_s for test in self.motions if test.joint == warm_up.joint and test.is_warm_up]
         end_s = max(warm_up.start_s + warm_up.time_s, *tests)
-        chosen = (heat.time_s > warm_up.start_s - 1e-6) & (heat.time_s < end_s + 1e-6)
-        places = np.flatnonzero(chosen)
+        places = np.flatnonzero((time_s > warm_up.start_s - 1e-6) & (time_s < end_s + 1e-6))
         joint = [driven.name for driven in self.robot.driven].index(warm_up.joint)
         rng = np.random.default_rng(np.random.SeedSequence((self.seed, joint, 2)))
         std = np.nan if spec.thermometer_std is None else spec.thermometer_std
-        readings = heat.temperature[places] + std * rng.standard_normal(len(places))
-        signals = heat.time_s[places], heat.power[places[:-1]], readings
-        start_degc = float(heat.temperature[places[0]])
-        return WarmUpLog(warm_up.joint, *signals, spec.thermometer_std or 0.0, spec.ambient, start_degc)
-
-
-def _torque_notes(u: FloatArray, plant: Plant, index: int, motion: str) -> tuple[Note, ...]:
-    """A note where the torque u (n,) of the motor that a friction study moves was clipped, or beyond its limit."""
-    joint, drive = plant.model.robot.driven[index], float(plant.loop.drives.torque[index])
-    unit, peak, limit = "N" if joint.slides else "N*m", float(np.abs(u).max()), joint.limits.torque
-    if peak >= drive:
-        share = float(np.mean(np.abs(u) >= drive))
-        text = (
-            f"clipped at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples: its level is "
-            "not that of friction; lower the highest speed, or choose a posture with less gravity torque"
-        )
-        return (Note("experiment/limits", text, f"{motion}, motor {joint.name}"),)
-    if peak > limit:
-        text = f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; lower the highest speed"
-        return (Note("experiment/limits", text, f"{motion}, motor {joint.name}"),)
-    return ()
+        signals = time_s[places], power[places[:-1]], T[places] + std * rng.standard_normal(len(places))
+        return WarmUpLog(warm_up.joint, *signals, spec.thermometer_std or 0.0, spec.ambient, float(T[places[0]]))

@@ -12,15 +12,16 @@ Three masses in a row on springs to the ground, shaken at two of them: a structu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
-from elastid.base.errors import StudyError
+from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.units import Quantity, to_si
+from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.movement import FeedForward, Movement
 from elastid.experiment.plan.plan import ClosedLoopResponse, PredictClosedLoop
 from elastid.experiment.simulated.hardware import drives
@@ -33,20 +34,23 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
-from elastid.record import Configuration
+from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.controller import feed_forward, filters_of, gains_of
-from elastid.simulation.dynamics import MAX_SUBSTEPS, affordable_steps, contacts, least_steps, poles
+from elastid.simulation.dynamics import affordable_steps, contacts, least_steps, poles
+
+MAX_CLIPPED_SHARE = 0.5  # of the samples, beyond which a motor cannot control the robot
 
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """The true robot as equations, alone and in its loop."""
+    """The true robot as equations, its closed loop, and its rest."""
 
     model: ElasticModel
     loop: ClosedLoop
+    point: OperatingPoint
 
 
 def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
@@ -75,7 +79,7 @@ def _model_of(robot: Robot, spec: ModelSpec) -> ElasticModel:
 
 
 @lru_cache(maxsize=4)
-def plant_of(
+def _loop_of(
     robot: Robot,
     equations: ModelSpec,
     rate_hz: float,
@@ -84,64 +88,78 @@ def plant_of(
     encoder_ripple: tuple[EncoderRippleSpec, ...],
     torque_ripple: tuple[TorqueRippleSpec, ...],
     saturation: bool,
+    controller: ControllerSpec,
     samples: int,
-    controller: ControllerSpec | None = None,
-) -> Plant:
-    """A plant and its closed loop, built once in a process: CasADi expressions do not pickle.
-
-    samples: about how many the whole plan has, where its step is to be compiled for them.  controller: has filters.
-    """
+    is_free: bool,
+) -> ClosedLoop:
+    """The closed loop of a robot, built once in a process: CasADi expressions do not pickle."""
     model = model_of(robot, equations)
-    limits = np.array([joint.limits.angle for joint in robot.driven])
+    limits = np.array([(-np.inf, np.inf) if is_free else joint.limits.angle for joint in robot.driven])
     hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
-    joints = [joint.name for joint in robot.driven]
-    filters = None if controller is None else filters_of(joints, controller, rate_hz)
-    return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, filters=filters))
+    filters = filters_of([joint.name for joint in robot.driven], controller, rate_hz)
+    return closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, filters=filters)
 
 
 def true_plant(
-    robot: Robot, spec: SimulatedSpec, rate_hz: float, highest_hz: float, samples: int, start: Configuration,
-    rate_key: str,
-) -> tuple[Plant, OperatingPoint]:  # fmt: skip
+    robot: Robot, spec: SimulatedSpec, rate_hz: float, start: Configuration, highest_hz: float = 0.0, samples: int = 0,
+    is_free: bool = False,
+) -> Plant:  # fmt: skip
     """The plant of a section `simulated`, with its truth, at rest in `start`.
 
-    highest_hz: the end of the band, if any.  samples: of the whole plan.  rate_key: of the study, for StudyError where
-    the integration steps are too long for the plant's fastest pole.
+    highest_hz: the end of the band, if any.  samples: about how many the whole plan has, for which steps are compiled
+    where the section asks for it.  is_free: without limits of the motors' angles.  StudyError where the integration
+    steps are too long for the fastest pole.
     """
-    hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
     robot = true_robot(robot, spec.truth).carrying(start.carries)
     model = model_of(robot, spec.model)
     point = equilibrium(model, model.theta, start)
-    own = poles(model, contacts(model, frictions(robot)), point.q)
-    substeps, needed = spec.steps(rate_hz, highest_hz), least_steps(own, 1 / rate_hz)
-    if spec.substeps is None and needed <= MAX_SUBSTEPS:
-        substeps = max(substeps, needed)
-    if substeps < needed:
+    own, substeps = poles(model, contacts(model, frictions(robot)), point.q), spec.steps(rate_hz, highest_hz)
+    if spec.substeps is None:
+        substeps = max(substeps, affordable_steps(own, rate_hz, robot.name))
+    elif substeps < (needed := least_steps(own, 1 / rate_hz)):
         raise StudyError(
             "experiment/simulated",
-            f"{substeps} steps a sample cannot follow the fastest motion of robot "
-            f"{robot.name} in configuration {start.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or "
-            f"friction at standstill); take at least {needed}, or raise {rate_key}",
+            f"{substeps} steps a sample cannot follow the fastest motion of robot {robot.name} in configuration "
+            f"{start.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or friction at standstill); take "
+            f"at least {needed}, or raise the rate",
             "experiment.simulated.substeps",
         )
+    hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
-    return plant_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, spec.controller), point
+    return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free), point)
 
 
-def exact_plant(
-    robot: Robot, equations: ModelSpec, rate_hz: float, start: Configuration
-) -> tuple[Plant, OperatingPoint]:
-    """A robot with exact encoders and smooth drives, at rest in `start`, with as many steps a sample as it takes.
+def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) -> Iterator[Note]:
+    """A note for each of some motors whose torque u (n, n_u) was clipped, or went beyond its limit.
 
-    StudyError where it finds no rest there, and where that is more than MAX_SUBSTEPS.
+    DataError where most of it was clipped.
     """
-    robot = robot.carrying(start.carries)
-    model = model_of(robot, equations)
-    point = equilibrium(model, model.theta, start)
-    own = poles(model, contacts(model, frictions(robot)), point.q)
-    substeps = affordable_steps(own, rate_hz, robot.name)
-    return plant_of(robot, equations, rate_hz, substeps, 0, (), (), False, 0), point
+    for i in motors:
+        joint, drive, torque = plant.model.robot.driven[i], float(plant.loop.drives.torque[i]), np.abs(u[:, i])
+        place, unit, share = f"{run}, motor {joint.name}", drive_unit(joint.slides), float(np.mean(torque >= drive))
+        text = f"clipped at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples"
+        if share > MAX_CLIPPED_SHARE:
+            raise DataError(
+                "experiment/diverged",
+                f"{text}: it cannot control the robot; lower excitation.torque_rms, choose a configuration with less "
+                "gravity torque, or correct limits.torque",
+                place,
+            )
+        if share > 0:
+            yield Note("experiment/limits", f"{text}; {_LOWER}", place)
+        elif torque.max() > joint.limits.torque:
+            yield beyond(place, torque.max(), joint.limits.torque, unit)
+
+
+def beyond(place: str, peak: float, limit: float, unit: str) -> Note:
+    """A note on a motor that went beyond a limit which its drive does not keep."""
+    return Note(
+        "experiment/limits", f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; {_LOWER}", place
+    )
+
+
+_LOWER = "lower excitation.torque_rms, or the highest speed of passes"
 
 
 def closed_loop_of(robot: Robot, controller: ControllerSpec, rate_hz: float) -> PredictClosedLoop:
@@ -197,14 +215,6 @@ SHAKEN = (0, 2)
 BAND = (0.01, 0.4)
 
 
-@dataclass(frozen=True)
-class ShakenMasses:
-    """One experiment at even times: force (n, 2) in N, acceleration (n, 3) in m/s^2."""
-
-    force: FloatArray
-    acceleration: FloatArray
-
-
 def true_modes() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Natural frequencies in rad/s, damping ratios, and mode shapes (3, 3) of unit modal mass, column by column."""
     root = np.diag(1 / np.sqrt(MASSES))
@@ -222,33 +232,18 @@ def true_response(freq_hz: FloatArray) -> ComplexArray:
     return np.asarray(np.einsum("ir,fr,jr->fij", shapes, modal, shapes[list(SHAKEN)]))
 
 
-def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> tuple[ShakenMasses, ShakenMasses]:
-    """Both experiments of one realisation of a periodic multisine, in their steady state, with sensor noise.
+def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> list[FloatArray]:
+    """Forces in N and accelerations in m/s^2 (n, 2 + 3) in both experiments of one realisation of a multisine.
 
-    In the second the second shaker pushes with the other sign, so that the two separate the shakers at every line.
+    In steady state, with sensor noise.  In the second the second shaker pushes with the other sign, so that the two
+    separate the shakers at every line.
     """
     random = np.random.default_rng(seed)
     lines = np.arange(round(BAND[0] * period_samples), round(BAND[1] * period_samples))
-    amplitude = 5.0 * np.sqrt(2 / len(lines)) * period_samples / 2
-    U = amplitude * np.exp(2j * np.pi * random.random((len(lines), len(SHAKEN))))
-    G = true_response(lines * rate_hz / period_samples)
-    first, second = (
-        _noisy(_signal(lines, F, period_samples), _signal(lines, G @ F[..., None], period_samples), periods, random)
-        for F in (U, U * [1, -1])
-    )
-    return first, second
-
-
-def _signal(lines: IntArray, spectrum: ComplexArray, period_samples: int) -> FloatArray:
-    """One period (N, n) of a signal with its spectrum (F, n) at some lines."""
-    padded = np.zeros((period_samples // 2 + 1, spectrum.shape[1]), complex)
-    padded[lines] = spectrum.reshape(len(lines), -1)
-    return np.asarray(np.fft.irfft(padded, period_samples, axis=0))
-
-
-def _noisy(force: FloatArray, acceleration: FloatArray, periods: int, random: np.random.Generator) -> ShakenMasses:
-    force, acceleration = np.tile(force, (periods, 1)), np.tile(acceleration, (periods, 1))
-    return ShakenMasses(
-        force + 0.05 * random.standard_normal(force.shape),
-        acceleration + 0.1 * random.standard_normal(acceleration.shape),
-    )
+    U = 5.0 * np.sqrt(2 / len(lines)) * np.exp(2j * np.pi * random.random((len(lines), len(SHAKEN))))
+    G, experiments = true_response(lines * rate_hz / period_samples), []
+    for F in (U, U * [1, -1]):
+        of_each = ((F, 0.05), ((G @ F[..., None])[..., 0], 0.1))
+        signals = [(np.tile(synthesise(lines, X, period_samples), (periods, 1)), std) for X, std in of_each]
+        experiments.append(np.hstack([x + std * random.standard_normal(x.shape) for x, std in signals]))
+    return experiments

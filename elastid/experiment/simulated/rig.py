@@ -6,13 +6,13 @@ friction, encoders and noise. Its records are treated like measured ones.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.base.units import of_translation
 from elastid.experiment.plan.movement import Reference, Rehearsal, check_movement, reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.hardware import (
@@ -24,29 +24,25 @@ from elastid.experiment.simulated.hardware import (
     sense,
     sense_movement,
 )
-from elastid.experiment.simulated.plant import Plant, feed_forward_of, true_plant, true_robot
+from elastid.experiment.simulated.plant import Plant, beyond, feed_forward_of, limit_notes, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
-from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.elastic import ElasticModel
-from elastid.record import Record
+from elastid.record import Motion, Record, motion_unit
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, gains_of, rigid_path
 from elastid.simulation.dynamics import violation
 
-# Limits of the notes about a simulated run. False-alarm rates: not measured, the signals have no noise.
 MAX_VIOLATION_M = 1e-6  # between the ends of a loop
-MAX_CLIPPED_SHARE = 0.5  # of the measured samples, beyond which a motor cannot control the robot
 
 
 @dataclass(frozen=True)
 class _Run:
-    """An experiment on a robot: its rest, the reference and the gains of its controller, and all noise."""
+    """An experiment on a robot: the reference and the gains of its controller, and all noise."""
 
     experiment: Experiment
     plant: Plant
-    point: OperatingPoint
     given: Reference
     gains: Gains
     noise: Noise
@@ -103,8 +99,8 @@ class SimulatedRig:
         run = self._prepared(experiment)
         plant, trajectory = run.plant, self._moved(run, 1.0, self._end)
         notes = (
-            *_clipped(trajectory.u[self.measured], plant, experiment),
-            *_exceeded(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
+            *limit_notes(plant, experiment.name, trajectory.u[self.measured], range(plant.model.n_u)),
+            *_too_fast(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
             *_opened(plant.model, trajectory),
         )
         return self._record(run, trajectory, notes)
@@ -129,7 +125,7 @@ class SimulatedRig:
         """u (n, n_u) and y (n, n_y) of the n samples of a trajectory, with noise, filters and gains of the sensors."""
         plan, end, experiment = self.plan, len(trajectory.u), run.experiment
         noise, given, robot = run.noise, run.given, run.plant.model.robot
-        setup = (run.plant.model, run.point.q, self.outputs, plan.rate_hz, plan.period_samples)
+        setup = (run.plant.model, run.plant.point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
         y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
         y = filter_motions(robot, y, plan.rate_hz)
@@ -173,21 +169,21 @@ class SimulatedRig:
         spec, rate_hz = self.simulated, self.plan.rate_hz
         samples, configuration = len(self.plan.experiments) * self.plan.run_samples, experiment.configuration
         highest_hz = float(self.plan.freq_hz[-1])
-        plant, point = true_plant(self.robot, spec, rate_hz, highest_hz, samples, configuration, "excitation.rate_hz")
+        plant = true_plant(self.robot, spec, rate_hz, configuration, highest_hz, samples)
         given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), configuration)
-        gains = gains_of(plant.model, point.q, spec.controller)
-        return _Run(experiment, plant, point, given, gains, self._noise(experiment))
+        gains = gains_of(plant.model, plant.point.q, spec.controller)
+        return _Run(experiment, plant, given, gains, self._noise(experiment))
 
     def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:
         """The first n samples of a run, the multisine times `factor`, from rest where the reference begins."""
-        plant, point, given, noise, experiment = run.plant, run.point, run.given, run.noise, run.experiment
+        plant, given, noise, experiment = run.plant, run.given, run.noise, run.experiment
         robot, warming = plant.model.robot, self.simulated.warming
-        curves = friction_of_a_run(plant.loop.contacts, robot, point, warming, self.plan, experiment)
+        curves = friction_of_a_run(plant.loop.contacts, robot, plant.point, warming, self.plan, experiment)
         torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
         commands = Commands(
             given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]
         )
-        (start,) = rigid_path(plant.model, point.q, experiment.configuration.angles, given.position[:1])
+        (start,) = rigid_path(plant.model, plant.point.q, experiment.configuration.angles, given.position[:1])
         try:
             return simulate(plant.loop, run.gains, commands, start, curves[:n] if curves.ndim > 1 else curves)
         except DataError as error:
@@ -204,43 +200,15 @@ class SimulatedRig:
             ) from None
 
 
-def _clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, ...]:
-    """A note for every motor whose measured torque u (n, n_u) was clipped; DataError where most of it was."""
-    part = np.mean(np.abs(u) >= plant.loop.drives.torque, axis=0)
-    notes = []
-    for name, share, limit in zip(plant.model.inputs, part.tolist(), plant.loop.drives.torque.tolist(), strict=True):
-        unit = "N" if plant.model.robot.slides(name) else "N*m"
-        if share > MAX_CLIPPED_SHARE:
-            raise DataError(
-                "experiment/diverged",
-                f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
-                f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} {unit} in {share:.0%} of the "
-                "measured samples and cannot control the robot; lower excitation.torque_rms, choose a configuration "
-                "with less gravity torque, or correct limits.torque",
-            )
-        if share > 0:
-            text = (
-                f"clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the measured samples: "
-                "the response is no longer linear; lower excitation.torque_rms"
-            )
-            notes.append(Note("experiment/limits", text, f"{experiment.name}, {name}"))
-    return tuple(notes)
-
-
-def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[Note, ...]:
-    """A note for every motor that went beyond its limits; the simulation does not clip."""
+def _too_fast(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> Iterator[Note]:
+    """A note for every motor that went beyond its limits of motion."""
     velocity = np.diff(trajectory.q @ B, axis=0) * rate_hz
-    torque, speed = np.abs(trajectory.u).max(axis=0), np.abs(velocity).max(axis=0)
-    acceleration = np.abs(np.diff(velocity, axis=0)).max(axis=0) * rate_hz
-    notes = []
-    for joint, *peaks in zip(robot.driven, torque, speed, acceleration, strict=True):
-        limits = joint.limits.torque, joint.limits.velocity, joint.limits.acceleration
-        for peak, limit, turning in zip(peaks, limits, ("N*m", "rad/s", "rad/s^2"), strict=True):
-            unit = of_translation(turning) if joint.slides else turning
-            if peak > limit:
-                text = f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; lower excitation.torque_rms"
-                notes.append(Note("experiment/limits", text, f"motor {joint.name}"))
-    return tuple(notes)
+    speed, acceleration = np.abs(velocity).max(axis=0), np.abs(np.diff(velocity, axis=0)).max(axis=0) * rate_hz
+    for joint, *peaks in zip(robot.driven, speed, acceleration, strict=True):
+        quantities: tuple[Motion, ...] = ("velocity", "acceleration")
+        for peak, quantity in zip(peaks, quantities, strict=True):
+            if peak > (limit := getattr(joint.limits, quantity)):
+                yield beyond(f"motor {joint.name}", peak, limit, motion_unit(quantity, joint.slides))
 
 
 def _opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:

@@ -7,57 +7,34 @@ from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.names import at_level
 from elastid.base.section import Key, section
-from elastid.base.units import Damping, Frequency, JointVelocity, Temperature, Time
+from elastid.base.units import Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.channels import ChannelSpec, check_rate
-from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, PositionGain
+from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec
 from elastid.record import Hold
 
 
 @section
-class CascadeSpec:
-    """The robot controller of the logs: a loop of position around a loop of velocity, so that validation can repeat it.
+class CascadeSpec(GainsSpec):
+    """The robot controller of the logs, so that validation can repeat it: a cascade with a share of feed-forward.
 
-    u = K_v [e + (1 / T_i) integral of e], e = K_p (q_ref - q) + s q_ref' - q', q the motor's angle on the link side.
+    u = H K_v [e + (1 / T_i) integral of e], e = K_p (q_ref - q) + s q_ref' - q', q the motor's angle on the link side.
     """
 
     # fmt: off
-    position_gain: Annotated[PositionGain | tuple[PositionGain, ...], Key("Gain K_p of the outer loop, one number for "
-        "all joints or one for each driven joint.", "the servo parameter as the drive shows it, in 1/s; in (m/min)/mm "
-        "it is 16.7 times as many 1/s.")]
-    velocity_gain: Annotated[Damping | tuple[Damping, ...], Key("Gain K_v of the inner loop, link side (ratio^2 times "
-        "that of the motor's side), one number or several.", "of the drive's motor side, times ratio^2; a wrong one "
-        "shows in validation as a torque of wrong size at every reversal.")]
-    integral_time: Annotated[Time | None, Key("Integral time T_i of the inner loop (default: no integral).",
-        "most drives have one, of 5 to 50 ms; without it the replay keeps an error that the robot did not "
-        "have.", above=0)] = None
     velocity_feed_forward: Annotated[float, Key("Share s of the reference's velocity that is fed forward, 0 to 1. The "
         "reference is in the log as channels of role reference.", "1 for controllers that follow without lag; too "
         "small a number shows as a position error in proportion to speed.")] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:
-        for name in ("position_gain", "velocity_gain"):
-            value = getattr(self, name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            if not numbers or not all(number > 0 for number in numbers):
-                raise ValueError(f"{name} is {value}; a loop that holds a joint has a positive one")
+        super().__post_init__()
         if not 0 <= self.velocity_feed_forward <= 1:
             raise ValueError(f"velocity_feed_forward is {self.velocity_feed_forward:g}; it is a share, 0 to 1")
 
     @property
     def spec(self) -> ControllerSpec:
         """Controller of a simulated rig with these gains, which feeds all velocity forward."""
-        return ControllerSpec(
-            kind="cascade", gains=GainsSpec(self.position_gain, self.velocity_gain, self.integral_time)
-        )
-
-    def refusal(self, n_u: int) -> tuple[str, str]:
-        """The key that does not go with n_u driven joints, and why; empty texts where both do."""
-        for name in ("position_gain", "velocity_gain"):
-            value = getattr(self, name)
-            if isinstance(value, tuple) and len(value) != n_u:
-                return name, f"{len(value)} gains for {n_u} driven joints; give one for all, or one for each"
-        return "", ""
+        return ControllerSpec(kind="cascade", gains=self)
 
 
 Period: TypeAlias = Time | Literal["find", "none"]

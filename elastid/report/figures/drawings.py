@@ -17,7 +17,7 @@ from elastid.report.content import ReportContent, ResponsesContent, parameter_ro
 from elastid.report.figures import fit, friction
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.twin import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
+from elastid.validation.twin import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
     from elastid.friction_study.extended_kalman_filter import FollowedFriction
@@ -145,12 +145,12 @@ def friction_study_drawings(
     result: FrictionResult,
     filters: Sequence[FollowedFriction] = (),
     twin: TwinFindings = NO_TWIN,
-    left_out: Prediction = NO_PREDICTION,
+    left_out: TwinFindings = NO_TWIN,
 ) -> Iterator[Drawing]:
     """The figures of all joints, and of logs that were left out, to be drawn."""
-    if left_out.twin.balances:
+    if left_out.balances:
         caption = "torque that is left of logs that were left out, as a part of its rms in each octave."
-        octaves = partial(fit.octaves_figure, left_out.twin.balances)
+        octaves = partial(fit.octaves_figure, left_out.balances)
         yield Drawing("left-out", "left-out", caption, octaves)
     for joint in result.joints:
         file = f"friction-{file_name(joint.joint)}"

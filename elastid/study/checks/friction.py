@@ -120,9 +120,8 @@ def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]
     has_reference = any(channel.role == "reference" for channel in recorded.channels)
     if controller is None:  # a reference alone is of no use, and does no harm: reading the logs says so
         return
-    key, refused = controller.refusal(len(study.as_robot().driven))
-    if refused:
-        yield Problem((*path, key), refused)
+    for keys, refused in controller.refusals([j.name for j in study.as_robot().driven], recorded.known_rate_hz):
+        yield Problem((*path, *keys), refused)
     if not has_reference:
         message = (
             "no channel has role reference, so that the motion that the controller was asked for is unknown; add it"

@@ -62,9 +62,9 @@ def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
 def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     """Gains for each driven joint; `elastid loops` reads them."""
     if recorded.controller is not None and study.robot is not None:
-        key, refused = recorded.controller.refusal(len(study.as_robot().driven))
-        if refused:
-            yield Problem((*_RECORDED, "controller", key), refused)
+        joints = [joint.name for joint in study.as_robot().driven]
+        for keys, refused in recorded.controller.refusals(joints, recorded.known_rate_hz):
+            yield Problem((*_RECORDED, "controller", *keys), refused)
 
 
 def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
