@@ -256,7 +256,7 @@ def test_a_slow_motion_does_not_repeat_after_any_lag(lag: int) -> None:
     assert found.best_samples == 0
 
 
-@pytest.mark.parametrize("period", [{"period": "find"}, *({"period_samples": n} for n in (320, 804, 1749, 2010))])
+@pytest.mark.parametrize("period", [{"period": "find"}, *({"period_samples": n} for n in (320, 804, 1749, 2010, 5000))])
 def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dict[str, object]) -> None:
     """Whatever the study states; and what the sentence proposes can be measured."""
     channels = (

@@ -145,10 +145,10 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
     torques: their columns.  The first repetition may hold the start; the last ones are cut off where they all stop.
     """
     P, width = len(signals) // L, min(L, max(LIMITS.min_window, L // LIMITS.windows))
-    u = signals[: P * L, list(torques)].T.reshape(-1, P, L)[:, :, : L // width * width]
-    scatter = _scatter(u.reshape(*u.shape[:2], -1, width)).sum(axis=0)
     if P < 2:
         return Repaired(signals)
+    u = signals[: P * L, list(torques)].T.reshape(-1, P, L)[:, :, : L // width * width]
+    scatter = _scatter(u.reshape(*u.shape[:2], -1, width)).sum(axis=0)
     # The largest may be that of the start, or hold a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
     moving = usual > LIMITS.min_moving_share * np.median(usual)
