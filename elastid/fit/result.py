@@ -151,7 +151,9 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
 
 
 DOUBTED = "not to be believed"  # the beginning of a verdict on a number
-DISTORTED = f"{DOUBTED}: distortion that no motor explains may be hysteresis of a gear or a bent spring"
+DISTORTED = (
+    f"{DOUBTED}: distortion that no motor explains may be records that disagree, hysteresis of a gear or a bent spring"
+)
 # Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
 # it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
 DOUBT, LONE_CAUSE = 0.6, 0.95

@@ -103,9 +103,9 @@ def _unexplained(
         return ()
     text = (
         f"distortion leaves {np.sqrt(ratio):.2g} times the scatter of the noise, and no friction of "
-        f"{', '.join(friction.places)} explains it: by hysteresis of a gear, or dry friction behind it, damping is off "
-        "by far more than its interval, and by a spring that is not straight stiffness is that of this amplitude "
-        "alone; `gears: {}` in the study finds which it is"
+        f"{', '.join(friction.places)} explains it: are all its records of one time, unit and load? If they are: by "
+        "hysteresis of a gear, or dry friction behind it, damping is off by far more than its interval, and by a "
+        "spring that is not straight stiffness is that of this amplitude alone; `gears: {}` in the study finds which"
     )
     return (Note(UNEXPLAINED, text, f"configuration {response.configuration.name}"),)
 

@@ -142,7 +142,7 @@ def value_refusals(
     for i, (channel, values) in enumerate(zip(channels, known, strict=True)):
         if values.size == 0:
             yield i, "holds no finite number; check its name"
-        elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE:
+        elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE or 0 < largest < 1 / MAX_COMPUTABLE:
             yield i, f"reaches {largest:.3g}, which no sensor gives; check its name, and how missing values are written"
         elif np.ptp(values) == 0 and channel.role not in resting:
             yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples; check its sensor and its name"

@@ -261,7 +261,11 @@ class Action:
     text: str = ""
 
 
-OPEN_GEARS = Action("Lay the gears open, once.", "Stiffness at zero torque and the law beyond it.", "--set 'gears={}'")
+OPEN_GEARS = Action(
+    "Where all records are of one time, unit and load, lay the gears open, once.",
+    "Stiffness at zero torque and the law beyond it.",
+    "--set 'gears={}'",
+)
 
 
 def next_steps(result: Result, rows: Sequence[ParameterRow], plan: Plan | None = None) -> tuple[Action, ...]:
