@@ -184,15 +184,16 @@ def hypothesis_of(name: str, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
 class Scores:
     """The score test of all candidates on thinned lines.
 
-    excess: of V over the noise.  level: of the residuals' variance by the noise.  lines: share of all residuals.
-    noise: V by the noise alone, of all residuals.  held: the model with what is freed.  moved (n_x,): step of the free
-    parameters without any candidate, none at an optimum.
+    excess: of V over the noise, where it is worse than no model at all that of none; `worse`: what it is beyond that.
+    level: of the residuals' variance by the noise.  lines: share of all residuals.  noise: V by the noise alone, of
+    all.  held: the model with what is freed.  moved (n_x,): step of the free parameters without any candidate.
     """
 
     held: HeldModel
     test: ScoreTest
     candidates: tuple[Candidate, ...]
     excess: float
+    worse: float
     level: float
     lines: float
     noise: float

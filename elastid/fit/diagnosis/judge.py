@@ -93,7 +93,8 @@ def score(evidence: Evidence) -> Scores:
     moved, drop = free_step(A, b, ~evidence.result.at_bound)
     noise, V = evidence.noise_cost * lines, V + pull - drop
     level = (noise or V) / max(counted - len(x), 1)
-    return Scores(held, test, freed, V - noise, level, lines, evidence.noise_cost, moved)
+    excess = (V - noise) / (max(1.0, 1 - evidence.explained) if evidence.is_unexplained else 1.0)
+    return Scores(held, test, freed, excess, V - noise - excess, level, lines, evidence.noise_cost, moved)
 
 
 def _with_priors(
@@ -292,14 +293,15 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
     """Candidates with a significant drop, best first: so many, and every delay, which has several forms."""
     every, significant, tau2 = scores.candidates, scores.significant, temper(scores)
     steps = [_step(test, candidate, scores) for candidate in every]
-    drops, occams = np.array([drop for _, drop, _ in steps]), np.array([occam for _, _, occam in steps])
+    drops = np.maximum([drop - scores.worse for _, drop, _ in steps], 0.0)
+    occams = np.array([occam for _, _, occam in steps])
     counts = [4 if candidate.name.startswith("payload_") else candidate.directions.shape[1] for candidate in every]
     order = [int(i) for i in np.argsort(occams - drops / tau2) if drops[i] > significant[counts[i]]]
     correlations = test.correlations(every)
 
     def index(i: int) -> ModificationIndex:
         """The modification index of candidate i, with the candidates that it cannot be distinguished from."""
-        candidate, (own, drop, occam) = every[i], steps[i]
+        candidate, (own, _, occam), drop = every[i], steps[i], float(drops[i])
         members = [test.numbers[k] for k in candidate.places]
         is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]

@@ -23,10 +23,8 @@ from elastid.parameters import Parameters
 
 Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
-# Standard deviation of the prior of ln p that keeps a step near, for residuals of the size of the misfit.
-STEP_STD = 0.5
+STEP_STD = 0.5  # of the prior of ln p that keeps a step near, and a stiffness near its start, at residuals of a misfit
 LEAST_DECREASE = 1e-2  # of V from one step to the next, relative, below which they end
-STIFFNESS_STD = 0.5  # of ln k about a study's start
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +98,7 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
 def start_distance(parameters: Parameters, x: FloatArray) -> float:
     """-2 ln of the prior of stiffnesses that end at x (n_x,) about where the study starts them, as `ranking` has it."""
     asked = (i for i, p in enumerate(parameters.free) if not p.tolerated and p.log and p.stands_for.startswith("k_"))
-    return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STIFFNESS_STD) ** 2) for i in asked)
+    return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STEP_STD) ** 2) for i in asked)
 
 
 def squares(evaluated: Sequence[Evaluated]) -> list[float]:

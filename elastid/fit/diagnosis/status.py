@@ -284,7 +284,7 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
 
 
 def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
-    r"""A note where all stiffnesses suggest frequencies in rad/s instead of Hz, or the other way round.
+    r"""A note where all stiffnesses suggest frequencies in rad/s instead of Hz, the other way round, or degrees.
 
     An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
     """
@@ -300,8 +300,8 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     if np.any(np.abs(change - math.copysign(2 * math.log(2 * math.pi), typical)) > math.log(LIMITS.factor_spread)):
         return ()
     text = (
-        f"{math.exp(typical):.3g} times the start, and (2 pi)^2 is 39: are the frequencies in Hz, or in rad/s? All "
-        "stiffnesses are off by it then, and no residual shows it"
+        f"{math.exp(typical):.3g} times the start: of 39 all are off where frequencies are in rad/s or taken to be, of "
+        "57, with the inertias, where motions are in degrees, and no residual shows it"
     )
     return (Note("fit/frequency-unit", text, ", ".join(result.parameters.free[i].name for i in stiff)),)
 
