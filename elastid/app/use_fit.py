@@ -38,7 +38,7 @@ from elastid.use.command.tune import Given, TunedMove, tune_move
 from elastid.use.compliance import Cut
 from elastid.use.draws import draw_robots, estimated_robot
 from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import Asked, Loops, Today, design_loops
+from elastid.use.loops.result import Loops, Today, design_loops
 from elastid.use.map import map_workspace
 from elastid.use.postures import grid_postures, random_postures, read_path
 
@@ -186,11 +186,9 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         simulated = run.study.experiment.simulated
         own_delay = 0 if simulated is None else simulated.controller.delay_samples
-        asked = Asked(own_delay if delay is None else delay, draws, run.study.seed)
-        loops = design_loops(
-            run.study.name, result, family, asked, _today(run, own_hz or hz),
-            lambda words: run.console.detail(f"loops: found {words}"),
-        )  # fmt: skip
+        known = _today(run, own_hz or hz)
+        asked_delay = own_delay if delay is None else delay
+        loops = design_loops(run.study.name, result, family, asked_delay, draws, run.study.seed, known)
         files = {
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
             "loops.yml": lambda path: write_text(path, loops_section(loops)),

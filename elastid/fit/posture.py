@@ -144,8 +144,7 @@ class Family:
     def _ports(self, configuration: Configuration) -> Ports:
         """Ports with the motion of the frame behind the outputs."""
         model, theta = self.model, self.theta
-        rows = {place: i for i, place in enumerate(self.places)}
-        motors, turned = [place for place in self.inputs if place.startswith("motor ")], {}
+        rows, turned = {place: i for i, place in enumerate(self.places)}, {}
         if self.asked.axes == "world":
             q = equilibrium(model, theta, configuration).q[None, : len(self.robot.joints)]
             names = dict.fromkeys(filter(None, map(_frame_of, self.places)))
@@ -153,7 +152,7 @@ class Family:
 
         def row(place: str) -> FloatArray:
             """Row of a place, as a sum of `places`."""
-            weights = np.zeros(len(rows))
+            weights = np.zeros(len(rows) + model.n_u)
             kind, _, rest = place.partition(" ")
             if kind in ("motor", "joint", "body") or self.asked.axes == "own":
                 weights[rows[place]] = 1.0
@@ -163,12 +162,11 @@ class Family:
                 weights[rows[f"{kind} {name} {axis[:-1]}{own}"]] = share
             return weights
 
+        torques = dict(zip(model.inputs, np.eye(model.n_u, len(rows) + model.n_u, len(rows)), strict=True))
         # A torque about an axis turns the frame about it.
-        acting = [moved_by(place) for place in self.inputs]
-        act = np.array([np.zeros(len(rows)) if place in motors else row(place) for place in acting])
-        by_motor = np.array([[float(place == motor) for motor in model.inputs] for place in self.inputs])
+        act = np.array([torques[place] if place in torques else row(moved_by(place)) for place in self.inputs])
         outputs = (*self.outputs, *(f"frame {self.frame} {axis}" for axis in FRAME_AXES))
-        return Ports(self.inputs, outputs, act, by_motor, np.array([row(place) for place in outputs]))
+        return Ports(self.inputs, outputs, act, np.array([row(place)[: len(rows)] for place in outputs]))
 
     def _loop(self, configuration: Configuration) -> JointLoop:
         given = self.asked.controller

@@ -456,15 +456,20 @@ class Result:
 
     def family(self, asked: Asked, where: str = "") -> Family:
         """Family of many postures; where: the configuration whose parameters count, of those with their own."""
+        spec = self.equations or ModelSpec()
+        known = self.parameters, self.x, self.covariance_of_prediction
+        return Family.of(self.known_robot, spec, *known, asked, where, self.doubts)
+
+    @property
+    def known_robot(self) -> Robot:
+        """The robot with the numbers of its file; StudyError of a result without one."""
         if self.robot is None:
             raise StudyError(
                 "fit/no-robot",
                 "this result holds no robot, as one that was written by an older elastid does; fit again (`elastid run "
                 "STUDY fit`), or `elastid.identify(...)`",
             )
-        spec = self.equations or ModelSpec()
-        known = self.parameters, self.x, self.covariance_of_prediction
-        return Family.of(self.robot, spec, *known, asked, where, self.doubts)
+        return self.robot
 
     def with_parameters(self, *unnamed: object, **values: float) -> Result:
         """Result with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").

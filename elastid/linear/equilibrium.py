@@ -189,36 +189,25 @@ def _faults(
 ) -> Iterator[str]:
     """Reasons why q (n_q,) is no equilibrium to linearise at; rigid (n_q,): undeflected.  load: largest by gravity."""
     slides, names, K = model.robot.slides, model.coordinates, balance.K
+    soft = "under gravity; raise the stiffness of its springs, or let a joint without spring hang down"
     if (gap := np.abs(balance.phi).max(initial=0.0)) > LIMITS.gap:
-        yield (
-            f"the loops of robot {model.robot.name} stay open by {gap:.3g} m at rest under gravity; its springs are "
-            "too soft for the weight they carry"
-        )
+        yield f"the loops of robot {model.robot.name} stay open by {gap:.3g} m {soft}"
     unbalanced = np.abs(balance.torque[free])
     if unbalanced.size and not unbalanced.max() <= 1e-8 * load + 1e-12 * np.abs(K).max():
         worst = free[int(np.argmax(unbalanced))]
-        yield (
-            f"{names[worst]} finds no rest under gravity, {balance.torque[worst]:.3g} "
-            f"{'N' if slides(names[worst]) else 'N*m'} stay unbalanced after {LIMITS.steps} Newton steps; its springs "
-            "are too soft for the weight they carry, or the joint has no spring"
-        )
+        unit = "N" if slides(names[worst]) else "N*m"
+        yield f"{names[worst]} stays unbalanced by {balance.torque[worst]:.3g} {unit} {soft}"
     Z = null_space(balance.Phi[:, free])
     if Z.size:
         stiffness, modes = np.linalg.eigh(Z.T @ K[np.ix_(free, free)] @ Z)
         if stiffness[0] < -1e-9 * np.abs(K).max():
             worst = free[int(np.argmax(np.abs((Z @ modes)[:, 0])))]
-            yield (
-                f"{names[worst]} tips over, springs and gravity together have a stiffness of {stiffness[0]:.3g} "
-                f"{'N/m' if slides(names[worst]) else 'N*m/rad'} there with the motors held; raise its stiffness, or "
-                "let a joint without spring hang down"
-            )
+            unit = "N/m" if slides(names[worst]) else "N*m/rad"
+            yield f"{names[worst]} tips over with a stiffness of {stiffness[0]:.3g} {unit} {soft}"
     for joint in model.robot.joints:
         deflection = (q - rigid)[model.index(f"joint {joint.name}")]
         if joint.spring is not None and abs(deflection) > LIMITS.deflection:
-            yield (
-                f"joint {joint.name} tips over, it comes to rest {deflection:.3g} {joint.unit} from where its motor "
-                "holds it; its springs are too soft for the weight they carry, raise their stiffness"
-            )
+            yield f"joint {joint.name} tips over, {deflection:.3g} {joint.unit} from where its motor holds it, {soft}"
     Z = motions(model, balance.Phi)
     M = Z.T @ model.mass(q, theta).full() @ Z
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))

@@ -27,7 +27,7 @@ constraint.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from typing import Any
 
@@ -47,19 +47,6 @@ from elastid.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class PointSlopes:
-    """triangles (3 n (n + 1) / 2, n_theta): added to the slopes of M, D, K by the point's motion.
-
-    By name, for parameters that have any: Z (n_q, n) of the motions allowed, C and T (n_y, n_q) of the outputs.
-    """
-
-    triangles: FloatArray
-    Z: Mapping[str, FloatArray] = field(default_factory=dict)
-    C: Mapping[str, FloatArray] = field(default_factory=dict)
-    T: Mapping[str, FloatArray] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
 class PointDerivatives:
     """shift(q, lambda_, theta) -> the partial derivatives of the equation above, A the triangles of M, D, K, and Phi.
 
@@ -73,10 +60,11 @@ class PointDerivatives:
     of_lambda: ca.Function
 
     def at(
-        self, point: OperatingPoint, theta: FloatArray, K: FloatArray, Z: FloatArray, outputs: tuple[str, ...]
-    ) -> PointSlopes:
-        """The motion at an equilibrium, whose stiffness is K (n_q, n_q) and whose motions are Z (n_q, n).
+        self, point: OperatingPoint, theta: FloatArray, K: FloatArray, Z: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        """dq_f (n_f, n_theta) and dA (.., n_theta) by the motion of the point, and dZ (n_theta, n_q, n).
 
+        K (n_q, n_q), Z (n_q, n): stiffness and motions there; dZ is None without loops.
         StudyError for a coordinate of the geometry with which no joint can keep the loops closed.
         """
         model, free, arguments = self.model, free_coordinates(self.model), (point.q, point.lambda_, theta)
@@ -84,7 +72,7 @@ class PointDerivatives:
         A_q, Phi_q = (part.full() for part in self.of_q(*arguments))
         if not model.n_c:
             dq = -np.linalg.lstsq(K[np.ix_(free, free)], statics)[0]
-            return PointSlopes(A_q @ dq, **_reading(model, point.q, theta, outputs, dq))
+            return dq, A_q @ dq, None
         Phi = model.constraint_jacobian(point.q, theta).full()
         inverse, Y = np.linalg.pinv(Phi[:, free], rcond=RANK_TOLERANCE), null_space(Phi[:, free])
         K_f = K[np.ix_(free, free)]
@@ -103,13 +91,9 @@ class PointDerivatives:
         dq = back - Y @ np.linalg.lstsq(Y.T @ K_f @ Y, Y.T @ (statics + K_f @ back))[0]
         dlambda = -inverse.T @ (statics + K_f @ dq)
         turned = (Phi_theta + Phi_q @ dq).T.reshape(-1, model.n_q, model.n_c).transpose(0, 2, 1)
-        motions = {}
-        for name, dPhi in zip(model.parameters, turned, strict=True):
-            if np.any(dPhi):
-                motions[name] = np.zeros_like(Z)
-                motions[name][free] = -inverse @ (dPhi @ Z)
-        triangles = A_q @ dq + self.of_lambda(*arguments).full() @ dlambda
-        return PointSlopes(triangles, motions, **_reading(model, point.q, theta, outputs, dq))
+        dZ = np.zeros((len(turned), *Z.shape))
+        dZ[:, free] = -inverse @ (turned @ Z)
+        return dq, A_q @ dq + self.of_lambda(*arguments).full() @ dlambda, dZ
 
 
 def differentiate_point(
@@ -129,48 +113,17 @@ def differentiate_point(
     )
 
 
-def total(
-    slopes: Mapping[str, Slope], moved: PointSlopes, matrices: Mapping[str, FloatArray], Z: FloatArray
-) -> dict[str, Slope]:
-    """Slopes of Z^T (M, D, K) Z, of C Z and T Z: those with Z, C and T held, plus those of their own motion.
-
-    matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates.
-    """
-    totals = dict(slopes)
-    for name in dict.fromkeys((*moved.Z, *moved.C, *moved.T)):
-        held, dZ = totals.get(name, Slope()), moved.Z.get(name)
-        parts: dict[str, FloatArray | None] = {}
-        parts |= {letter: own[name] @ Z for letter, own in (("C", moved.C), ("T", moved.T)) if name in own}
-        if dZ is not None:
-            turned = {letter: dZ.T @ matrices[letter] @ Z for letter in "MDK"}
-            parts |= {letter: _sum(getattr(held, letter), part + part.T) for letter, part in turned.items()}
-            parts |= {letter: _sum(parts.get(letter), matrices[letter] @ dZ) for letter in "CT"}
-        totals[name] = replace(held, **parts)
-    return totals
-
-
-def _sum(first: FloatArray | None, second: FloatArray) -> FloatArray | None:
-    """None where both are zero."""
-    if not np.any(second):
-        return first
-    return second if first is None else first + second
-
-
 def _reading(
     model: ElasticModel, q: FloatArray, theta: FloatArray, outputs: tuple[str, ...], dq: FloatArray
-) -> dict[str, dict[str, FloatArray]]:
-    """Slopes of C and T (n_y, n_q) of the outputs, by name; those that are not zero."""
+) -> dict[str, FloatArray]:
+    """Slopes of C and T (n_theta, n_y, n_q) of the outputs; none of motors and joints."""
     if all(place.startswith(("motor ", "joint ")) for place in outputs):
         return {}
     C_q, C_theta, T_q, T_theta = (part.full() for part in _readout_slopes(model, outputs)(q, theta))
+    slopes = {"C": C_theta + C_q @ dq, "T": T_theta + T_q @ dq}
     return {
-        letter: {
-            name: column.reshape(model.n_q, len(outputs)).T
-            for name, column in zip(model.parameters, slopes.T, strict=True)
-            if np.any(column)
-        }
-        for letter, slopes in (("C", C_theta + C_q @ dq), ("T", T_theta + T_q @ dq))
-    }
+        letter: part.T.reshape(-1, model.n_q, len(outputs)).transpose(0, 2, 1) for letter, part in slopes.items()
+    }  # fmt: skip
 
 
 @lru_cache(maxsize=8)
@@ -248,12 +201,13 @@ class Linearisation:
         slopes[self._entries] = jacobian.nonzeros()
         Z = motions(model, model.constraint_jacobian(point.q, theta).full())
         C, T = (np.ascontiguousarray(part.full()) for part in model.readout(point.q, theta, outputs))
-        if self.point is None:
-            of_name = _slopes(model, slopes, Z)
-        else:
-            moved = self.point.at(point, theta, K, Z, tuple(outputs))
-            held = _slopes(model, slopes + moved.triangles, Z)
-            of_name = total(held, moved, {"M": M, "D": D, "K": K, "C": C, "T": T}, Z)
+        of_theta, dZ = {}, None
+        if self.point is not None:
+            dq, moved, dZ = self.point.at(point, theta, K, Z)
+            slopes, of_theta = slopes + moved, _reading(model, point.q, theta, tuple(outputs), dq)
+        triangles_of_theta = slopes.T.reshape(len(model.parameters), 3, -1).swapaxes(0, 1)
+        of_theta |= dict(zip("MDK", triangles_of_theta[:, :, _places(model.n_q)], strict=True))
+        of_name = _slopes(model, {"M": M, "D": D, "K": K, "C": C, "T": T}, of_theta, Z, dZ)
         absent = () if configuration.carries else model.of_payload
         of_name = {name: slope for name, slope in of_name.items() if name not in absent}
         places = model.inputs, tuple(outputs), quantity
@@ -306,12 +260,23 @@ def _places(n: int) -> IntArray:
     return places
 
 
-def _slopes(model: ElasticModel, jacobian: FloatArray, Z: FloatArray) -> dict[str, Slope]:
-    """Slopes by name of the parameters that enter; jacobian (3 n (n + 1) / 2, n_theta)."""
-    triangles, places = jacobian.T.reshape(len(model.parameters), 3, -1), _places(model.n_q)
-    enters = np.any(triangles, axis=2)
-    slopes = {}
-    for p in np.flatnonzero(np.any(enters, axis=1)):
-        parts = zip(triangles[p], enters[p], strict=True)
-        slopes[model.parameters[p]] = Slope(*(projected(Z, part[places]) if moves else None for part, moves in parts))
-    return slopes
+def _slopes(
+    model: ElasticModel, matrices: Mapping[str, FloatArray], of_theta: Mapping[str, FloatArray], Z: FloatArray,
+    dZ: FloatArray | None,
+) -> dict[str, Slope]:  # fmt: skip
+    """Slopes of Z^T (M, D, K) Z, of C Z and T Z by name of the parameters that enter.
+
+    matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates; of_theta, dZ (n_theta, ...): derivatives.
+    """
+    parts = {letter: part @ Z for letter, part in of_theta.items()}
+    if dZ is not None:
+        parts |= {letter: parts.get(letter, 0.0) + (1 + (letter in "MDK")) * (A @ dZ) for letter, A in matrices.items()}
+    for letter in "MDK":
+        whole = Z.T @ parts[letter]
+        parts[letter] = (whole + whole.transpose(0, 2, 1)) / 2
+    enters = {letter: np.any(part, axis=(1, 2)) for letter, part in parts.items()}
+    return {
+        name: Slope(**{letter: part[p] for letter, part in parts.items() if enters[letter][p]})
+        for p, name in enumerate(model.parameters)
+        if any(each[p] for each in enters.values())
+    }

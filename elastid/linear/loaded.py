@@ -211,21 +211,19 @@ def with_held_motors(B: FloatArray) -> FloatArray:
 class Ports:
     """Forces and motions as sums of the places of a linear model.
 
-    act (n_u, n_p), by_motor (n_u, n_m): forces at its outputs, torques of its motors.  read (n_y, n_p): of its outputs.
+    act (n_u, n_p + n_m): forces at its outputs, then torques of its motors.  read (n_y, n_p): of its outputs.
     """
 
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     act: FloatArray
-    by_motor: FloatArray
     read: FloatArray
 
     @classmethod
     def at_frames(cls, model: LinearModel, inputs: tuple[str, ...]) -> Ports:
         """Forces on motions that are among the outputs of a model, which are read as they are."""
-        same = np.eye(len(model.outputs))
-        rows = [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
-        return cls(inputs, model.outputs, same[rows], np.zeros((len(rows), len(model.inputs))), same)
+        n, rows = len(model.outputs), [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
+        return cls(inputs, model.outputs, np.eye(n, n + len(model.inputs))[rows], np.eye(n))
 
 
 def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop | None) -> LinearModel:
@@ -238,9 +236,9 @@ def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop |
     N = with_held_motors(model.B) if motors == "held" else np.eye(model.n)
     slopes = {name: _on(slope, N, ports) for name, slope in model.slopes.items()}
     M, D, K = (projected(N, A) for A in (model.M, D, K))
-    B, C, T = N.T @ (ports.act @ model.C + ports.by_motor @ model.B.T).T, ports.read @ model.C @ N, model.tilt @ N
+    B, C, T = N.T @ np.hstack([model.C.T, model.B]) @ ports.act.T, ports.read @ model.C @ N, ports.read @ model.tilt @ N
     return replace(
-        model, M=M, D=D, K=K, B=B, C=C, T=ports.read @ T, Z=np.asarray(model.Z) @ N, slopes=slopes,
+        model, M=M, D=D, K=K, B=B, C=C, T=T, Z=np.asarray(model.Z) @ N, slopes=slopes,
         inputs=ports.inputs, outputs=ports.outputs, chain=(), motors=motors, loop=loop, integral=integral,
     )  # fmt: skip
 
@@ -248,5 +246,5 @@ def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop |
 def _on(slope: Slope, N: FloatArray, ports: Ports) -> Slope:
     M, D, K = (None if A is None or not np.any(N.T @ A) else projected(N, A) for A in (slope.M, slope.D, slope.K))
     C, T = (None if part is None else ports.read @ part @ N for part in (slope.C, slope.T))
-    B = None if slope.C is None else N.T @ (ports.act @ slope.C).T
+    B = None if slope.C is None else N.T @ slope.C.T @ ports.act[:, : len(slope.C)].T
     return Slope(M, D, K, C, T, B if B is not None and np.any(B) else None)

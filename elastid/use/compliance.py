@@ -258,12 +258,16 @@ def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut:
     found |= {f"frequency_{i + 1}": robots.frequency(i) for i in range(3)}
     lines = robots.lines(lines_hz)
     G = robots.response(lines)
-    largest = np.sqrt(np.maximum(np.linalg.eigvalsh(G.conj().swapaxes(-1, -2) @ G)[..., -1], 0.0))
+    largest = largest_gain(G)
     peak = np.argmax(largest, axis=1)
     U, _, Vh = np.linalg.svd(G[row, peak])
     found["dynamic_compliance"] = largest[row, peak], robots.std(lines[row, peak], U[:, :, 0].conj(), Vh[:, 0].conj())
     directions = cut.directions
-    real = np.linalg.eigvalsh(G.real)[..., 0] if directions is None else _along(G.real, *directions)
+    real = (
+        np.linalg.eigvalsh(G.real)[..., 0]
+        if directions is None
+        else G.real.reshape(*lines.shape, 9) @ np.outer(*directions).ravel()
+    )
     worst = np.argmin(real, axis=1)
     chatter_hz, least = lines[row, worst], real[row, worst]
     if directions is None:
@@ -283,13 +287,14 @@ def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut:
     }  # fmt: skip
 
 
+def largest_gain(G: ComplexArray) -> FloatArray:
+    """Largest singular value (...) of matrices (..., n, n)."""
+    squares = np.linalg.eigvalsh(np.swapaxes(G, -1, -2).conj() @ G)[..., -1]
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+
 def _form(matrices: Any, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> ComplexArray:
     """a^T A b (P, n_k) of matrices (P, n_k, m, n), a (P, m), b (P, n)."""
     P, n_k = matrices.shape[:2]
     outer = (a[:, :, None] * b[:, None, :]).reshape(P, -1, 1)
     return np.asarray((matrices.reshape(P, n_k, -1) @ outer)[:, :, 0])
-
-
-def _along(real: FloatArray, n: FloatArray, f: FloatArray) -> FloatArray:
-    """n^T Re G f (P, F)."""
-    return np.asarray(real.reshape(*real.shape[:2], 9) @ np.outer(n, f).ravel())

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import FitError, StudyError
+from elastid.base.errors import FitError
 from elastid.base.statistics import principal_axes
 from elastid.fit.result import Result
 from elastid.linear.linear_model import DELAY
@@ -35,12 +35,9 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
     configuration: whose parameters count, where configurations have their own.  FitError where nearly no draw is a
     physical robot.
     """
-    if result.robot is None:
-        raise StudyError("fit/no-robot", "this result holds no robot; fit again with this version of elastid")
-    covariance = result.covariance_of_prediction
+    covariance, exact = result.covariance_of_prediction, replace(result.known_robot, tolerances="exact")
     names = result.parameters.moved(configuration)
     drawn, values, robots, refused = [], [], [], 0
-    exact = replace(result.robot, tolerances="exact")
     for x, sizes in _draws(result.x, covariance, len(result.doubts), seed):
         moved_by_doubts = sum((size * doubt.effects for size, doubt in zip(sizes, result.doubts, strict=True)), 0.0 * x)
         x = np.clip(x + moved_by_doubts, *result.parameters.x_bounds)
@@ -73,11 +70,9 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
 
 def estimated_robot(result: Result) -> Robot:
     """The robot with the fitted numbers, those that all configurations share."""
-    if result.robot is None:
-        raise StudyError("fit/no-robot", "this result holds no robot; fit again with this version of elastid")
     numbers = result.parameters.numbers(result.x)
     numbers.pop(DELAY, None)
-    return result.robot.with_parameters(numbers)
+    return result.known_robot.with_parameters(numbers)
 
 
 def _draws(x: FloatArray, covariance: FloatArray, doubts: int, seed: int) -> Iterator[tuple[FloatArray, FloatArray]]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, StudyError
@@ -98,20 +99,18 @@ def inverse_kinematics(
 ) -> tuple[FloatArray, BoolArray]:
     """Angles (Q, n_u) within the limits that bring a frame to positions (Q, 3), and rotations (Q, 3, 3) if given.
 
-    Second value (Q,): whether it is reached. Successive poses start from one another's best, so that a path stays on
-    one branch as long as it can.
+    Second value (Q,): whether it is reached.
     """
-    low, high = limits_of(robot).T
     seeds = _seeds(robot, seed)
     there = frame_poses(robot, followed(robot, seeds), frame)
-    best, error = np.zeros((len(position), len(low))), np.full(len(position), np.inf)
+    best, error = np.zeros((len(position), seeds.shape[1])), np.full(len(position), np.inf)
     away = np.linalg.norm(position[:, None] - there.position[None], axis=2)
     if rotation is not None:
         turned = np.einsum("qij,sij->qs", rotation, there.rotation)
         away = away + np.arccos(np.clip((turned - 1) / 2, -1, 1)) * float(np.ptp(there.position, axis=0).max()) / np.pi
     for rank in range(INVERSE.starts):
         q = seeds[np.argsort(away, axis=1)[:, rank]]
-        q, left = _descend(robot, frame, position, rotation, q, low, high)
+        q, left = _descend(robot, frame, position, rotation, q)
         better = left < error
         best[better], error[better] = q[better], left[better]
     return best, error < INVERSE.position
@@ -122,23 +121,21 @@ def follow_path(
 ) -> tuple[FloatArray, BoolArray]:
     """Postures along a path: each pose is reached from the one before it where it can be."""
     angles, reached = inverse_kinematics(robot, frame, position, rotation, seed)
-    low, high = limits_of(robot).T
     for i in range(1, len(position)):
         if not reached[i - 1]:
             continue
         own = rotation if rotation is None else rotation[i : i + 1]
-        q, left = _descend(robot, frame, position[i : i + 1], own, angles[i - 1 : i], low, high)
+        q, left = _descend(robot, frame, position[i : i + 1], own, angles[i - 1 : i])
         if left[0] < INVERSE.position:
             angles[i], reached[i] = q[0], True
     return angles, reached
 
 
 def _descend(
-    robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, q: FloatArray, low: FloatArray,
-    high: FloatArray,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, q: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Angles (Q, n_u), and how far (Q,) they are from the poses, m or rad."""
-    left = np.full(len(q), np.inf)
+    left, (low, high) = np.full(len(q), np.inf), limits_of(robot).T
     for _ in range(INVERSE.steps):
         joints = followed(robot, q)
         pose = frame_poses(robot, joints, frame)
@@ -147,7 +144,8 @@ def _descend(
         if rotation is None:
             J = J[:, :3]
         else:
-            e = np.hstack([e, rotation_vectors(rotation @ pose.rotation.transpose(0, 2, 1))])
+            away = Rotation.from_matrix(rotation @ pose.rotation.transpose(0, 2, 1))
+            e = np.hstack([e, away.as_rotvec()])
         left = np.abs(e).max(axis=1)
         if np.all(left < INVERSE.position / 10):
             break
@@ -155,19 +153,11 @@ def _descend(
         size = np.trace(normal, axis1=1, axis2=2)[:, None, None]
         # Less damping where the pose is near: the last steps are Newton's.
         damping = np.minimum(INVERSE.damping, left**2)[:, None, None] + 1e-12
-        step = np.linalg.solve(normal + damping * size * np.eye(len(low)), J.transpose(0, 2, 1) @ e[:, :, None])[
-            :, :, 0
-        ]
+        pull = J.transpose(0, 2, 1) @ e[:, :, None]
+        step = np.linalg.solve(normal + damping * size * np.eye(len(low)), pull)[:, :, 0]
         step *= np.minimum(1.0, INVERSE.step / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
         q = np.clip(q + step, low, high)
     return q, left
-
-
-def rotation_vectors(R: FloatArray) -> FloatArray:
-    """Axis times angle (Q, 3) of rotations (Q, 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(R).as_rotvec())
 
 
 @dataclass(frozen=True)
@@ -209,8 +199,6 @@ class Table:
         position = self.values[:, [words[axis] for axis in "xyz"]]
         if not {"rx", "ry", "rz"} <= set(words):
             return position, None
-        from scipy.spatial.transform import Rotation
-
         return position, Rotation.from_rotvec(self.values[:, [words[f"r{axis}"] for axis in "xyz"]]).as_matrix()
 
 

@@ -36,7 +36,6 @@ from frf import simulated
 from timing import machine
 
 from elastid.fit.identify import identify
-from elastid.fit.posture import Asked
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
@@ -87,9 +86,9 @@ def of_identify(configurations: int, lines: int, coordinates: int) -> Callable[[
 
 def of_map(postures: int, **fit: int) -> Callable[[], object]:
     """Compliance, modes and stability with their intervals at random postures."""
-    family = of_identify(**fit)().family(Asked(frame="6", axes="world"))
-    angles = random_postures(family.robot, postures, 1)
-    return lambda: map_workspace(family, angles)
+    result = of_identify(**fit)()
+    angles = random_postures(result.known_robot, postures, 1)
+    return lambda: map_workspace(result, angles, frame="6")
 
 
 def memory_mb(name: str) -> float:

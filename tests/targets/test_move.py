@@ -27,10 +27,10 @@ def tuned() -> TunedMove:
     phase = np.pi * np.clip(t, 0, 1)[:, None] * [1.0, 2.0]
     q, v, a = np.cos(phase), -np.sin(phase) * np.pi * [1.0, 2.0], -np.cos(phase) * (np.pi * np.array([1.0, 2.0])) ** 2
     inside = ((t >= 0) & (t <= 1))[:, None]
-    zero, outcome = np.zeros(len(t)), Outcome("none", np.zeros(len(t)), None, None, 0, 0, 0, 0, np.zeros(2))
+    zero, outcome = np.zeros(len(t)), Outcome("none", np.zeros(len(t)), None, None, 0, 0, 0, 0)
     return TunedMove(
         t, q, v * inside, a * inside, 0 * a, 100 * a * inside, "a */ move", "tool", ("1", "axis: 2"), ("rad", "m"),
-        "twin", 4.0, 1.0, 0.2, np.zeros((len(t), 3)), zero, np.full((4, 2), np.inf), np.zeros((2, 2)), (outcome,), 0,
+        "twin", 4.0, 1.0, 0.2, np.zeros((len(t), 3)), zero, np.full((4, 2), np.inf), (outcome,), 0,
         np.zeros(2),
     )  # fmt: skip
 

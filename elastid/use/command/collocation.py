@@ -69,8 +69,7 @@ def plan(
 
     KeyboardInterrupt where it was interrupted; StudyError where an end finds no rest.
     """
-    mesh = Mesh.of(move.duration, margin_s, settings.knots_per_s)
-    problem = _Problem(commanded, move, limits, mesh, settings)
+    problem = _Problem(commanded, move, limits, margin_s, settings)
     options: dict[str, Any] = {
         "print_time": False, "no_nlp_grad": True, "calc_lam_p": False, "show_eval_warnings": False,
         "hess_lag": problem.hessian, "ipopt.sb": "yes", "ipopt.print_level": 0,
@@ -89,49 +88,23 @@ def plan(
     return Planned(problem.spline(solution["x"].full()[:, 0]), status, violation)
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """Knots (N - 1,) within the time of a spline; its knots with multiplicity."""
-
-    times: FloatArray
-    knots: FloatArray
-
-    @classmethod
-    def of(cls, duration: float, margin_s: float, per_s: float) -> Mesh:
-        """Even knots from -margin_s to duration + margin_s."""
-        N = max(12, round((duration + 2 * margin_s) * per_s))
-        ends = -margin_s, duration + margin_s
-        times = np.linspace(*ends, N + 1)
-        return cls(times[1:-1], np.concatenate([np.full(DEGREE, ends[0]), times, np.full(DEGREE, ends[1])]))
-
-    @property
-    def step(self) -> float:
-        """s between knots."""
-        return float(self.times[1] - self.times[0])
-
-    @property
-    def count(self) -> int:
-        """Number of coefficients of a spline."""
-        return len(self.knots) - DEGREE - 1
-
-    def basis(self, order: int) -> FloatArray:
-        """Derivatives (n, count) of the spline's basis at the inner knots."""
-        return np.asarray(BSpline(self.knots, np.eye(self.count), DEGREE)(self.times, order))
-
-
 class _Problem:
     """Variables x = [spline coefficients, torques u / u_0, multipliers], each knot by knot; constraints g likewise."""
 
     def __init__(
-        self, commanded: CommandedRobot, move: Move, limits: MotionLimits, mesh: Mesh, settings: Settings
+        self, commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, settings: Settings
     ) -> None:
-        model = commanded.model
-        self.commanded, self.mesh, self.limits, self.settings = commanded, mesh, limits, settings
-        self.n, self.n_q, self.n_u, self.n_c = len(mesh.times), model.n_q, model.n_u, len(commanded.rows)
+        model, N = commanded.model, max(12, round((move.duration + 2 * margin_s) * settings.knots_per_s))
+        self.commanded, self.limits, self.settings = commanded, limits, settings
+        times, self.step = np.linspace(-margin_s, move.duration + margin_s, N + 1, retstep=True)
+        self.knots = np.pad(times, DEGREE, mode="edge")
+        self.n, self.n_q, self.n_u, self.n_c = N - 1, model.n_q, model.n_u, len(commanded.rows)
         self.ends = [commanded.rest(angles) for angles in move.ends]
-        self.bases = [mesh.basis(order) for order in range(4)]
-        self.inner = slice(_HELD, mesh.count - _HELD)
-        self.target = commanded.poses(commanded.rigid(move, mesh.times)[0])
+        self.count = N + DEGREE  # of coefficients
+        splines = BSpline(self.knots, np.eye(self.count), DEGREE)
+        self.bases = [np.asarray(splines(times[1:-1], order)) for order in range(4)]
+        self.inner = slice(_HELD, self.count - _HELD)
+        self.target = commanded.poses(commanded.rigid(move, times[1:-1])[0])
         still = np.zeros((2, self.n_q))
         self.holding = commanded.torque(np.array(self.ends), still, still)
         guess = self._guess(move)
@@ -145,10 +118,10 @@ class _Problem:
 
     def _guess(self, move: Move) -> FloatArray:
         """Coefficients (count, n_q) of the rigid robot's motion, deflected as at rest at both ends."""
-        fine = np.linspace(self.mesh.knots[0], self.mesh.knots[-1], 2 * (self.n + 1) + 1)
+        fine = np.linspace(self.knots[0], self.knots[-1], 2 * (self.n + 1) + 1)
         rigid, share = self.commanded.rigid(move, fine)[0], np.clip(fine / move.duration, 0, 1)[:, None]
         deflected = (1 - share) * (self.ends[0] - rigid[0]) + share * (self.ends[1] - rigid[-1])
-        c = np.array(make_lsq_spline(fine, rigid + deflected, self.mesh.knots, DEGREE).c)
+        c = np.array(make_lsq_spline(fine, rigid + deflected, self.knots, DEGREE).c)
         c[:_HELD], c[-_HELD:] = self.ends
         return c
 
@@ -172,11 +145,11 @@ class _Problem:
         g = ca.vertcat(ca.vec(dynamics), ca.vec(phi), bounded)
         R = self.target.rotation.transpose(0, 2, 1).reshape(-1, 9)
         error, _ = self.commanded.tool.map(n)(Q, self.target.position.T, R.T)
-        tool = ca.vec(error) / s.tool_m * np.sqrt(self.mesh.step)
+        tool = ca.vec(error) / s.tool_m * np.sqrt(self.step)
         held = [ca.DM(u / self.u_0) for u in self.holding]
-        rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (s.rate_s / np.sqrt(self.mesh.step))
+        rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (s.rate_s / np.sqrt(self.step))
         # Sixth differences of coefficients: small of any smooth motion, large of one from knot to knot.
-        ripple = np.diff(np.eye(self.mesh.count), 6, axis=0) * (np.sqrt(self.mesh.step) / s.ripple)
+        ripple = np.diff(np.eye(self.count), 6, axis=0) * (np.sqrt(self.step) / s.ripple)
         whole = ca.horzcat(
             *(ca.DM(self.ends[0]) for _ in range(_HELD)), C, *(ca.DM(self.ends[1]) for _ in range(_HELD))
         )
@@ -210,7 +183,7 @@ class _Problem:
 
     def spline(self, x: FloatArray) -> BSpline:
         """q(t) of the variables."""
-        c = np.empty((self.mesh.count, self.n_q))
+        c = np.empty((self.count, self.n_q))
         c[:_HELD], c[-_HELD:] = self.ends
         c[self.inner] = x[: self.n_q * self.n].reshape(self.n, self.n_q)
-        return BSpline(self.mesh.knots, c, DEGREE)
+        return BSpline(self.knots, c, DEGREE)

@@ -18,7 +18,6 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium, rigid_posture
-from elastid.model.closed_posture import followed
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.frame_tree import direction, position, tree, turns
@@ -27,7 +26,7 @@ from elastid.model.loop_closure import partition
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.simulation.controller import rigid_motion, rigid_rates
+from elastid.simulation.controller import rigid_motion, rigid_path, rigid_rates
 from elastid.simulation.dynamics import contacts
 from elastid.use.command.moves import Move
 
@@ -125,14 +124,9 @@ class CommandedRobot:
 
     def rigid(self, move: Move, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """q, v, a (N, n_q) of the robot without deflection along a move at times (N,)."""
-        m = self.model
         angles, rate, curvature = (move.at(t, order) for order in range(3))
-        q = np.zeros((len(t), m.n_q))
-        q[:, : len(self.robot.joints)] = followed(self.robot, angles, angles[0])
-        for motor, column in zip(m.inputs, angles.T, strict=True):
-            q[:, m.index(motor)] = column
-        _, v, a = rigid_rates(m, q, rate, curvature)
-        return q, v, a
+        q = rigid_path(self.model, self.rigid_posture(angles[0]), angles[0], angles)
+        return q, *rigid_rates(self.model, q, rate, curvature)[1:]
 
     def rest(self, angles: FloatArray) -> FloatArray:
         """q (n_q,) at rest under gravity with the tool where it is without deflection at angles (n_u,).

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
+from scipy.spatial.transform import Rotation
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError, StudyError
@@ -185,8 +186,6 @@ def _at_rest(s: FloatArray, points: FloatArray) -> BSpline:
 
 
 def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | None) -> BSpline:
-    from scipy.spatial.transform import Rotation
-
     position, rotation = table.poses(robot)
     shares, s = _shares(position, times), np.linspace(0.0, 1.0, _SAMPLES + 1)
     spline = _through(shares, position, times is not None)

@@ -53,7 +53,7 @@ class Outcome:
     """Error of the tool along a move, m: over time (N,), and in figures.
 
     largest, rms: within the move.  static: distance from the path's end after it.  residual: largest distance from
-    there after the move.  torque (n_u,): largest of the drives, link side.  low, high (N,): 95 % of draws, or None.
+    there after the move.  low, high (N,): 95 % of draws, or None.
     """
 
     name: str
@@ -64,7 +64,6 @@ class Outcome:
     rms: float = labelled("rms error in the move", "m")
     static: float = labelled("error at rest after the move", "m")
     residual: float = labelled("largest vibration after the move", "m")
-    torque: FloatArray = labelled("largest torque of each motor, link side", "N*m", "joints")
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +128,7 @@ class TwinLoop:
 
     def outcome(self, name: str, references: References, target: FloatArray, end_s: float) -> Outcome:
         """The error from target (N, 3) of a move that ends at end_s."""
-        q, torque = self.follow(references)
+        q, _ = self.follow(references)
         at = self.tool(q, self.robot) - target
         error, after = np.linalg.norm(at, axis=1), references.time_s > end_s
         # The static error is the mean of the last 0.1 s.
@@ -137,7 +136,7 @@ class TwinLoop:
         residual = np.linalg.norm(at[after] - static, axis=1).max(initial=0.0)
         within = error[~after]
         figures = float(within.max()), float(np.sqrt(np.mean(within**2))), float(np.linalg.norm(static))
-        return Outcome(name, error, None, None, *figures, float(residual), np.abs(torque).max(axis=0))
+        return Outcome(name, error, None, None, *figures, float(residual))
 
 
 @frozen_value
@@ -146,7 +145,7 @@ class TunedMove(References):
 
     duration, margin_s: of the move, and the time before and after it in which motors wind springs up and unwind them.
     target (N, 3): path of the frame's origin in the base's axes.  planned (N,): error by the model that was planned
-    with.  limits: of KINDS (4, n_u), and angles (2, n_u), infinite where there is none.  outcomes: on the twin `judge`.
+    with.  limits (4, n_u): of KINDS, infinite where there is none.  outcomes: on the twin `judge`.
     draws: of the fit, geometry included, on which torques and velocities keep the limits as well; most (n_u,): torque.
     """
 
@@ -161,7 +160,6 @@ class TunedMove(References):
     target: FloatArray = labelled("path of the frame", "m", "time_s axis")
     planned: FloatArray = labelled("error of the tool as planned", "m", "time_s")
     limits: FloatArray = labelled("largest velocity, acceleration, jerk, torque", "", "kind joints")
-    angles: FloatArray = labelled("lowest and highest position", "rad", "end joints")
     outcomes: tuple[Outcome, ...]
     draws: int
     most: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
@@ -251,7 +249,7 @@ class _Asked:
             **vars(r), name=name, frame=given.frame, joints=tuple(joint.name for joint in joints),
             units=tuple(joint.unit for joint in joints), judge=given.judge_name, bandwidth_hz=given.bandwidth_hz,
             duration=self.move.duration, margin_s=self.margin_s, target=target, planned=error,
-            limits=np.array([getattr(limits, kind) for kind in KINDS]), angles=limits.angle.T,
+            limits=np.array([getattr(limits, kind) for kind in KINDS]),
             outcomes=self._outcomes(r, target, drawn), draws=len(given.draws), most=most, advice=advice,
         )  # fmt: skip
 

@@ -265,13 +265,7 @@ def room(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, Floa
     return left_db, np.asarray(-20 / np.log(10) * moved)
 
 
-def robust(
-    estimate: Plants,
-    draws: Plants | None,
-    first_mode_hz: float,
-    delay: int,
-    say: Callable[[str], None] = lambda _: None,
-) -> tuple[Cascade, FloatArray]:
+def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> tuple[Cascade, FloatArray]:
     """The design that keeps the limit on the estimate and on 95 % of D draws, and M_S of these in dB (D,).
 
     draws: D times as many plants as the estimate has, or none.  FitError where no gains do.
@@ -292,9 +286,7 @@ def robust(
     tried: list[Cascade] = []
     for turn in range(3):  # designs with limits that are lowered by what the draws exceed
         better = [searched(scene, tried[-1], limit_db)] if turn else design(scene, first_mode_hz, delay, limit_db)
-        for best in filter(None, better):
-            say(f"{np.exp(best.on(scene).reached):.3g} Hz, {len(best.notches)} notches")
-            tried.append(best)
+        tried += filter(None, better)
         if (above := excess(tried[-1])) <= 0:
             break
         limit_db -= min(above + 0.01, 1.5)

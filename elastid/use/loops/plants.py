@@ -77,7 +77,7 @@ class PostureFamily:
     @classmethod
     def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> PostureFamily:
         """StudyError where a posture has no rest."""
-        motors = result.family(Asked()).robot.motor_locations
+        motors = result.known_robot.motor_locations
         family = result.family(Asked(inputs=motors, outputs=motors, motors="free"))
         linear, inertia = [], []
         for posture in postures:

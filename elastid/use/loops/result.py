@@ -9,7 +9,7 @@ the phase of the loop: to its gains at low frequencies, to delay, sampling and f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -157,23 +157,16 @@ class Today:
         return assess(TODAY, family, drawn, gains, filters_of(family.axes, self.spec, self.rate_hz))
 
 
-@dataclass(frozen=True, eq=False)
-class Asked:
-    """Delay of the loops that are designed; draws of the fit, with their seed."""
-
-    delay_samples: int
-    draws: int
-    seed: int
-
-
 def design_loops(
-    name: str, result: Result, family: PostureFamily, asked: Asked, today: Today | None,
-    say: Callable[[str], None] = lambda _: None,
-) -> Loops:  # fmt: skip
-    """Loops at the rate of a family of the fit; FitError where no gains keep the limit in all its postures."""
+    name: str, result: Result, family: PostureFamily, delay_samples: int, draws: int, seed: int, today: Today | None
+) -> Loops:
+    """Loops at the rate of a family of the fit; FitError where no gains keep the limit in all its postures.
+
+    delay_samples: of the loops that are designed.  draws: of the fit, with their seed.
+    """
 
     def drawn_of(family: PostureFamily) -> Plants | None:
-        return family.draws(result, asked.draws, asked.seed) if asked.draws else None
+        return family.draws(result, draws, seed) if draws else None
 
     drawn, state = drawn_of(family), None
     if today is not None:
@@ -181,11 +174,11 @@ def design_loops(
         own = replace(family, rate_hz=today.rate_hz) if is_other else family
         state = today.state(own, drawn_of(own) if is_other else drawn)
     plants, first_hz = family.estimate, min(mode.freq_hz for own in family.modes for mode in own)
-    found, _ = robust(plants, drawn, first_hz, asked.delay_samples, say)
+    found, _ = robust(plants, drawn, first_hz, delay_samples)
     spec, model = found.to_spec(family.axes), family.family.model
     gains, filters = gains_of(model, np.zeros(model.n_q), spec), filters_of(family.axes, spec, family.rate_hz)
     designed = assess(DESIGNED, family, drawn, gains, filters)
-    return Loops(name, family.axes, family.rate_hz, asked.draws, state, designed, found)
+    return Loops(name, family.axes, family.rate_hz, draws, state, designed, found)
 
 
 def _cell(peak: float) -> str:

@@ -24,6 +24,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.simulation.controller import Filters, Gains
+from elastid.use.compliance import largest_gain
 from elastid.use.loops.plants import Plants
 
 LIMIT_DB = 6.0  # of M_S
@@ -124,12 +125,6 @@ def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:
     """J^-1/2 S J^1/2 of S (N, F, n_u, n_u) with inertia (N, n_u)."""
     root = np.sqrt(inertia)[:, None]
     return np.asarray(S / root[..., :, None] * root[..., None, :])
-
-
-def largest_gain(S: ComplexArray) -> FloatArray:
-    """Largest singular value (...) of matrices (..., n, n)."""
-    squares = np.linalg.eigvalsh(np.swapaxes(S, -1, -2).conj() @ S)[..., -1]
-    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec
 from elastid.record import Configuration
 from elastid.use.loops.design import Cascade, design, robust, room
 from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import Asked, Today, design_loops
+from elastid.use.loops.result import Today, design_loops
 from elastid.use.loops.sensitivity import LIMIT_DB, Scene
 
 RATE_HZ = 250.0
@@ -58,7 +58,7 @@ def test_todays_loops_keep_their_own_rate(family: PostureFamily, monkeypatch: py
     spec = ControllerSpec(kind="cascade", gains=GainsSpec(4.5, tuple((8.0 * family.inertia[0]).tolist())))
     monkeypatch.setattr("elastid.use.loops.result.robust", lambda *_: (start(family), None))
     slow = replace(family, rate_hz=100.0)
-    loops = design_loops("arm", result(), slow, Asked(1, 0, 1), Today(RATE_HZ, spec))
+    loops = design_loops("arm", result(), slow, 1, 0, 1, Today(RATE_HZ, spec))
     assert loops.today is not None
     assert loops.today.peak_db == pytest.approx(Today(RATE_HZ, spec).state(family, None).peak_db)
     assert loops.designed.freq_hz[-1] < 50 < loops.today.freq_hz[-1]

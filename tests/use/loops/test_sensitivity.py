@@ -10,15 +10,11 @@ from plants.predicted_arm import result
 from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration
 from elastid.simulation.controller import Gains
+from elastid.use.compliance import largest_gain
 from elastid.use.loops.design import Cascade, design
 from elastid.use.loops.plants import Plants, PostureFamily, _sampled
 from elastid.use.loops.result import assess
-from elastid.use.loops.sensitivity import (
-    Scene,
-    closed_loop_poles,
-    largest_gain,
-    scaled,
-)
+from elastid.use.loops.sensitivity import Scene, closed_loop_poles, scaled
 
 RATE_HZ = 400.0
 CASCADE = Cascade(
