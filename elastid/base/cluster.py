@@ -93,16 +93,14 @@ class Remote(Thread):
         """Pass messages on until the pipe or the worker ends."""
         from distributed import CancelledError, KilledWorker
 
-        is_first, lost = True, (OSError, CancelledError, KilledWorker, LostError)
-        with self._stack, closing(self._pipe), suppress(*lost):
+        with self._stack, closing(self._pipe), suppress(OSError, CancelledError, KilledWorker, LostError):
             with suppress(EOFError):
                 while True:
                     message = self._client.scatter(self._pipe.recv_bytes(), hash=False, workers=[self._at])
                     try:
-                        answer = self._asked(_answer, is_first, message)
+                        answer = self._asked(_answer, message)
                     except ImportError as error:  # its workers have other libraries
                         answer = End(keeps=False).packed(Outcome(error=error))
-                    is_first = False
                     if answer is not None:
                         self._pipe.send_bytes(answer)
             self._asked(_forget)
@@ -128,13 +126,9 @@ class Remote(Thread):
 _SERVED = dict[str, Served]()
 
 
-def _answer(name: str, is_first: bool, message: bytes) -> bytes | None:
+def _answer(name: str, message: bytes) -> bytes | None:
     """Answer of the worker of a name; LostError where it was another process."""
-    if is_first:
-        _SERVED[name] = Served()
-    if name not in _SERVED:
-        raise LostError
-    answer = _SERVED[name].answer(message)
+    answer = _SERVED.setdefault(name, Served()).answer(message)
     return None if answer is None else bytes(answer)
 
 

@@ -249,7 +249,8 @@ class Served:
             function, item = self._end.unpacked(message)
             if function is not None:
                 self._function = function
-            assert self._function is not None, "the first item comes with the function"
+            if self._function is None:  # the first item, with which it came, went to another process
+                raise LostError
             return self._end.packed(Outcome(self._function(item)))
         except LostError:
             raise

@@ -237,12 +237,6 @@ class ModalFit:
         inner = (self.free_slopes.T @ self.residual).reshape(n, 2, -1)
         return np.asarray(np.einsum("rpic,ric->rp", self.directions, inner).reshape(2 * n))
 
-    def stepped(self, step: FloatArray) -> ModalFit:
-        """The model at other poles; unstable ones are mirrored, frequencies stay positive."""
-        poles = self.poles + step[0::2] + 1j * step[1::2]
-        poles = -np.abs(poles.real) + 1j * np.abs(poles.imag)
-        return ModalFit(self.data, poles)
-
     def refined(self, steps: int = 20, tolerance: float = 1e-3) -> ModalFit:
         """Fit at the poles with the least squares, by damped Gauss-Newton steps; tolerance in standard deviations."""
         fit, damping = self, 1e-6
@@ -255,7 +249,10 @@ class ModalFit:
                 step = np.linalg.lstsq(information + damping * np.diag(diagonal), gradient, rcond=1e-14)[0]
                 # A pole moves by its own half width at most.
                 size = np.hypot(step[0::2], step[1::2]) / np.maximum(-fit.poles.real, 1e-12)
-                trial = fit.stepped(np.asarray(step / max(1.0, float(size.max()))))
+                moved = step / max(1.0, float(size.max()))
+                # Unstable ones are mirrored, frequencies stay positive.
+                poles = fit.poles + moved[0::2] + 1j * moved[1::2]
+                trial = ModalFit(fit.data, -np.abs(poles.real) + 1j * np.abs(poles.imag))
                 if trial.cost <= fit.cost:
                     damping = max(damping / 10, 1e-10)
                     break
