@@ -1,8 +1,8 @@
 """Worker processes of this machine: copies of one that has loaded what they need, ended at once on Ctrl-C.
 
 They start from nothing where the system has no copies. Inside `lasting_workers()` they stay for the next work, with the
-models that they have built and the values that they have (`base.kept`). Workers of a Dask cluster (`base.cluster`) are
-asked by the same messages.
+models that they have built and the values that they have (`base.kept`). Workers of a Dask cluster are asked by the same
+messages (`base.execution`).
 """
 
 from __future__ import annotations

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from plants.refusals import refused
 
-from elastid.base.cluster import on_dask
-from elastid.base.execution import Execution, ordered, surviving
+from elastid.base.execution import Execution, on_dask, ordered, surviving
 from elastid.base.workers import lasting_workers
 
 distributed = pytest.importorskip("distributed")
@@ -50,7 +49,7 @@ def test_a_worker_that_dies_while_it_is_given_the_work_costs_nothing(monkeypatch
         return submit(*given, **options)
 
     monkeypatch.setattr(distributed.Client, "submit", closed_once)
-    monkeypatch.setattr("elastid.base.cluster.WORKERS_S", 0.5)
+    monkeypatch.setattr("elastid.base.execution.WORKERS_S", 0.5)
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50
@@ -92,7 +91,7 @@ class DyingOnce:
 @pytest.mark.filterwarnings("default")
 def test_work_outlives_the_only_worker_of_a_cluster(tmp_path, monkeypatch):
     """And with it the function that the items share: its successor is given both; a death costs one item at most."""
-    monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 2.0)
+    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 2.0)
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
@@ -112,7 +111,7 @@ def process(item: int) -> int:
 @pytest.mark.filterwarnings("default")
 def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp_path, monkeypatch):
     """Each at one of them; one that dies is followed by another."""
-    monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 2.0)
+    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 2.0)
     with on_dask(address), lasting_workers():
         there, large = Execution(), [np.zeros(n) for n in (200_000, 1000, 100)]
         for array in large:
@@ -132,6 +131,6 @@ def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "x", "host:notaport", "foo://x:1", "tcp://[::1", "tls://a:1"])
 def test_a_text_at_which_no_scheduler_answers_is_refused_before_any_work(address, monkeypatch):
     """Nor one that needs certificates, where none are configured."""
-    monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 0.5)
+    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 0.5)
     with refused("workers/cluster"):
         on_dask(address).__enter__()
