@@ -24,6 +24,7 @@ from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95, small_sample_factors
 from elastid.modal.model import ModalFit, unstacked
+from elastid.modal.poles import LIMITS as POLES
 from elastid.response import Response
 
 
@@ -35,7 +36,6 @@ class ModeLimits:
     (`scripts/studies/modes.py`).
     """
 
-    max_damping: float = 0.35
     damping_significance: float = 2.5  # damping over its standard deviation
     freq_std: float = 0.05  # of the frequency, at most: a slow pole at the edge of the band is no mode
     input_share: float = 0.01  # least singular value of the inputs over its largest: 40 dB,
@@ -90,7 +90,7 @@ class FittedMode:
         """True within the band, with a frequency and a damping that are known."""
         inside = response.freq_hz[0] <= self.freq_hz <= response.freq_hz[-1]
         inside = inside and self.freq_std <= LIMITS.freq_std * self.freq_hz
-        return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < LIMITS.max_damping)
+        return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < POLES.max_damping)
 
     def is_background(self, response: Response) -> bool:
         """True for a broad pole of little height within its half powers, or of a shape that is not known."""
