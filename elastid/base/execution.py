@@ -191,11 +191,6 @@ def _main_is_unguarded() -> bool:
         return False
 
 
-def ordered(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> list[Value]:
-    """[function(item) for item in items], computed by several processes."""
-    return Execution(jobs).ordered(function, items)
-
-
 @contextmanager
 def on_dask(address: str) -> Iterator[None]:
     """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address: to processes.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plants.refusals import refused
 
-from elastid.base.execution import Execution, on_dask, ordered, surviving
+from elastid.base.execution import Execution, on_dask, surviving
 from elastid.base.workers import lasting_workers
 
 distributed = pytest.importorskip("distributed")
@@ -32,9 +32,9 @@ def test_work_on_a_cluster_gives_its_values_in_order_and_its_errors_as_they_are(
         ) as cluster,
         on_dask(cluster.scheduler_address),
     ):
-        assert ordered(math.sqrt, [4.0, 1.0, 9.0], 1) == [2.0, 1.0, 3.0]
+        assert Execution(1).ordered(math.sqrt, [4.0, 1.0, 9.0]) == [2.0, 1.0, 3.0]
         with pytest.raises(ValueError, match=r"math domain|nonnegative"):
-            ordered(math.sqrt, [1.0, -1.0], 1)
+            Execution(1).ordered(math.sqrt, [1.0, -1.0])
 
 
 @pytest.mark.filterwarnings("default")
@@ -56,13 +56,13 @@ def test_a_worker_that_dies_while_it_is_given_the_work_costs_nothing(monkeypatch
         ) as cluster,
         on_dask(cluster.scheduler_address),
     ):
-        assert ordered(math.sqrt, [4.0, 1.0, 9.0], 1) == [2.0, 1.0, 3.0]
+        assert Execution(1).ordered(math.sqrt, [4.0, 1.0, 9.0]) == [2.0, 1.0, 3.0]
         assert len(calls) > 1
         cluster.scale(0)
         while cluster.scheduler.workers:
             time.sleep(0.01)
         with refused("workers/cluster"):
-            ordered(math.sqrt, [4.0, 1.0], 1)
+            Execution(1).ordered(math.sqrt, [4.0, 1.0])
 
 
 def killed_at_two(item: int) -> int:
@@ -98,7 +98,7 @@ def test_work_outlives_the_only_worker_of_a_cluster(tmp_path, monkeypatch):
         ) as cluster,
         on_dask(cluster.scheduler_address),
     ):
-        assert ordered(DyingOnce(tmp_path), list(range(6)), 1) == [0, 1, 4, 9, 16, 25]
+        assert Execution(1).ordered(DyingOnce(tmp_path), list(range(6))) == [0, 1, 4, 9, 16, 25]
         assert dict(surviving(killed_at_two, [1, 2, 3], 1)) == {0: 1, 1: None, 2: 9}
     assert (tmp_path / "died").exists()
 
