@@ -93,15 +93,6 @@ class Basis:
         columns = np.stack([(s / middle) ** (self.order + p) for p in RESIDUALS], axis=1)
         return stacked(columns)
 
-    def real_columns(self, poles: ComplexArray, derivative: bool = False) -> FloatArray:
-        """Columns (2 F, 2 n) of the real and imaginary parts of each pole's residue, or their derivatives by the pole.
-
-        Column 2 r belongs to Re R_r, column 2 r + 1 to Im R_r; derivatives are those by Re lambda.
-        """
-        own, mirrored = self.poles(poles, derivative), self.poles(poles.conj(), derivative)
-        columns = np.stack([own + mirrored, 1j * (own - mirrored)], axis=2)
-        return stacked(columns.reshape(len(columns), -1))
-
 
 def window_correlation(response: Response) -> FloatArray:
     """rho_w (n,) over one segment, with at least two samples in a period of the highest line."""
@@ -155,8 +146,13 @@ class ModalData:
         return np.concatenate([self.weight, self.weight])
 
     def columns(self, poles: ComplexArray, derivative: bool = False) -> FloatArray:
-        """Weighted real columns (2 F, 2 n)."""
-        return np.asarray(self.weights[:, None] * self.basis.real_columns(poles, derivative))
+        """Weighted columns (2 F, 2 n) of real and imaginary parts of each pole's residue, or derivatives by the pole.
+
+        Column 2 r belongs to Re R_r, column 2 r + 1 to Im R_r; derivatives are those by Re lambda.
+        """
+        own, mirrored = self.basis.poles(poles, derivative), self.basis.poles(poles.conj(), derivative)
+        both = np.stack([own + mirrored, 1j * (own - mirrored)], axis=2)
+        return np.asarray(self.weights[:, None] * stacked(both.reshape(len(both), -1)))
 
 
 @dataclass(frozen=True)
