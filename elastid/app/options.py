@@ -88,7 +88,7 @@ def run_of(study: Path, options: dict[str, Any]) -> Run:
     """The run of a study under the options of a command, which are taken out of them: its own are left."""
     from elastid.app.console import Console
     from elastid.app.run import Run, all_cores
-    from elastid.base.cluster import on_dask
+    from elastid.base.execution import on_dask
     from elastid.study import load
 
     click.get_current_context().with_resource(on_dask(options.pop("dask", "")))

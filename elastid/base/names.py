@@ -8,7 +8,7 @@ name is equal to it, a text is a pattern (`*`, `?`, `[...]`).
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import lru_cache
@@ -45,19 +45,36 @@ class NameRule:
     is_optional: bool = False
 
     def check(self, name: str) -> str:
-        """The name; ValueError for a text that cannot be one."""
-        if self.is_optional and not name:
-            return name
-        check_name(name, self.max_length)
-        if self.is_file:
-            check_file_name(name)
-        for character in self.without:
-            if character in name:
-                raise ValueError(
-                    f"the name '{name}' contains '{character}', which separates a parameter from its group; take "
-                    "another character"
-                )
+        r"""The name; ValueError for a text that cannot be one.
+
+        >>> NameRule().check("1\nevil: 1")
+        Traceback (most recent call last):
+        ValueError: the name '1\nevil: 1' contains the character U+000A, which cannot be printed; take it out
+        """
+        if problem := "" if self.is_optional and not name else self._problem(name):
+            shown = f"'{name}'" if name.isprintable() and len(name) <= self.max_length else f"{name[:20]!a}"
+            raise ValueError(f"the name {shown} {problem}")
         return name
+
+    def _problem(self, name: str) -> str:
+        """Why a text cannot be a name, blank at an end or not one line of printable characters; empty where it can."""
+        if not 0 < len(name) <= self.max_length:
+            return f"has {len(name)} characters; give 1 to {self.max_length}"
+        if not name.isprintable():
+            code = next(ord(character) for character in name if not character.isprintable())
+            return f"contains the character U+{code:04X}, which cannot be printed; take it out"
+        if name != name.strip():
+            return "begins or ends with a blank; take it out"
+        if any(character in name for character in self.without):
+            return f"contains one of {self.without}, which separates a parameter from its group; take another character"
+        if not self.is_file:
+            return ""
+        if len(name.encode("utf-8", "surrogatepass")) > MAX_FILE_NAME_BYTES:
+            return f"has more than {MAX_FILE_NAME_BYTES} bytes in UTF-8, and cannot name a file"
+        if name[0] == "." or name[-1] == "." or any(character in _NOT_IN_FILE_NAMES for character in name):
+            return 'cannot name a file: leave out / \\ : * ? " < > |, a leading or trailing dot or space'
+        is_device = name.split(".")[0].upper() in _DEVICES
+        return "is that of a device on Windows and cannot name a file there; take another" if is_device else ""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """How pydantic validates the field; imported here so that value types stay free of pydantic."""
@@ -73,42 +90,6 @@ PlaceName: TypeAlias = Annotated[str, NameRule(max_length=MAX_PLACE_LENGTH)]
 # Of what has another name unless it is given one.
 OptionalName: TypeAlias = Annotated[str, NameRule(without=SEPARATOR, is_optional=True)]
 FileName: TypeAlias = Annotated[str, NameRule(is_file=True)]
-
-
-def check_name(name: str, max_length: int = MAX_NAME_LENGTH) -> None:
-    r"""ValueError for a text that is empty, too long, blank at an end, or not one line of printable characters.
-
-    >>> check_name("axis [1]")
-    >>> check_name("1\nevil: 1")
-    Traceback (most recent call last):
-    ValueError: the name '1\nevil: 1' contains the character U+000A, which cannot be printed in one line; take it out
-    """
-    if not name:
-        raise ValueError("the name is empty; give one")
-    if len(name) > max_length:
-        raise ValueError(f"the name {name[:20]!r}... has {len(name)} characters; at most {max_length} are allowed")
-    if not name.isprintable():
-        code = next(ord(character) for character in name if not character.isprintable())
-        raise ValueError(
-            f"the name {name!a} contains the character U+{code:04X}, which cannot be printed in one line; take it out"
-        )
-    if name != name.strip():
-        raise ValueError(f"the name '{name}' begins or ends with a blank; take it out")
-
-
-def check_file_name(name: str) -> None:
-    """ValueError for a name that cannot name a file on every system."""
-    check_name(name)
-    if (count := len(name.encode("utf-8", "surrogatepass"))) > MAX_FILE_NAME_BYTES:
-        raise ValueError(
-            f"the name '{name[:20]}...' has {count} bytes in UTF-8; at most {MAX_FILE_NAME_BYTES} can name a file"
-        )
-    if name[0] == "." or name[-1] == "." or any(character in _NOT_IN_FILE_NAMES for character in name):
-        raise ValueError(
-            f"the name '{name}' cannot name a file: leave out / \\ : * ? \" < > |, a leading or trailing dot or space"
-        )
-    if name.split(".")[0].upper() in _DEVICES:
-        raise ValueError(f"the name '{name}' is that of a device on Windows and cannot name a file there; take another")
 
 
 def at_level(posture: str, level: int) -> str:
@@ -142,24 +123,15 @@ def check_different(noun: str, names: Iterable[str]) -> None:
     Traceback (most recent call last):
     ValueError: joint 'Arm' differs from 'arm' in case or in a blank alone; give it a name of its own
     """
-    listed = list(names)
-    place = first_same(listed)
-    if place is None:
-        return
-    name, other = listed[place], next(each for each in listed if _folded(each) == _folded(listed[place]))
-    if other == name:
-        raise ValueError(f"{noun} {name} is given twice; leave one out")
-    raise ValueError(f"{noun} '{name}' differs from '{other}' in case or in a blank alone; give it a name of its own")
-
-
-def first_same(names: Sequence[str]) -> int | None:
-    """The place of the first name that is the same as one before it but for case and blanks; None without any."""
-    known: set[str] = set()
-    for i, name in enumerate(names):
-        if _folded(name) in known:
-            return i
-        known.add(_folded(name))
-    return None
+    known: dict[str, str] = {}
+    for name in names:
+        other, known[_folded(name)] = known.get(_folded(name)), name
+        if other == name:
+            raise ValueError(f"{noun} {name} is given twice; leave one out")
+        if other is not None:
+            raise ValueError(
+                f"{noun} '{name}' differs from '{other}' in case or in a blank alone; give it a name of its own"
+            )
 
 
 def is_match(name: str, pattern: str) -> bool:

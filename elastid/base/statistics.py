@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 # 95 % of a normal distribution lie within so many standard deviations of its mean.
@@ -178,6 +178,14 @@ def mean_of_neighbours(values: Values, width: int) -> Values:
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
     first, end = np.maximum(np.arange(F) - half, 0), np.minimum(np.arange(F) + half + 1, F)
     return np.asarray((total[end] - total[first]) / (end - first).reshape(-1, *(1,) * (values.ndim - 1)))
+
+
+def interpolated(wanted: FloatArray | IntArray, lines: FloatArray | IntArray, values: Values) -> Values:
+    """Values (K, ...) at `wanted` (K,) of those (F, ...) at lines (F,), linear between them, and beyond."""
+    right = np.clip(np.searchsorted(lines, wanted), 1, len(lines) - 1)
+    part = (wanted - lines[right - 1]) / np.maximum(lines[right] - lines[right - 1], 1e-300)
+    part = part.reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray((1 - part) * values[right - 1] + part * values[right])
 
 
 def principal_axes(covariance: FloatArray) -> FloatArray:

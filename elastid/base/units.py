@@ -84,40 +84,42 @@ def units_of(dimension: str) -> list[str]:
     return [name for name, (measures, _) in TABLE.items() if measures == dimension and name not in _ALSO]
 
 
-def factor(unit: str, dimension: str) -> float:
+def factor(unit: str, *dimensions: str) -> float:
     """How many SI units one `unit` is; ValueError where it is unknown or measures something else.
 
     >>> factor("rpm", "rad/s") == 2 * math.pi / 60
     True
     """
-    fitting = ", ".join(units_of(dimension))
-    if unit not in TABLE:
-        raise ValueError(f"unknown unit '{unit}'; units that fit here: {fitting}")
-    measures, scale = TABLE[unit]
-    if measures != dimension:
-        raise ValueError(f"unit '{unit}' measures {measures}, not {dimension}; units that fit here: {fitting}")
+    measures, scale = TABLE.get(unit, ("", 1.0))
+    if measures not in dimensions:
+        fitting = ", ".join(name for dimension in dimensions for name in units_of(dimension))
+        wrong = f"measures {measures}, not {' or '.join(dimensions)}" if measures else "is unknown"
+        raise ValueError(f"unit '{unit}' {wrong}; units that fit here: {fitting}")
     return scale
 
 
-def to_si(value: Any, dimension: str) -> float:
+def to_si(value: Any, *dimensions: str) -> float:
     """A number (SI) or a text '2.5 kN*m/rad' as a float in SI; ValueError lists the units that fit.
+
+    Of several dimensions a text with a unit keeps its own.
 
     >>> to_si("2.5 kN*m/rad", "N*m/rad")
     2500.0
-    >>> to_si(3, "N*m/rad")
-    3.0
+    >>> to_si("5 N/mm", "N*m/rad", "N/m")
+    5000.0
     """
+    unit, expected = "", " or ".join(dimensions)
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError(f"expected a number in {dimension} or a text such as '1 {dimension}'")
+        raise ValueError(f"expected a number in {expected} or a text such as '1 {dimensions[0]}'")
     if isinstance(value, str):
         match = _QUANTITY.match(value)
         if match is None:
-            raise ValueError(f"'{value}' is not a number with a unit; write for example '1 {dimension}'")
-        number, unit = match.groups()
-        value = float(number) * (factor(unit.strip(), dimension) if unit else 1.0)
+            raise ValueError(f"'{value}' is not a number with a unit; write for example '1 {dimensions[0]}'")
+        unit = (match[2] or "").strip()
+        value = float(match[1]) * (factor(unit, *dimensions) if unit else 1.0)
     if not math.isfinite(value):
-        raise ValueError(f"expected a finite number in {dimension}")
-    return float(value)
+        raise ValueError(f"expected a finite number in {expected}")
+    return Measured(value, TABLE[unit][0]) if unit and len(dimensions) > 1 else float(value)
 
 
 class Measured(float):
@@ -133,26 +135,6 @@ class Measured(float):
 
     def __getnewargs__(self) -> tuple[float, str]:  # type: ignore[override]
         return float(self), self.dimension
-
-
-def to_si_of(value: Any, dimensions: tuple[str, ...]) -> float:
-    """SI value as of `to_si`, for any of several dimensions; a text with a unit keeps its dimension.
-
-    >>> to_si_of("5 N/mm", ("N*m/rad", "N/m")).dimension
-    'N/m'
-    """
-    if len(dimensions) == 1 or not isinstance(value, str):
-        return to_si(value, dimensions[0])
-    match = _QUANTITY.match(value)
-    unit = match[2].strip() if match and match[2] else ""
-    measured = TABLE.get(unit, (dimensions[0], 1.0))[0]
-    if measured in dimensions:
-        number = to_si(value, measured)
-        return Measured(number, measured) if unit in TABLE else number
-    fitting = ", ".join(name for dimension in dimensions for name in units_of(dimension))
-    raise ValueError(
-        f"unit '{unit}' measures {measured}, not {' or '.join(dimensions)}; units that fit here: {fitting}"
-    )
 
 
 def of_translation(unit: str) -> str:
@@ -179,7 +161,7 @@ class InUnit:
         from pydantic_core import core_schema
 
         return core_schema.no_info_plain_validator_function(
-            lambda value: to_si_of(value, self.units), metadata={"pydantic_js_functions": []}
+            lambda value: to_si(value, *self.units), metadata={"pydantic_js_functions": []}
         )
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """Worker processes of this machine: copies of one that has loaded what they need, ended at once on Ctrl-C.
 
 They start from nothing where the system has no copies. Inside `lasting_workers()` they stay for the next work, with the
-models that they have built and the values that they have (`base.kept`). Workers of a Dask cluster (`base.cluster`) are
-asked by the same messages.
+models that they have built and the values that they have (`base.kept`). Workers of a Dask cluster are asked by the same
+messages (`base.execution`).
 """
 
 from __future__ import annotations
@@ -249,7 +249,8 @@ class Served:
             function, item = self._end.unpacked(message)
             if function is not None:
                 self._function = function
-            assert self._function is not None, "the first item comes with the function"
+            if self._function is None:  # the first item, with which it came, went to another process
+                raise LostError
             return self._end.packed(Outcome(self._function(item)))
         except LostError:
             raise

@@ -24,8 +24,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, Note
+from elastid.base.statistics import interpolated
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.frf.spec import Method
@@ -101,9 +102,9 @@ def stated_errors(response: Response, local: Response, has_bias: bool) -> tuple[
     inside = (local.freq_hz >= response.freq_hz[0]) & (local.freq_hz <= response.freq_hz[-1])
     common = inside & _has_power(local)
     local = local.lines(common if common.any() else inside)
-    G, variance_l = _interpolated(local, response.freq_hz, response.G), _variance(local)
+    G, variance_l = interpolated(local.freq_hz, response.freq_hz, response.G), _variance(local)
     own = response.noise.variance if has_bias and response.noise is not None else _variance(response)
-    variance = _interpolated(local, response.freq_hz, own).real
+    variance = interpolated(local.freq_hz, response.freq_hz, own)
     # |G|^2 of both, each by its weight.
     weight, weight_l = (1 / np.maximum(x, 1e-300) for x in (variance, variance_l))
     power = (np.abs(G) ** 2 * weight + np.abs(local.G) ** 2 * weight_l) / (weight + weight_l)
@@ -155,13 +156,6 @@ def within_excitation(response: Response) -> Response:
         "largest amplitude there, and motors move by what their controllers make of noise"
     )
     return replace(response.lines(lines <= last), notes=(*response.notes, Note("frf/lines-left-out", text)))
-
-
-def _interpolated(at: Response, freq_hz: FloatArray, x: ComplexArray | FloatArray) -> ComplexArray:
-    """x (F, n_y, n_u) at the lines of another response."""
-    right = np.clip(np.searchsorted(freq_hz, at.freq_hz), 1, len(freq_hz) - 1)
-    part = (at.freq_hz - freq_hz[right - 1]) / (freq_hz[right] - freq_hz[right - 1])
-    return np.asarray(x[right - 1] + part[:, None, None] * (x[right] - x[right - 1]), dtype=np.complex128)
 
 
 def _variance(response: Response) -> FloatArray:

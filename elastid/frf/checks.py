@@ -19,7 +19,7 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, Note
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, smoothed_noise
-from elastid.frf.matrices import adjoint, inverse, squared_magnitude
+from elastid.frf.matrices import adjoint, inverse, singular_values, squared_magnitude
 from elastid.record import Record
 
 
@@ -109,15 +109,8 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     noise = [smoothed_noise(of_input, block.dof) for of_input in np.mean(1 / block.periods) * block.input_noise.T]
     least = np.maximum(MIN_SNR * np.stack(noise, axis=1), LIMITS.power_ratio * np.outer(total, power))
     least = np.maximum(least, np.finfo(float).tiny)
-    try:
-        # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs no eigenvalue.
-        separated = np.asarray(E * np.einsum("feu,fu->f", squared_magnitude(block.W), least) < 1)
-    except np.linalg.LinAlgError:
-        separated = np.zeros(len(least), dtype=np.bool_)
-    doubtful = np.flatnonzero(~separated)
-    U = block.U[doubtful] / np.sqrt(least[doubtful])[:, :, None]
-    ratio = np.linalg.eigvalsh(U @ adjoint(U) / E)
-    separated[doubtful] = ratio[:, 0] > 1
+    ratio = singular_values(block.U / np.sqrt(least)[:, :, None]) ** 2 / E
+    separated = np.asarray(ratio[:, -1] > 1)
     if not separated.any():
         record = group[0]
         ways, n_u = int(np.median(np.sum(ratio > 1, axis=1))), len(record.inputs)

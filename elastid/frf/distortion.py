@@ -34,6 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.statistics import interpolated
 from elastid.frf.covariance import equation_error
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.matrices import adjoint, power
@@ -79,14 +80,6 @@ def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexAr
         return Levels(*parts) if which.any() else None
 
     return Detected(levels(~odd), levels(odd), detection[odd], error - of_noise[odd], Y_c.shape[2])
-
-
-def interpolated(wanted: IntArray, lines: IntArray, G: ComplexArray) -> ComplexArray:
-    """G (K, n_y, n_u) at DFT lines `at`, linear in frequency between lines (F,)."""
-    right = np.clip(np.searchsorted(lines, wanted), 1, len(lines) - 1)
-    left = right - 1
-    part = ((wanted - lines[left]) / (lines[right] - lines[left]))[:, None, None]
-    return np.asarray((1 - part) * G[left] + part * G[right])
 
 
 def fast_total_error(

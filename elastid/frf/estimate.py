@@ -21,6 +21,8 @@ from elastid.frf.checks import (
     unlike_notes,
 )
 from elastid.frf.covariance import (
+    METHODS,
+    Estimate,
     distortion_covariance,
     equation_error,
     kronecker,
@@ -35,7 +37,6 @@ from elastid.frf.hits import hit_notes
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power
-from elastid.frf.methods import METHODS, Estimate
 from elastid.frf.motor_motion import motor_motion
 from elastid.frf.quality import (
     described_lines,

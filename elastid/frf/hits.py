@@ -56,11 +56,6 @@ class Pulses:
         size = [x[a : b + 1].max() for a, b in zip(first, last, strict=True)]
         return cls(first, last, np.array(size))
 
-    def bounces(self, rate_hz: float) -> IntArray:
-        """Pulses (m,) that follow another within a hit."""
-        gap = np.diff(self.first) / rate_hz
-        return np.flatnonzero(gap < LIMITS.bounce_s) + 1
-
 
 def runs(flags: BoolArray) -> tuple[IntArray, IntArray]:
     """First and last index (n,) of each run of True.
@@ -101,7 +96,8 @@ def _notes(record: Record) -> Iterator[Note]:
 
 
 def _double_hits(record: Record, name: str, pulses: Pulses) -> str:
-    bounces = pulses.bounces(record.rate_hz)
+    # Pulses that follow another within a hit.
+    bounces = np.flatnonzero(np.diff(pulses.first) / record.rate_hz < LIMITS.bounce_s) + 1
     if not len(bounces):
         return ""
     gap = (pulses.first[bounces] - pulses.first[bounces - 1]) / record.rate_hz

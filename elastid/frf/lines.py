@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +11,9 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.statistics import mean_of_neighbours
 from elastid.excitation.grids import grid_lines
+from elastid.frf.experiment_blocks import FullSum, add_periods
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import RecordSpectra
+from elastid.frf.spectra import PeriodSpectra, RecordSpectra
 from elastid.record import Record
 
 # Power of an excited line over the noise of the mean in a notch (6 dB), and over the lines around it (-14 dB).
@@ -125,21 +126,16 @@ def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[Fl
 
 
 def _mean_driver(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tuple[ComplexArray, FloatArray]:
-    """Mean (F, c) of the driver's amplitudes over periods and its variance; of a large record some periods at a time.
+    """Mean (F, c) of the driver's amplitudes over periods, some at a time of a large record, and its variance."""
+    record = spectra.record
+    sums = FullSum(np.full((len(lines), len(record.inputs)), 2 / record.repeat_samples, np.complex128))
 
-    Sums of squares about the means of two groups add up with that of the means (Chan, Golub and LeVeque, 1979).
-    """
-    n, mean, squares = 0, np.zeros(0, dtype=np.complex128), np.zeros(0)
-    for group in spectra.dft_at((spectra.driver_role,), lines):
-        X = group[left_out:] * (2 / spectra.record.repeat_samples)
-        left_out = max(0, left_out - len(group))
-        if not len(X):
-            continue
-        of_group = X.mean(axis=0)
-        around = np.sum(np.abs(X - of_group) ** 2, axis=0)
-        apart = of_group - mean if n else of_group
-        total = n + len(X)
-        mean = mean + apart * len(X) / total if n else of_group
-        squares = squares + around + np.abs(apart) ** 2 * n * len(X) / total if n else around
-        n = total
-    return mean, squares / max(n - 1, 1) / n
+    def groups() -> Iterator[PeriodSpectra]:
+        first = 0
+        for X in spectra.dft_at((spectra.driver_role,), lines):
+            used = np.arange(max(left_out - first, 0), len(X))
+            yield PeriodSpectra(record, first + np.arange(len(X)), X, sums.scale).only(used)
+            first += len(X)
+
+    mean = add_periods(sums, groups())
+    return mean, sums.power() / max(sums.dof, 1) / (sums.dof + 1)

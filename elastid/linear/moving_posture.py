@@ -30,6 +30,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.statistics import interpolated
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import factor
@@ -75,7 +76,7 @@ def effect_of_motion(
         omega = 2 * np.pi * lines_hz
         moved = _Moved.of(expansion, motion, places, mean, most)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
-        changes = _between(omega, nodes, np.stack([moved.change(node) for node in nodes]))
+        changes = interpolated(omega, nodes, np.stack([moved.change(node) for node in nodes]))
         dG = expansion.response_change(omega, changes)[:, :, inputs]
         gain = factor(linear, theta, (1j * omega).astype(np.complex128))[:, None, None]
         return np.asarray(gain * of_outputs[:, None] * dG * of_inputs)
@@ -231,15 +232,6 @@ class _Moved:
         inverse = np.linalg.solve(L.reshape(-1, e.n, e.n), np.eye(e.n)[:, rows])
         inverse[rest] = e.held(0.0)[:, rows]
         return np.asarray(inverse)
-
-
-def _between(omega: FloatArray, nodes: FloatArray, values: ComplexArray) -> ComplexArray:
-    """Values (.., n, n) at nodes between which omega (F,) are."""
-    after = np.clip(np.searchsorted(nodes, omega), min(1, len(nodes) - 1), len(nodes) - 1)
-    before = np.maximum(after - 1, 0)
-    share = (omega - nodes[before]) / np.maximum(nodes[after] - nodes[before], 1e-300)
-    share = np.where(after == before, 0.0, share)[:, None, None]
-    return np.asarray((1 - share) * values[before] + share * values[after])
 
 
 def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray) -> ComplexArray:

@@ -24,6 +24,7 @@ from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95, small_sample_factors
 from elastid.modal.model import ModalFit, unstacked
+from elastid.modal.poles import LIMITS as POLES
 from elastid.response import Response
 
 
@@ -35,7 +36,6 @@ class ModeLimits:
     (`scripts/studies/modes.py`).
     """
 
-    max_damping: float = 0.35
     damping_significance: float = 2.5  # damping over its standard deviation
     freq_std: float = 0.05  # of the frequency, at most: a slow pole at the edge of the band is no mode
     input_share: float = 0.01  # least singular value of the inputs over its largest: 40 dB,
@@ -90,7 +90,7 @@ class FittedMode:
         """True within the band, with a frequency and a damping that are known."""
         inside = response.freq_hz[0] <= self.freq_hz <= response.freq_hz[-1]
         inside = inside and self.freq_std <= LIMITS.freq_std * self.freq_hz
-        return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < LIMITS.max_damping)
+        return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < POLES.max_damping)
 
     def is_background(self, response: Response) -> bool:
         """True for a broad pole of little height within its half powers, or of a shape that is not known."""
@@ -325,11 +325,9 @@ class Influences:
         seen = uniform_filter1d(np.abs(self._normalised) ** 2, 2 * self._half + 1, axis=0, mode="reflect")
         local = np.einsum("fp,fc->c", power, seen / self._free[:, None] * fit.data.variance) / 2
         level = local * self._line_factor(unstacked(pair.T).T[:, :, None])
-        slope = np.stack([np.linalg.lstsq(R, Q.T @ d, rcond=1e-12)[0] / norms for d in self._derivative(r).T])
+        D = fit.data.columns(fit.poles[[r]], derivative=True)
+        slope = (np.linalg.lstsq(R, Q.T @ D, rcond=1e-12)[0] / norms[:, None]).T
         b, C = fit.directions[r], self.pole_covariances[r]
         # Of Re and Im R_c by Re and Im lambda: minus the part of J inside the model.
         moved = np.einsum("ik,pic->pkc", slope[:, rows], b)
         return np.asarray(np.sqrt(level + np.einsum("pkc,pq,qkc->c", moved, C, moved)))
-
-    def _derivative(self, r: int) -> FloatArray:
-        return self.fit.data.columns(self.fit.poles[[r]], derivative=True)

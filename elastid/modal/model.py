@@ -93,15 +93,6 @@ class Basis:
         columns = np.stack([(s / middle) ** (self.order + p) for p in RESIDUALS], axis=1)
         return stacked(columns)
 
-    def real_columns(self, poles: ComplexArray, derivative: bool = False) -> FloatArray:
-        """Columns (2 F, 2 n) of the real and imaginary parts of each pole's residue, or their derivatives by the pole.
-
-        Column 2 r belongs to Re R_r, column 2 r + 1 to Im R_r; derivatives are those by Re lambda.
-        """
-        own, mirrored = self.poles(poles, derivative), self.poles(poles.conj(), derivative)
-        columns = np.stack([own + mirrored, 1j * (own - mirrored)], axis=2)
-        return stacked(columns.reshape(len(columns), -1))
-
 
 def window_correlation(response: Response) -> FloatArray:
     """rho_w (n,) over one segment, with at least two samples in a period of the highest line."""
@@ -155,8 +146,13 @@ class ModalData:
         return np.concatenate([self.weight, self.weight])
 
     def columns(self, poles: ComplexArray, derivative: bool = False) -> FloatArray:
-        """Weighted real columns (2 F, 2 n)."""
-        return np.asarray(self.weights[:, None] * self.basis.real_columns(poles, derivative))
+        """Weighted columns (2 F, 2 n) of real and imaginary parts of each pole's residue, or derivatives by the pole.
+
+        Column 2 r belongs to Re R_r, column 2 r + 1 to Im R_r; derivatives are those by Re lambda.
+        """
+        own, mirrored = self.basis.poles(poles, derivative), self.basis.poles(poles.conj(), derivative)
+        both = np.stack([own + mirrored, 1j * (own - mirrored)], axis=2)
+        return np.asarray(self.weights[:, None] * stacked(both.reshape(len(both), -1)))
 
 
 @dataclass(frozen=True)
@@ -237,12 +233,6 @@ class ModalFit:
         inner = (self.free_slopes.T @ self.residual).reshape(n, 2, -1)
         return np.asarray(np.einsum("rpic,ric->rp", self.directions, inner).reshape(2 * n))
 
-    def stepped(self, step: FloatArray) -> ModalFit:
-        """The model at other poles; unstable ones are mirrored, frequencies stay positive."""
-        poles = self.poles + step[0::2] + 1j * step[1::2]
-        poles = -np.abs(poles.real) + 1j * np.abs(poles.imag)
-        return ModalFit(self.data, poles)
-
     def refined(self, steps: int = 20, tolerance: float = 1e-3) -> ModalFit:
         """Fit at the poles with the least squares, by damped Gauss-Newton steps; tolerance in standard deviations."""
         fit, damping = self, 1e-6
@@ -255,7 +245,10 @@ class ModalFit:
                 step = np.linalg.lstsq(information + damping * np.diag(diagonal), gradient, rcond=1e-14)[0]
                 # A pole moves by its own half width at most.
                 size = np.hypot(step[0::2], step[1::2]) / np.maximum(-fit.poles.real, 1e-12)
-                trial = fit.stepped(np.asarray(step / max(1.0, float(size.max()))))
+                moved = step / max(1.0, float(size.max()))
+                # Unstable ones are mirrored, frequencies stay positive.
+                poles = fit.poles + moved[0::2] + 1j * moved[1::2]
+                trial = ModalFit(fit.data, -np.abs(poles.real) + 1j * np.abs(poles.imag))
                 if trial.cost <= fit.cost:
                     damping = max(damping / 10, 1e-10)
                     break

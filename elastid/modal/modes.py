@@ -160,15 +160,6 @@ def phase_collinearity(shapes: ComplexArray) -> FloatArray:
     return np.asarray(((power[:, 0] - power[:, 1]) / np.maximum(power.sum(axis=1), np.finfo(float).tiny)) ** 2)
 
 
-def turned(shapes: ComplexArray) -> ComplexArray:
-    """Shapes (n_y, n) with their common phase taken out and the largest entry of modulus 1, its real part positive."""
-    shapes = np.asarray(shapes, complex)
-    shapes = shapes * np.exp(-0.5j * np.angle(np.sum(shapes**2, axis=0)))
-    largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
-    size = np.where(np.abs(largest) > 0, np.abs(largest), 1.0)
-    return np.asarray(shapes * np.where(largest.real < 0, -1.0, 1.0) / size)
-
-
 def mode_indicators(G: ComplexArray) -> FloatArray:
     """CMIF (F, min(n_y, n_u)): singular values of G (F, n_y, n_u), largest first."""
     return np.asarray(np.linalg.svd(G, compute_uv=False), dtype=float)

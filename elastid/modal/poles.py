@@ -49,13 +49,23 @@ class StabilisationDiagram:
 
 @dataclass(frozen=True)
 class PoleLimits:
-    """Limits of poles that are compared from order to order."""
+    """Limits of poles that are compared from order to order, and thresholds of a mode.
+
+    Of 144 records of noise none had a mode (`scripts/studies/modes.py`).
+    """
 
     frequency: float = 0.01  # relative change of a stable one
     damping: float = 0.05
-    max_damping: float = 0.35
+    max_damping: float = 0.35  # of a mode, too
     distance: float = 0.5  # of poles in one cluster, in half widths -Re lambda
     runs: int = 3  # orders that a cluster has at least
+    records_with_false_modes: float = 0.002  # among records of noise, before the judgement of damping
+    trials_per_line: float = 2.0
+    lines: int = 12  # to either side of a pole at least, on which the level of noise is measured
+    half_widths: float = 3.0  # likewise
+    max_poles: int = 60
+    new_share: float = 1e-4  # of a candidate's columns that must be new to the model
+    batch_half_widths: float = 6.0  # between candidates that are taken together
 
 
 LIMITS = PoleLimits()
@@ -157,22 +167,6 @@ def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> tuple[ComplexArray
     return np.array(middle, complex), np.array([len(each) for each in kept], int)
 
 
-@dataclass(frozen=True)
-class SelectionLimits:
-    """Thresholds of a mode.  Of 144 records of noise none had a mode (`scripts/studies/modes.py`)."""
-
-    records_with_false_modes: float = 0.002  # among records of noise, before the judgement of damping
-    trials_per_line: float = 2.0
-    lines: int = 12  # to either side of a pole at least, on which the level of noise is measured
-    half_widths: float = 3.0  # likewise
-    max_poles: int = 60
-    new_share: float = 1e-4  # of a candidate's columns that must be new to the model
-    batch_half_widths: float = 6.0  # between candidates that are taken together
-
-
-SELECTION = SelectionLimits()
-
-
 def p_value(drops: FloatArray, levels: FloatArray, lines: FloatArray, trials: float) -> FloatArray:
     """The probability (n,) that noise has a pole somewhere that lowers the squares so.
 
@@ -193,7 +187,7 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
     inside = (free.T @ fit.residual).reshape(len(candidates), 2, -1)
     pairs = free.reshape(len(free), -1, 2)
     gram = np.einsum("fri,frj->rij", pairs, pairs)
-    is_new = np.linalg.eigvalsh(gram)[:, 0] > SELECTION.new_share**2
+    is_new = np.linalg.eigvalsh(gram)[:, 0] > LIMITS.new_share**2
     gram[~is_new] = np.eye(2)
     found = np.einsum("ric,rij,rjc->rc", inside, np.linalg.inv(gram), inside, optimize=True)
     return np.where(is_new[:, None], found, 0.0)
@@ -237,10 +231,10 @@ def levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     s_r, n_r = np.ones((n, power.shape[1])), np.zeros(n)
     for r, pole in enumerate(fit.poles):
         about = int(np.searchsorted(omega, pole.imag))
-        half = SELECTION.half_widths * -pole.real
-        low = min(about - SELECTION.lines, int(np.searchsorted(omega, pole.imag - half)))
-        high = max(about + SELECTION.lines, int(np.searchsorted(omega, pole.imag + half)))
-        window = slice(max(0, min(low, F - 2 * SELECTION.lines)), max(2 * SELECTION.lines, min(high, F)))
+        half = LIMITS.half_widths * -pole.real
+        low = min(about - LIMITS.lines, int(np.searchsorted(omega, pole.imag - half)))
+        high = max(about + LIMITS.lines, int(np.searchsorted(omega, pole.imag + half)))
+        window = slice(max(0, min(low, F - 2 * LIMITS.lines)), max(2 * LIMITS.lines, min(high, F)))
         n_r[r] = max(float(np.sum(1 - leverage[window])), 1.0)
         # Where lines differ in their noise, those at the pole count.
         s_r[r] = _at(fit, pole) * np.maximum(1.0, (power / variance)[window].sum(axis=0) / n_r[r])
@@ -252,7 +246,7 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
     if not len(fit.poles):
         return np.empty(0)
     s_r, n_r = levels(fit)
-    drop, level, trials = own_drops(fit), s_r * correlated_lines, SELECTION.trials_per_line * len(fit.data.weight)
+    drop, level, trials = own_drops(fit), s_r * correlated_lines, LIMITS.trials_per_line * len(fit.data.weight)
     # An outlier is a pole on one line: without it, none is left.
     rest = drop * (1 - lone_shares(fit))[:, None]
     return np.maximum(p_value(drop, level, n_r, trials), p_value(rest, level, n_r, 1.0))
@@ -260,19 +254,19 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
 
 def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) -> ModalFit:
     """The model with the candidates that lower its squares most, in turn, as long as noise would not."""
-    trials = SELECTION.trials_per_line * len(fit.data.weight)
-    while len(candidates) and len(fit.poles) < SELECTION.max_poles:
+    trials = LIMITS.trials_per_line * len(fit.data.weight)
+    while len(candidates) and len(fit.poles) < LIMITS.max_poles:
         drop = drops(fit, candidates)
         level = correlated_lines * np.stack([_at(fit, pole) for pole in candidates])
         chance = p_value(drop, level, np.full(len(drop), 1e9), trials)
-        good = chance < SELECTION.records_with_false_modes
+        good = chance < LIMITS.records_with_false_modes
         if not good.any():
             break
         candidates, drop = candidates[good], drop[good].sum(axis=1)
         taken: list[complex] = []
         for i in np.argsort(-drop):
             pole = candidates[i]
-            gap = SELECTION.batch_half_widths
+            gap = LIMITS.batch_half_widths
             # Weak ones next to strong ones may be errors of these, and wait until they are refined.
             if all(abs(pole.imag - other.imag) > gap * max(-pole.real, -other.real) for other in taken):
                 taken.append(pole)
@@ -288,7 +282,7 @@ def eliminated(fit: ModalFit, correlated_lines: float) -> ModalFit:
     while len(fit.poles):
         chance = p_values(fit, correlated_lines)
         worst = int(np.argmax(chance))
-        if chance[worst] < SELECTION.records_with_false_modes:
+        if chance[worst] < LIMITS.records_with_false_modes:
             break
         fit = fit.without(worst).refined(8, 1e-2)
     return fit.refined(30, 1e-4)

@@ -11,8 +11,8 @@ from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.base.statistics import interpolated
 from elastid.excitation.grids import line_frequencies
-from elastid.frf.distortion import interpolated
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec

@@ -26,7 +26,8 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
+from elastid.base.statistics import interpolated
+from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.friction import FrictionTakenOut, held_samples

@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.base.names import SEPARATOR, NameRule, OptionalName, check_different, first_same
+from elastid.base.names import SEPARATOR, NameRule, OptionalName, check_different
 from elastid.base.section import Key, section
 from elastid.base.units import Damping
 from elastid.robot.body import BASE, Body, Frame, Payload, six_numbers
@@ -186,12 +186,13 @@ class _Reader:
         self.root, self.known = root, known
         self.links = {link.name: link for link in root.all("link")}
         for kind in ("link", "joint"):
-            elements = list(root.all(kind))
-            names = [element.name for element in elements]
-            try:
-                check_different(kind, names)
-            except ValueError as error:
-                raise elements[first_same(names) or 0].wrong(str(error)) from None
+            names: list[str] = []
+            for element in root.all(kind):
+                names.append(element.name)
+                try:
+                    check_different(kind, names)
+                except ValueError as error:
+                    raise element.wrong(str(error)) from None
         self.below: dict[str, list[UrdfElement]] = {}
         self.child_of: dict[str, UrdfElement] = {}
         for joint in root.all("joint"):

@@ -43,7 +43,7 @@ import numpy as np
 from causes import FURTHER, INJECTIONS, exact, noisy, workshop
 from data_sheet_robots import PLANTS, Plant, drawn
 
-from elastid.base.execution import Execution, ordered
+from elastid.base.execution import Execution
 from elastid.fit.diagnosis.hypothesis import LIMITS
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
@@ -169,7 +169,7 @@ def main() -> None:
     wrong = [row.cause for row in rows if row.verdict == "wrong" and row.is_certain]
     silent = [row.cause for row in rows if row.verdict == "none" and row.status == "converged"]
     clean = 1 if asked.quick else 0 if asked.only else asked.clean
-    alarms = sum(ordered(partial(names_a_cause, seed=asked.seed), range(clean), asked.jobs))
+    alarms = sum(Execution(asked.jobs).ordered(partial(names_a_cause, seed=asked.seed), range(clean)))
     total = counts["right"] + counts["apart"] + counts["doubt"] + counts["within"] + counts["stated"]
     print(f"\n{total} of {len(rows)}: {counts['right']} first, {counts['apart']} not to be told apart, "
           f"{counts['doubt']} without a hypothesis and doubted, {counts['within']} within the intervals, "

@@ -44,7 +44,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.execution import ordered
+from elastid.base.execution import Execution
 from elastid.fit.identify import identify
 from elastid.fit.problem.weights import with_floor
 from elastid.fit.result import Result
@@ -220,7 +220,7 @@ def main() -> None:
     sets, levels, counts = (2, [0.3], [2]) if given.quick else (given.sets, given.coulomb, given.realisations)
     rows = []
     for case in (Case(level, M, given.rigs.resolve(), given.rest) for level in levels for M in counts):
-        found = ordered(case, list(range(sets)), given.jobs)
+        found = Execution(given.jobs).ordered(case, list(range(sets)))
         for fit in FITS:
             rows.append(figures(case, found, fit))
             print(line(rows[-1]), flush=True)

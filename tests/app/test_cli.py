@@ -328,7 +328,7 @@ def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc for processes")
 def test_the_workers_of_a_killed_run_end(tiny: Path, here: Path) -> None:
     """kill -9 of the parent leaves no process behind that waits for work for ever."""
-    code = "from elastid.base.execution import ordered; import time; ordered(time.sleep, [60.0, 60.0], 2)"
+    code = "from elastid.base.execution import Execution; import time; Execution(2).ordered(time.sleep, [60.0, 60.0])"
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         assert _wait_until(lambda: len(_descendants(parent.pid)) >= 3)

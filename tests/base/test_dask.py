@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from plants.refusals import refused
 
-from elastid.base.cluster import on_dask
-from elastid.base.execution import Execution, ordered, surviving
+from elastid.base.execution import Execution, on_dask, surviving
 from elastid.base.workers import lasting_workers
 
 distributed = pytest.importorskip("distributed")
@@ -33,9 +32,9 @@ def test_work_on_a_cluster_gives_its_values_in_order_and_its_errors_as_they_are(
         ) as cluster,
         on_dask(cluster.scheduler_address),
     ):
-        assert ordered(math.sqrt, [4.0, 1.0, 9.0], 1) == [2.0, 1.0, 3.0]
+        assert Execution(1).ordered(math.sqrt, [4.0, 1.0, 9.0]) == [2.0, 1.0, 3.0]
         with pytest.raises(ValueError, match=r"math domain|nonnegative"):
-            ordered(math.sqrt, [1.0, -1.0], 1)
+            Execution(1).ordered(math.sqrt, [1.0, -1.0])
 
 
 @pytest.mark.filterwarnings("default")
@@ -50,20 +49,20 @@ def test_a_worker_that_dies_while_it_is_given_the_work_costs_nothing(monkeypatch
         return submit(*given, **options)
 
     monkeypatch.setattr(distributed.Client, "submit", closed_once)
-    monkeypatch.setattr("elastid.base.cluster.WORKERS_S", 0.5)
+    monkeypatch.setattr("elastid.base.execution.WORKERS_S", 0.5)
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50
         ) as cluster,
         on_dask(cluster.scheduler_address),
     ):
-        assert ordered(math.sqrt, [4.0, 1.0, 9.0], 1) == [2.0, 1.0, 3.0]
+        assert Execution(1).ordered(math.sqrt, [4.0, 1.0, 9.0]) == [2.0, 1.0, 3.0]
         assert len(calls) > 1
         cluster.scale(0)
         while cluster.scheduler.workers:
             time.sleep(0.01)
         with refused("workers/cluster"):
-            ordered(math.sqrt, [4.0, 1.0], 1)
+            Execution(1).ordered(math.sqrt, [4.0, 1.0])
 
 
 def killed_at_two(item: int) -> int:
@@ -92,14 +91,14 @@ class DyingOnce:
 @pytest.mark.filterwarnings("default")
 def test_work_outlives_the_only_worker_of_a_cluster(tmp_path, monkeypatch):
     """And with it the function that the items share: its successor is given both; a death costs one item at most."""
-    monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 2.0)
+    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 2.0)
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
         ) as cluster,
         on_dask(cluster.scheduler_address),
     ):
-        assert ordered(DyingOnce(tmp_path), list(range(6)), 1) == [0, 1, 4, 9, 16, 25]
+        assert Execution(1).ordered(DyingOnce(tmp_path), list(range(6))) == [0, 1, 4, 9, 16, 25]
         assert dict(surviving(killed_at_two, [1, 2, 3], 1)) == {0: 1, 1: None, 2: 9}
     assert (tmp_path / "died").exists()
 
@@ -112,7 +111,7 @@ def process(item: int) -> int:
 @pytest.mark.filterwarnings("default")
 def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp_path, monkeypatch):
     """Each at one of them; one that dies is followed by another."""
-    monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 2.0)
+    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 2.0)
     with on_dask(address), lasting_workers():
         there, large = Execution(), [np.zeros(n) for n in (200_000, 1000, 100)]
         for array in large:
@@ -132,6 +131,6 @@ def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "x", "host:notaport", "foo://x:1", "tcp://[::1", "tls://a:1"])
 def test_a_text_at_which_no_scheduler_answers_is_refused_before_any_work(address, monkeypatch):
     """Nor one that needs certificates, where none are configured."""
-    monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 0.5)
+    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 0.5)
     with refused("workers/cluster"):
         on_dask(address).__enter__()

@@ -9,7 +9,7 @@ from pickle import PicklingError
 import pytest
 from plants.refusals import refused
 
-from elastid.base.execution import ordered, surviving
+from elastid.base.execution import Execution, surviving
 
 
 class Heavy:
@@ -26,24 +26,24 @@ class Heavy:
 
 
 def test_the_work_is_packed_once_for_each_worker():
-    assert ordered(Heavy(), list(range(12)), 2) == [1000 * i for i in range(12)]
+    assert Execution(2).ordered(Heavy(), list(range(12))) == [1000 * i for i in range(12)]
     assert Heavy.packed == 2
 
 
 def test_work_that_does_not_pickle_is_told_at_once():
     with pytest.raises((AttributeError, PicklingError), match="pickle"):
-        ordered(lambda item: item, [1, 2], 2)
+        Execution(2).ordered(lambda item: item, [1, 2])
 
 
 def test_a_script_that_would_begin_anew_in_every_worker_is_told_what_it_lacks(tmp_path: Path):
     """The workers read the script again, and would start workers of their own."""
     script = tmp_path / "script.py"
-    work = "print(ordered(abs, [-1, -2], 2))\n"
-    script.write_text(f"from elastid.base.execution import ordered\n{work}")
+    work = "print(Execution(2).ordered(abs, [-1, -2]))\n"
+    script.write_text(f"from elastid.base.execution import Execution\n{work}")
     run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
     assert run.returncode != 0
     assert "ElastidError: a script that works in several processes is read by each of them: put what it" in run.stderr
-    script.write_text(f"from elastid.base.execution import ordered\nif __name__ == '__main__':\n    {work}")
+    script.write_text(f"from elastid.base.execution import Execution\nif __name__ == '__main__':\n    {work}")
     assert subprocess.run([sys.executable, str(script)], capture_output=True, text=True).stdout == "[1, 2]\n"
 
 
@@ -75,10 +75,10 @@ def dying_once(item: tuple[int, str]) -> int:
 
 def test_work_of_a_worker_that_dies_is_done_anew(tmp_path: Path):
     """All values are there, once each, as if it had lived."""
-    assert ordered(dying_once, [(i, str(tmp_path)) for i in range(8)], 2) == [i**2 for i in range(8)]
+    assert Execution(2).ordered(dying_once, [(i, str(tmp_path)) for i in range(8)]) == [i**2 for i in range(8)]
     assert (tmp_path / "died").exists()
 
 
 def test_workers_that_die_again_and_again_are_given_up():
     with refused("workers/died"):
-        ordered(os._exit, [9, 9], 2)
+        Execution(2).ordered(os._exit, [9, 9])

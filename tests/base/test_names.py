@@ -7,7 +7,7 @@ from plants.hostile_names import FILES, HOSTILE, REFUSED
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
-from elastid.base.names import check_different, check_file_name, is_match, matching
+from elastid.base.names import NameRule, check_different, is_match, matching
 from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.robot import Body, Frame, Joint, Motor, Robot, Spring
@@ -66,7 +66,7 @@ def test_it_is_refused_with_its_line_in_a_urdf(tmp_path: Path, name: str) -> Non
 def test_what_no_folder_can_be_called_is_refused(tiny: Path, name: str) -> None:
     """At the key of a configuration."""
     with pytest.raises(ValueError, match="name"):
-        check_file_name(name)
+        NameRule(is_file=True).check(name)
     tiny.write_text(tiny.read_text().replace("    a: [0]", f"    {quoted(name)}: [0]"), encoding="utf-8")
     with refused("study/invalid"):
         load(tiny)

@@ -13,18 +13,18 @@ from pathlib import Path
 import pytest
 
 from elastid.base import workers
-from elastid.base.execution import ordered, surviving
+from elastid.base.execution import Execution, surviving
 from elastid.base.workers import lasting_workers
 
 LOADING = """
 import os, signal, sys
-from elastid.base.execution import ordered
+from elastid.base.execution import Execution
 from elastid.base.workers import load_for_workers
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, lambda *_: None)
     load_for_workers(["elastid.app.stages.fit"])
     os.killpg(0, signal.SIGINT)
-    print(ordered(abs, [-1, -2], 2))
+    print(Execution(2).ordered(abs, [-1, -2]))
 """
 
 
@@ -51,7 +51,7 @@ def test_ctrl_c_while_a_worker_starts_leaves_none_behind(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(BaseProcess, "start", pressed)
     with pytest.raises(KeyboardInterrupt):
-        ordered(time.sleep, [60, 60], 2)
+        Execution(2).ordered(time.sleep, [60, 60])
     assert len(started) == 1
     assert not any(process.is_alive() for process in started)
 
@@ -92,12 +92,12 @@ def unsendable(item: int) -> object:
 def test_an_error_or_value_that_does_not_pickle_is_told(item: int, said: str):
     """And not waited for."""
     with pytest.raises(Exception, match=said):
-        ordered(unsendable, [0, item, 3], 2)
+        Execution(2).ordered(unsendable, [0, item, 3])
 
 
 def test_an_error_in_a_worker_shows_where_it_arose():
     with pytest.raises(ZeroDivisionError) as error:
-        ordered((1).__divmod__, [1, 0], 2)
+        Execution(2).ordered((1).__divmod__, [1, 0])
     assert "in a worker:\nTraceback" in str(error.value.__cause__)
 
 
@@ -124,16 +124,16 @@ def wait_for_end(processes: Iterable[int]) -> None:
 def test_lasting_workers_stay_for_the_next_work_and_no_longer():
     """One that is killed between two works is replaced, and no work is lost by that."""
     with lasting_workers():
-        first = set(ordered(process_of, [0.2, 0.2], 2))
-        assert set(ordered(process_of, [0.2, 0.2], 2)) == first
+        first = set(Execution(2).ordered(process_of, [0.2, 0.2]))
+        assert set(Execution(2).ordered(process_of, [0.2, 0.2])) == first
         killed = min(first)
         os.kill(killed, signal.SIGKILL)
         wait_for_end([killed])
         assert dict(surviving(abs, [-1, -2, -3], 2)) == {0: 1, 1: 2, 2: 3}
         with pytest.raises(ZeroDivisionError):
-            ordered((1).__divmod__, [1, 0], 2)
-        assert ordered(abs, [-1, 2], 2) == [1, 2]
-        last = set(ordered(process_of, [0.2, 0.2], 2))
+            Execution(2).ordered((1).__divmod__, [1, 0])
+        assert Execution(2).ordered(abs, [-1, 2]) == [1, 2]
+        last = set(Execution(2).ordered(process_of, [0.2, 0.2]))
         assert len(last) == 2
     wait_for_end(first | last)
 
@@ -143,4 +143,4 @@ def test_workers_start_anew_where_there_is_no_process_to_copy(monkeypatch: pytes
     monkeypatch.setattr(workers, "get_all_start_methods", lambda: ["spawn"])
     assert workers.start_method() == "spawn"
     workers.load_for_workers(["elastid.fit"])
-    assert ordered(abs, list(range(-4, 0)), 2) == [4, 3, 2, 1]
+    assert Execution(2).ordered(abs, list(range(-4, 0))) == [4, 3, 2, 1]

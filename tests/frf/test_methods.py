@@ -13,15 +13,15 @@ from plants.refusals import refused
 from scipy.signal import csd
 
 from elastid.excitation.multisine import orthogonal_set
-from elastid.frf.estimate import estimate
-from elastid.frf.experiment_blocks import Block, MeanSpectra
-from elastid.frf.methods import (
+from elastid.frf.covariance import (
     METHODS,
     arithmetic,
     errors_in_variables,
     h1,
     joint,
 )
+from elastid.frf.estimate import estimate
+from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Record
 
 RATE, N = 500.0, 256

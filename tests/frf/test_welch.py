@@ -14,8 +14,8 @@ from scipy.signal import coherence, csd, lfilter
 
 from elastid.base.arrays import ComplexArray
 from elastid.frf.estimate import estimate
-from elastid.frf.segments import Segments, make_segments
 from elastid.frf.spec import EstimatorSpec, Method
+from elastid.frf.welch import Segments, make_segments
 from elastid.record import Configuration, Record
 
 

@@ -6,7 +6,7 @@ from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 
 from elastid.experiment.simulated.plant import true_modes, true_response
 from elastid.modal.estimate import estimate_modes
-from elastid.modal.modes import mac, turned
+from elastid.modal.modes import mac
 from elastid.response import Covariance, Response
 
 
@@ -22,7 +22,7 @@ def test_an_exact_response_gives_its_modes() -> None:
     np.testing.assert_allclose(modes.collinearity, 1, atol=1e-12)
     np.testing.assert_allclose(modes.synthesis, response.G, atol=1e-9 * np.abs(response.G).max())
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
-    np.testing.assert_allclose(turned(modes.shapes).real, shapes / largest, atol=1e-8)
+    np.testing.assert_allclose(modes.shapes.real, shapes / largest, atol=1e-8)
 
 
 def test_a_double_root_is_two_modes() -> None:

@@ -167,10 +167,6 @@ class LadderFit:
     where: Windows
     terms: WindowTerms
 
-    def richer(self) -> list[tuple[LocalFit, BoolArray]]:
-        """Further models, each with the lines (F,) that take a simpler one."""
-        return [(model, self.taken < i) for i, model in enumerate(self.models) if i]
-
 
 _ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
 

@@ -267,8 +267,10 @@ def _fits(
         if n_w <= n_lines:
             where = windows(signals.lines, signals.lines[signals.every], max(n_w, min(signals.step, n_lines)))
             fits.append(fit_ladder(signals.Z, signals.R, where, ladder))
+    # Each at the lines that take a simpler one.
+    further = [(model, fits[0].taken < i) for i, model in enumerate(fits[0].models) if i]
     everywhere = np.ones(len(fits[0].taken), dtype=np.bool_)
-    return fits[0], [*fits[0].richer(), *((fit.chosen, everywhere) for fit in fits[1:])] if transient else []
+    return fits[0], [*further, *((fit.chosen, everywhere) for fit in fits[1:])] if transient else []
 
 
 def _window_lines(signals: _Signals, terms: WindowTerms, n_y: int) -> int:

@@ -78,8 +78,10 @@ class Kernel(Kept):
 
     def response(self, theta: FloatArray) -> ComplexArray:
         """G (F, n_y, n_u) at theta (n_theta,)."""
-        direct = [products.G for products in self.products(theta, np.zeros((self.model.n, 0)))]
-        return np.concatenate(direct) + self.images(theta)
+        G = np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
+        for images, above in self.above:
+            G = G + images.folding(theta).images(above.response(images.undelayed(theta)))
+        return G
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
@@ -104,37 +106,23 @@ class Kernel(Kept):
             G, dG = G + images, dG + slopes
         return G, dG
 
-    def images(self, theta: FloatArray) -> ComplexArray:
-        """The images in G (F, n_y, n_u) of held torques at theta (n_theta,); zero without any."""
-        total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
-        for images, above in self.above:
-            total += images.folding(theta).images(above.response(images.undelayed(theta)))
-        return total
-
     def evaluate_images(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """The images in G (F, n_y, n_u) and their derivatives (P, F, n_y, n_u) at theta (n_theta,)."""
         total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
-        slopes = np.zeros((len(self.wanted), *total.shape), complex)
+        slopes, s = np.zeros((len(self.wanted), *total.shape), complex), (2j * np.pi * self.freq_hz).astype(complex)
         for images, above in self.above:
             G_above, of_above = above.evaluate(images.undelayed(theta))
             folding = images.folding(theta)
             added = folding.images(G_above)
             total += added
             slopes[[self.wanted.index(name) for name in above.wanted]] += folding.images(of_above)
-            for name, slope in self.sensor_slopes(images, theta, added, G_above):
-                slopes[self.wanted.index(name)] += slope
+            for element in images.sensors.chain:
+                if element.name in self.wanted:
+                    log_slope = element.log_slope(s, self.model.number(theta, element.name))[:, None, None]
+                    slopes[self.wanted.index(element.name)] += log_slope * added
+            if DELAY in self.wanted:
+                slopes[self.wanted.index(DELAY)] += images.folding(theta, order=1).images(G_above)
         return total, slopes
-
-    def sensor_slopes(
-        self, images: HoldImages, theta: FloatArray, added: ComplexArray, G: ComplexArray
-    ) -> Iterator[tuple[str, ComplexArray]]:
-        """Derivatives of the images `added` (F, n_y, n_u), of G (J, n_y, n_u), to sensors and delay, by name."""
-        s = (2j * np.pi * self.freq_hz).astype(complex)
-        for element in images.sensors.chain:
-            if element.name in self.wanted:
-                yield element.name, element.log_slope(s, self.model.number(theta, element.name))[:, None, None] * added
-        if DELAY in self.wanted:
-            yield DELAY, images.folding(theta, order=1).images(G)
 
     def pull(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
         """Re sum over lines and elements of weight (F, n_y, n_u) times dG (P,) at theta (n_theta,), 0 of `factors`."""
