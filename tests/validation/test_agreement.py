@@ -157,14 +157,6 @@ def test_peaks_are_matched_with_their_mutual_nearest_only():
     assert np.isnan(paired_resonances(np.array([5.0]), np.array([]))).all()
 
 
-def test_the_resonance_of_a_single_mode_is_exact():
-    """1/G is a quadratic in f: the minimum of its magnitude to the last digits, between two lines."""
-    f = np.arange(10.0, 60.0)
-    G = 1 / (1 - (f / 33.3) ** 2 + 0.1j * f / 33.3)
-    # |1/G|^2 = (1 - x)^2 + 0.01 x with x = (f / 33.3)^2 is least at x = 1 - 0.005.
-    assert resonances(f, G)[0] == pytest.approx(33.3 * np.sqrt(1 - 0.005), rel=1e-9)
-
-
 def test_a_peak_above_the_noise_counts_though_its_base_is_below():
     """1/|G| of the base is noise, |G| of the peak is not."""
     f, rng = np.arange(10.0, 60.0, 0.5), np.random.default_rng(5)
