@@ -26,7 +26,7 @@ from elastid.experiment.simulated.hardware import (
 )
 from elastid.experiment.simulated.plant import Plant, beyond, feed_forward_of, limit_notes, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.record import Motion, Record, motion_unit
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
@@ -70,8 +70,12 @@ class SimulatedRig:
             )
         for place in self.outputs:
             self.robot.check_location(place)
-        if refused := chain_refusal(self.robot):
-            raise StudyError("experiment/simulated", refused)
+        if self.robot.chain.differentiator is not None:
+            raise StudyError(
+                "experiment/simulated",
+                f"robot {self.robot.name}: chain.differentiator: the simulated rig logs positions and differentiates "
+                "nothing; leave it out of the robot's chain",
+            )
         if self.simulated.carrier is not None:
             check_movement(self.simulated.carrier, self.plan, self.robot)
 
