@@ -162,11 +162,6 @@ class Agreement:
         known = self.rms_sigma[np.isfinite(self.rms_sigma)]
         return math.sqrt(np.mean(known**2)) if known.size else math.nan
 
-    @property
-    def is_white(self) -> bool:
-        """True if the residuals of neighbouring lines are uncorrelated, as `are_white`."""
-        return are_white([self])
-
     def worst(self, kind: PeakKind) -> Peak | None:
         """The resonance or antiresonance whose modelled frequency is furthest off; None where none was matched."""
         matched = [peak for peak in self.peaks if peak.kind == kind and math.isfinite(peak.modelled_hz)]
@@ -234,16 +229,6 @@ class Validation:
         ]  # fmt: skip
         headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / sigma")
         return Display(f"Validation: {self.verdict}", headings, rows)
-
-    @property
-    def fitted(self) -> tuple[Agreement, ...]:
-        """Configurations that were fitted."""
-        return tuple(agreement for agreement in self.configurations if not agreement.left_out)
-
-    @property
-    def left_out(self) -> tuple[Agreement, ...]:
-        """Configurations that were not."""
-        return tuple(agreement for agreement in self.configurations if agreement.left_out)
 
 
 def generalises(left_out_db: float, fitted_db: float) -> bool:

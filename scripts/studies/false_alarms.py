@@ -133,8 +133,8 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
             codes[f"status-{result.status}"] = result.message
         modelled = FittedRobot.of(result, robot, responses).responses
         judged = validate(responses, modelled, ())
-        codes |= {"excess-of-cost": judged.verdict} if noise_p(judged.fitted) < FALSE_ALARM else {}
-        without = [peak for each in judged.fitted for peak in each.peaks if np.isnan(peak.modelled_hz)]
+        codes |= {"excess-of-cost": judged.verdict} if noise_p(judged.configurations) < FALSE_ALARM else {}
+        without = [peak for each in judged.configurations for peak in each.peaks if np.isnan(peak.modelled_hz)]
         codes |= {"peak-without-partner": str(without)} if without else {}
     except ElastidError as error:
         codes["refused"] = str(error)

@@ -119,9 +119,9 @@ def test_a_missing_mode_is_beyond_the_noise_and_correlated():
         agreement(response(noisy + change, std), response(G)) for change in (0, np.stack([0 * mode, mode], -1)[:, None])
     )
     assert noise_p([right]) > 0.05
-    assert right.is_white
+    assert are_white([right])
     assert noise_p([wrong]) < 1e-3
-    assert not wrong.is_white
+    assert not are_white([wrong])
 
 
 @given(
