@@ -248,19 +248,7 @@ def best_powers(
         price = np.maximum(price * (used / used.max()) ** exponent, MIN_PRICE)
         price /= np.sum(price * room)
         share = share / used.max(axis=1)[:, None, None]
-    P = _filled(cost, best.P)
-    value = max(best.value, float(criterion.value(_information(groups, P, known))))
-    return Powers(P, value, max(bound - value, 0.0))
-
-
-def _filled(cost: FloatArray, P: FloatArray) -> FloatArray:
-    """Powers raised, input after input, until each comes to a limit: they use the rest that the last update left."""
-    for i in range(P.shape[2]):
-        mine = np.einsum("kof,kf->ko", cost[..., i], P[..., i])
-        left = np.maximum(1 - _used(cost, P), 0.0)
-        growth = np.divide(left, mine, out=np.full(mine.shape, np.inf), where=mine > 0).min(axis=1)
-        P = P * np.where(np.arange(P.shape[2]) == i, 1 + growth[:, None], 1.0)[:, None, :]
-    return P
+    return replace(best, gap=max(bound - best.value, 0.0))
 
 
 def even_powers(cost: FloatArray) -> FloatArray:
