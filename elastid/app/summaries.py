@@ -139,14 +139,14 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
     """The content of validation.json: that of validation.h5 without its curves.
 
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  predictions: of responses at the
-    tool.  verdict and cost: the same in words.  torque: shares of the parts of the model.  twin: errors of the model
+    tool.  verdict: the same in words.  torque: shares of the parts of the model.  twin: errors of the model
     simulated along a record.
     """
     agreement = f"configuration left_out {_ERRORS}"
     return {
         "schema": SCHEMA,
         "study": name,
-        **section(validation, "verdict cost"),
+        "verdict": validation.verdict,
         "configurations": [section(each, agreement) for each in validation.configurations],
         **_twin(twin),
         "predictions": [

@@ -71,10 +71,8 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     plan = problem.plan(experiment, chosen, spectra)
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
-    fitted = settled.fitted(plan)
     known = with_tolerances(settled.parameters, settled.robot, settled.fit)
-    within = [(replace(prospect, parameters=known), c, realisations) for prospect, c, realisations in fitted]
-    responses = [prospect.expected(c, known.x, M) for prospect, c, M in within]
+    responses = [replace(own, parameters=known).expected(c, known.x) for own, c in settled.fitted(plan)]
     is_taken_out = not settled.friction_is_left and bool(coulomb_levels(settled.robot).any())
     expected = forecast(responses, known.x, is_taken_out)
     notes = (

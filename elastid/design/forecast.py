@@ -68,7 +68,7 @@ class Forecast:
     @property
     def std(self) -> FloatArray:
         """Standard deviations (n,) in SI, first order for logarithmic parameters."""
-        return self._in_si(np.diag(self.covariance))
+        return np.asarray(np.sqrt(np.diag(self.covariance)) * np.where(self.log, np.abs(self.nominal), 1.0))
 
     @property
     def std_by_noise(self) -> FloatArray:
@@ -81,9 +81,6 @@ class Forecast:
         if not len(self.parts):
             return np.zeros(len(self.nominal))
         return np.asarray(np.where(np.isfinite(self.std), self.std, 0.0) * np.sqrt(self.parts[1]))
-
-    def _in_si(self, variance: FloatArray) -> FloatArray:
-        return np.asarray(np.sqrt(variance) * np.where(self.log, np.abs(self.nominal), 1.0))
 
     @property
     def relative(self) -> FloatArray:

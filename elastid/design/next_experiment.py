@@ -34,7 +34,7 @@ from elastid.design.forecast import LimitUse
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of
 from elastid.design.prospect import Prospect
-from elastid.design.spec import DesignSpec, unit_time_s
+from elastid.design.spec import unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
 from elastid.fit.result import Result
 from elastid.fit.tolerances import with_tolerances
@@ -138,14 +138,13 @@ def _prior_information(parameters: Parameters) -> FloatArray:
 class Option:
     """An experiment that may be next.
 
-    used: parts of the goal that intervals are expected to use after it.  reaches: they reach it.  gain: of Phi.
-    more_s: robot time of such experiments until the goal is reached, infinite where they never do.  floor: the
-    parameter that then uses most of the goal, and its part.
+    reaches: intervals are expected to reach the goal after it.  gain: of Phi.  more_s: robot time of such experiments
+    until the goal is reached, infinite where they never do.  floor: the parameter that then uses most of the goal, and
+    its part.
     """
 
     configuration: Configuration
     periods: int
-    used: dict[str, float]
     reaches: bool
     gain: float
     time_s: float
@@ -200,13 +199,10 @@ def next_experiment(
             spectra = best_spectra_of(settled, experiment, chosen, problem.excitation.torque_rms)
             plan = replace(drawn, excitation=problem.excitation).plan(experiment, chosen, spectra)
             plan, use = _within_envelope(problem, plan, robots, execution)
+            _check_obstacles(problem, configuration, use)
+            return NextExperiment(plan, option, use)
         except StudyError as error:
             refused.append(f"{option.configuration.name}: {error}")
-            continue
-        if hit := _hit(problem.design, problem.robot, configuration, use):
-            refused.append(f"{option.configuration.name}: {hit}")
-            continue
-        return NextExperiment(plan, option, use)
     raise StudyError("design/limits", f"no experiment keeps the limits of the robot: {refused[0]}")
 
 
@@ -253,9 +249,8 @@ def _option(
     floor = [*goal.widths][int(np.argmax(most))], float(most.max())
     more_s = repeats * time_s if floor[1] <= 1 else math.inf
     gain = float(1 / np.sum(after**2) - 1 / np.sum(before**2))
-    expected = dict(zip(goal.widths, after.tolist(), strict=True))
     # A goal counts as reached where at most 0.9 of it is expected to be used.
-    return Option(configuration, periods, expected, bool(after.max() <= 0.9), gain, time_s, more_s, floor)
+    return Option(configuration, periods, bool(after.max() <= 0.9), gain, time_s, more_s, floor)
 
 
 def _within_envelope(
@@ -273,11 +268,11 @@ def _within_envelope(
     return plan, closest
 
 
-def _hit(design: DesignSpec | None, robot: Robot, configuration: Configuration, use: LimitUse) -> str:
-    """The obstacle that the robot reaches while it is shaken, at the corners of its motors' excursions; '' for none."""
-    assert design is not None
+def _check_obstacles(problem: DesignProblem, configuration: Configuration, use: LimitUse) -> None:
+    """StudyError for an obstacle that the robot reaches while it is shaken, at the corners of its excursions."""
+    assert problem.design is not None
     swing = np.minimum(use.peak[0, 1], np.pi)
     corners = np.array([np.zeros(len(swing)), *product((-1, 1), repeat=len(swing))])
-    angles = configuration.angles + swing * corners
-    reached = [reason for reason, bad in obstacles(design.candidates, robot, angles) if bad.any()]
-    return f"while it is shaken, parts of it {reached[0]}" if reached else ""
+    for reason, bad in obstacles(problem.design.candidates, problem.robot, configuration.angles + swing * corners):
+        if bad.any():
+            raise StudyError("design/candidates", f"while it is shaken, parts of it {reason}")

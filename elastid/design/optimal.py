@@ -20,7 +20,7 @@ phi + ln(1 + <g, P* - P>), as exp(phi) is concave and homogeneous, and <g, P*> <
 h = sum_o mu_o c_o of a power. The multiplicative updates P <- P (g / h)^a, mu_o <- mu_o (c_o P)^a converge to an equal
 ratio of gain and price at all lines with more than the least power. (Silvey, Titterington and Torsney 1978 for one
 limit; for one input in the noise limit this is the optimal spectrum of Mehra, IEEE Trans. Automatic Control 19 (1974)
-753; Pukelsheim, Optimal Design of Experiments, chapters 6 and 12, for bound and rounding of shares.)
+753; Pukelsheim, Optimal Design of Experiments, chapter 6, for the bound of shares.)
 """
 
 from __future__ import annotations
@@ -80,8 +80,7 @@ def best_experiments(
 ) -> tuple[IntArray, float]:
     """Numbers (Q,) of whole experiments of each candidate, `count` in all, and efficiency against the best shares.
 
-    Shares rounded, then exchanged one by one: the best of several starts, one of them the rounded shares, the others
-    drawn from the shares.  known (S, d, d): earlier information.
+    Drawn from the shares, then exchanged one by one: the best of several starts.  known (S, d, d): earlier information.
     """
     best, packed, base = best_shares(H, criterion, known / count), pack(H), pack(known)
     weights = best.P[0, :, 0]
@@ -89,8 +88,7 @@ def best_experiments(
     searched = np.argsort(-_gains(packed, gradient) - weights, kind="stable")[:400]
     share = weights[searched] / weights[searched].sum()
     draw = np.random.default_rng(0)
-    starts = [_apportioned(share, count), *draw.multinomial(count, share, 5)]
-    ends = [_exchanged(start, packed[:, searched], base, criterion) for start in starts]
+    ends = [_exchanged(start, packed[:, searched], base, criterion) for start in draw.multinomial(count, share, 6)]
     numbers = np.zeros(len(weights), dtype=np.int64)
     numbers[searched], value = max(ends, key=lambda end: end[1])
     return numbers, float(np.exp(min(0.0, value - np.log(count) - best.value - best.gap)))
@@ -122,20 +120,6 @@ def _best_addition(rest: FloatArray, packed: FloatArray, criterion: DesignCriter
     values = criterion.value(unpack(rest[:, None] + packed[:, best]))
     winner = int(np.argmax(values))
     return int(best[winner]), float(values[winner])
-
-
-def _apportioned(weights: FloatArray, count: int) -> IntArray:
-    """Whole numbers that add up to count, close to count * weights (Pukelsheim's efficient rounding)."""
-    numbers = np.zeros(len(weights), dtype=np.int64)
-    heaviest = np.argsort(-weights, kind="stable")[:count]
-    support = heaviest[weights[heaviest] > 0]
-    share = weights[support] / weights[support].sum()
-    numbers[support] = np.ceil((count - len(support) / 2) * share)
-    while numbers.sum() < count:
-        numbers[support[np.argmin(numbers[support] / share)]] += 1
-    while numbers.sum() > count:
-        numbers[support[np.argmax((numbers[support] - 1) / share)]] -= 1
-    return numbers
 
 
 def _gains(packed: FloatArray, gradient: FloatArray) -> FloatArray:
@@ -264,19 +248,7 @@ def best_powers(
         price = np.maximum(price * (used / used.max()) ** exponent, MIN_PRICE)
         price /= np.sum(price * room)
         share = share / used.max(axis=1)[:, None, None]
-    P = _filled(cost, best.P)
-    value = max(best.value, float(criterion.value(_information(groups, P, known))))
-    return Powers(P, value, max(bound - value, 0.0))
-
-
-def _filled(cost: FloatArray, P: FloatArray) -> FloatArray:
-    """Powers raised, input after input, until each comes to a limit: they use the rest that the last update left."""
-    for i in range(P.shape[2]):
-        mine = np.einsum("kof,kf->ko", cost[..., i], P[..., i])
-        left = np.maximum(1 - _used(cost, P), 0.0)
-        growth = np.divide(left, mine, out=np.full(mine.shape, np.inf), where=mine > 0).min(axis=1)
-        P = P * np.where(np.arange(P.shape[2]) == i, 1 + growth[:, None], 1.0)[:, None, :]
-    return P
+    return replace(best, gap=max(bound - best.value, 0.0))
 
 
 def even_powers(cost: FloatArray) -> FloatArray:

@@ -37,8 +37,8 @@ from elastid.response import Response
 from elastid.robot import Robot
 
 Value = TypeVar("Value")
-# A prospect, its configuration, and the realisations in which it is measured.
-_Measurement: TypeAlias = tuple[Prospect, Configuration, int]
+# A prospect and its configuration.
+_Measurement: TypeAlias = tuple[Prospect, Configuration]
 
 
 @frozen_value
@@ -186,9 +186,10 @@ class DesignProblem:
         return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(self.outputs)
 
     def fitted(self, plan: Plan) -> list[_Measurement]:
-        """Prospect, configuration and realisations of each configuration of a plan that the fit uses."""
+        """Prospect, in the realisations planned, of each configuration of a plan that the fit uses."""
         measured = enumerate(zip(plan.configurations, plan.realisations, strict=True))
-        return [(self.prospect(plan, q), c, M) for q, (c, M) in measured if c.name not in self.left_out]
+        every = [(replace(self.prospect(plan, q), realisations=M), c) for q, (c, M) in measured]
+        return [(prospect, c) for prospect, c in every if c.name not in self.left_out]
 
     def prior_information(self, x: FloatArray) -> FloatArray:
         """Information (S, n_x, n_x) of priors and earlier measurements at guesses x (S, n_x)."""
@@ -230,11 +231,11 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
     probe, excitation = problem.probe(problem.experiment), replace(problem.excitation, torque_rms=torque_rms)
 
     def measurement(q: int, configuration: Configuration) -> tuple[_Measurement, FloatArray]:
-        prospect = problem.prospect(probe, q)
+        prospect = replace(problem.prospect(probe, q), realisations=probe.realisations[q])
         for x in problem.guesses:
             prospect.expected(configuration, x)
         single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
-        return (prospect, configuration, probe.realisations[q]), power_costs(problem.rig(single), excitation)
+        return (prospect, configuration), power_costs(problem.rig(single), excitation)
 
     measurements, costs = zip(*problem.at_equilibria(probe, measurement), strict=True)
     return replace(problem, typical=_best(problem, measurements, np.concatenate(costs), together=True)[0])
@@ -251,7 +252,7 @@ def best_spectra_of(
         return {}
     plan = problem.plan(experiment, chosen)
     fitted = problem.fitted(plan)
-    names = [configuration.name for _, configuration, _ in fitted]
+    names = [configuration.name for _, configuration in fitted]
     rows = [q for q, c in enumerate(plan.configurations) if c.name in names]
     costs = power_costs(problem.rig(plan), replace(problem.excitation, torque_rms=torque_rms))
     best = _best(problem, fitted, costs[rows])
@@ -275,7 +276,7 @@ def _best(
             "experiment.experiments out",
             "excitation.flat",
         )
-    sources = [[prospect.source(c, guess, M) for guess in x] for prospect, c, M in measurements]
+    sources = [[prospect.source(c, guess) for guess in x] for prospect, c in measurements]
     even = even_powers(cost)
     H = [[source.information(P) for source in guesses] for guesses, P in zip(sources, even, strict=True)]
     known = problem.prior_information(x)

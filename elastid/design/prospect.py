@@ -92,9 +92,9 @@ TAKEN_OUT = 0.004
 class Prospect:
     """All that the information of a configuration depends on, but for the configuration; it pickles.
 
-    plan: of one configuration, in realisations that stand for all.  realisations: unless others are asked for.  outputs
-    and quantity: what is estimated.  distortion: std of G over |G| in one realisation.  friction_is_left: in the
-    responses, with its damping and its scatter; else TAKEN_OUT of the latter.
+    plan: of one configuration, in realisations that stand for all.  outputs and quantity: what is estimated.
+    distortion: std of G over |G| in one realisation.  friction_is_left: in the responses, with its damping and its
+    scatter; else TAKEN_OUT of the latter.
     """
 
     robot: Robot
@@ -120,33 +120,30 @@ class Prospect:
         """The linearisation of the fit's model."""
         return Linearisation.of_robot(self.robot, self.model, self.parameters.names)
 
-    def expected(
-        self, configuration: Configuration, x: FloatArray, realisations: int = 0, fit: FitSpec | None = None
-    ) -> ExpectedResponse:
-        """The response of a robot with parameters x (n_x,) in a configuration, with weights as `fit` has them.
+    def expected(self, configuration: Configuration, x: FloatArray) -> ExpectedResponse:
+        """The response of a robot with parameters x (n_x,) in a configuration, with weights as the fit has them.
 
-        realisations, fit: those of the prospect unless given.  StudyError where the configuration has no equilibrium.
+        StudyError where the configuration has no equilibrium.
         """
         model, G, motion = self._local(configuration, x)
-        covariance = self._covariance(G, motion, configuration, realisations or self.realisations)
+        covariance = self._covariance(G, motion, configuration)
         # The torques of the controller are held, and all outputs, accelerations too, are of motions sampled with them.
         rates, sampled = (self.plan.rate_hz,) * len(self.robot.driven), (True,) * len(self.outputs)
         model = replace(model, hold=HeldTorque(rates, sampled))
         response = replace(to_response(model, self.parameters.expand(x), self.plan.freq_hz), total=covariance)
-        return ExpectedResponse(response, model, weigh(response, fit or self.fit), self.parameters, fit or self.fit)
+        return ExpectedResponse(response, model, weigh(response, self.fit), self.parameters, self.fit)
 
     def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
         """H (S, n_x, n_x) for guesses x (S, n_x)."""
         return np.stack([self.expected(configuration, guess).information(guess) for guess in x])
 
-    def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
+    def source(self, configuration: Configuration, x: FloatArray) -> PowerSource:
         """Information by elements one by one, a function of the powers of R; friction scatters as under R.
 
         StudyError without noise.
         """
-        M = realisations or self.realisations
-        _, G, motion = self._local(configuration, x)
-        expected = self.expected(configuration, x, M, with_diagonal_weights(self.fit))
+        M, (_, G, motion) = self.realisations, self._local(configuration, x)
+        expected = replace(self, fit=with_diagonal_weights(self.fit)).expected(configuration, x)
         sensitivity, U = self._torques(configuration, motion)
         error = _diagonal(self._error(U, G, motion)) / M
         ((_, J),) = expected_fit([expected]).blocks(x)
@@ -171,8 +168,9 @@ class Prospect:
         G = frequency_response(both, theta, self.plan.freq_hz)
         return both.with_outputs(range(n_u, len(both.outputs))), G[:, n_u:], G[:, :n_u]
 
-    def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
-        """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
+    def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration) -> Covariance:
+        """cov(vec G) of the mean of all realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
+        M = self.realisations
         distortion = (self.distortion * np.abs(G)) ** 2 / M
         sensitivity, U = self._torques(configuration, motion)
         power = self._power(U, sensitivity)

@@ -59,7 +59,7 @@ class _Pieces:
 
 @dataclass(frozen=True)
 class RecordedRig:
-    """Lab logs as a rig (see experiment.plan.rig); their paths are relative to base, the folder of the study.
+    """Lab logs as a rig; their paths are relative to base, the folder of the study.
 
     StudyError where files, channels and robot do not fit together; `measure`: DataError for a log that is of no use.
     """

@@ -265,11 +265,6 @@ def pivots(model: ElasticModel) -> Partition:
     return partition(model, model.constraint_jacobian(q, model.theta).full())
 
 
-def violation(model: ElasticModel, q: FloatArray) -> float:
-    """max |phi| over a trajectory q (n, n_q): the gap of a loop in m, or in rad where a direction is constrained."""
-    return float(np.abs(model.constraint.map(len(q))(q.T, model.theta).full()).max(initial=0.0)) if model.n_c else 0.0
-
-
 def _solved(Phi: ca.SX, right: ca.SX, parts: Partition) -> tuple[ca.SX, ca.SX]:
     """Z (n_q, n) with Phi Z = 0, and a (n_q,) with Phi a = right that is zero in the independent coordinates.
 

@@ -24,7 +24,6 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, f
 from elastid.base.display import Display, as_html, as_text
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.problem.weights import vec
-from elastid.fit.result import Result
 from elastid.response import Response
 from elastid.validation.predicted import PredictedResponse
 from elastid.validation.residual_tests import (
@@ -163,11 +162,6 @@ class Agreement:
         known = self.rms_sigma[np.isfinite(self.rms_sigma)]
         return math.sqrt(np.mean(known**2)) if known.size else math.nan
 
-    @property
-    def is_white(self) -> bool:
-        """True if the residuals of neighbouring lines are uncorrelated, as `are_white`."""
-        return are_white([self])
-
     def worst(self, kind: PeakKind) -> Peak | None:
         """The resonance or antiresonance whose modelled frequency is furthest off; None where none was matched."""
         matched = [peak for peak in self.peaks if peak.kind == kind and math.isfinite(peak.modelled_hz)]
@@ -214,13 +208,11 @@ class Fold:
 class Validation:
     """The agreement of every configuration, in the order measured, and the verdict on the model in one sentence.
 
-    cost: explanation of the cost of the fit, in words.
     predictions: of responses at the tool, by `Result.at`.
     """
 
     configurations: tuple[Agreement, ...] = labelled(entry="configuration")
     verdict: str
-    cost: str = ""
     predictions: tuple[PredictedResponse, ...] = ()
 
     __repr__, _repr_html_ = as_text, as_html
@@ -237,16 +229,6 @@ class Validation:
         ]  # fmt: skip
         headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / sigma")
         return Display(f"Validation: {self.verdict}", headings, rows)
-
-    @property
-    def fitted(self) -> tuple[Agreement, ...]:
-        """Configurations that were fitted."""
-        return tuple(agreement for agreement in self.configurations if not agreement.left_out)
-
-    @property
-    def left_out(self) -> tuple[Agreement, ...]:
-        """Configurations that were not."""
-        return tuple(agreement for agreement in self.configurations if agreement.left_out)
 
 
 def generalises(left_out_db: float, fitted_db: float) -> bool:
@@ -387,8 +369,13 @@ def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
 def _noise_clause(agreements: Sequence[Agreement]) -> str:
     if math.isnan(p := noise_p(agreements)):
         return ""
-    white, times = are_white(agreements), math.sqrt(power_ratio(agreements)[0])
-    meaning = "more than the noise" if p < FALSE_ALARM or not white else "no more than the noise"
+    white, (ratio, dof) = are_white(agreements), power_ratio(agreements)
+    times, meaning = (
+        math.sqrt(ratio),
+        "more than the noise" if p < FALSE_ALARM or not white else "no more than the noise",
+    )
+    if exceeds_by_chance(1 / max(ratio, 1e-300), dof) < FALSE_ALARM:
+        meaning = "less than the noise, which is overestimated: the intervals are too wide rather than too narrow"
     return (
         f"; residuals are {times:.3g} times the noise{'' if white else ' and coloured'}, {meaning} (of a true model, "
         f"each of these two tests says more in {100 * FALSE_ALARM:g} % of measurements)"
@@ -403,25 +390,3 @@ def _resonance_clause(agreements: Sequence[Agreement]) -> str:
     return (
         f"; the worst resonance is {abs(peak.error_percent):.2g} % off ({configuration}, {peak.input} to {peak.output})"
     )
-
-
-def explain_cost(result: Result, measured: Sequence[Response], agreements: Sequence[Agreement]) -> str:
-    """The cost of the fit next to the noise, in words; measured: fitted responses, with their agreements."""
-    if all(response.uncertainty is None for response in measured):
-        return "The responses came without an uncertainty: nothing says how large the residuals of the fit may be."
-    opening = f"The residuals of the fit are {result.residual_ratio:.3g} times the noise, rms"
-    rate = f"of a true model this test says otherwise in {100 * FALSE_ALARM:g} % of measurements"
-    ratio = result.cost / max(result.cost_expected, 1e-300)
-    coloured = ", ".join(a.configuration for a in agreements if not a.is_white)
-    where = f": residuals of neighbouring lines are correlated in {coloured}" if not are_white(agreements) else ""
-    if noise_p(agreements) < FALSE_ALARM:
-        times = math.sqrt(max(ratio, power_ratio(agreements)[0]))
-        floor = f", with a floor of {100 * result.floor:.3g} % of each element" if result.floor else ""
-        return f"{opening}{floor}; without weights and floor they are {times:.3g} times the noise ({rate}){where}."
-    if exceeds_by_chance(1 / max(ratio, 1e-300), result.cost_dof) < FALSE_ALARM:
-        return (
-            f"{opening}, smaller than their uncertainty, which is overestimated, for instance by realisations or "
-            "periods that differ by more than their mean is wrong, or by fit.weights.floor above the error of the "
-            "model; the intervals are then too wide rather than too narrow."
-        )
-    return f"{opening}, and show no error of the model ({rate}){where}."

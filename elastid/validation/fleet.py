@@ -129,10 +129,6 @@ class _Series:
     variance_of_mean: float
     excess: _Excess
 
-    @property
-    def span(self) -> float:
-        return float(np.ptp(self.day))
-
 
 @dataclass(frozen=True)
 class _Parameter:
@@ -142,22 +138,10 @@ class _Parameter:
     is_relative: bool
     series: tuple[_Series, ...]
 
-    @property
-    def letters(self) -> str:
-        return _letters(self.name)
-
-    @property
-    def means(self) -> FloatArray:
-        return np.array([s.mean for s in self.series])
-
-    @property
-    def variances(self) -> FloatArray:
-        return np.array([s.variance_of_mean for s in self.series])
-
     def between_robots(self) -> _Excess:
         """Excess of the means over dates."""
-        n = len(self.series)
-        return float((n - 1) * (np.var(self.means, ddof=1) - self.variances.mean())), n - 1.0
+        spread = np.var([s.mean for s in self.series], ddof=1) - np.mean([s.variance_of_mean for s in self.series])
+        return float((len(self.series) - 1) * spread), len(self.series) - 1.0
 
     def between_dates(self, own: _Series | None = None) -> _Excess:
         """Excess of the dates; not of the two of a robot's own, of which the change is judged."""
@@ -212,15 +196,15 @@ def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> lis
     if len(parameter.series) < 3:  # of two, either may be the odd one
         return []
     of_kind = [p.between_robots() for p in _same_kind(parameter, parameters) if len(p.series) > 1]
-    if parameter.is_relative and parameter.letters == "k":
+    if parameter.is_relative and _letters(parameter.name) == "k":
         of_kind.append((LIMITS.natural_dof * LIMITS.natural_stiffness**2, LIMITS.natural_dof))
     findings = []
     for s in parameter.series:
-        others = replace(parameter, series=tuple(other for other in parameter.series if other is not s))
-        spread, dof = _moderated(others.between_robots(), of_kind)
-        reference = (spread + float(others.variances.mean())) / len(others.series)
-        std = math.sqrt(spread + s.variance_of_mean + reference)
-        findings.append(_finding("differs", s.robot, parameter, s.mean - float(others.means.mean()), std, dof))
+        others = tuple(other for other in parameter.series if other is not s)
+        spread, dof = _moderated(replace(parameter, series=others).between_robots(), of_kind)
+        mean, variance = np.mean([(other.mean, other.variance_of_mean) for other in others], axis=0)
+        std = math.sqrt(spread + s.variance_of_mean + (spread + variance) / len(others))
+        findings.append(_finding("differs", s.robot, parameter, s.mean - float(mean), std, dof))
     return findings
 
 
@@ -229,14 +213,14 @@ def _trends(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Fin
     of_kind = [p.between_dates() for p in _same_kind(parameter, parameters)]
     findings = []
     for s in parameter.series:
-        spread, dof = _moderated(parameter.between_dates(s), of_kind)
-        if s.span == 0 or not dof:  # nothing says how far dates differ anyway
+        (spread, dof), span = _moderated(parameter.between_dates(s), of_kind), float(np.ptp(s.day))
+        if span == 0 or not dof:  # nothing says how far dates differ anyway
             continue
         w = 1 / (s.variance + spread)
         centred = s.day - float(w @ s.day) / w.sum()
         information = float(w @ centred**2)
-        change = float((w * centred) @ s.x) / information * s.span
-        findings.append(_finding("drifts", s.robot, parameter, change, s.span / math.sqrt(information), dof))
+        change = float((w * centred) @ s.x) / information * span
+        findings.append(_finding("drifts", s.robot, parameter, change, span / math.sqrt(information), dof))
     return findings
 
 
@@ -257,7 +241,9 @@ def _same_kind(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[
     """The other parameters with the same letters, where their spreads are relative."""
     if not parameter.is_relative:
         return []
-    return [p for p in parameters if p is not parameter and p.is_relative and p.letters == parameter.letters]
+    return [
+        p for p in parameters if p is not parameter and p.is_relative and _letters(p.name) == _letters(parameter.name)
+    ]
 
 
 def _letters(name: str) -> str:

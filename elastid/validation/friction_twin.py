@@ -117,23 +117,25 @@ class _Log:
         return self.records[0].rate_hz
 
 
-def friction_runs(
+def friction_twin(
     robot: Robot,
     joints: Sequence[JointFriction],
     measured: FrictionRecords,
     controller: CascadeSpec | None,
-    execution: Execution | None = None,
-) -> tuple[TwinRun, ...]:
-    """The twin along the first log of each group of joints that moved together, under its torque and its reference.
+    execution: Execution,
+) -> TwinFindings:
+    """Torque of motions part by part, and the twin along the first log of each group of joints that moved together.
 
-    robot: with the identified friction.  controller: None where it is not known; no reference drives the twin then.
+    Under its torque and its reference.  robot: with the friction of `joints`.  controller: None where it is not known;
+    no reference drives the twin then.
     """
     driven: list[tuple[_Log, CascadeSpec | None]] = []
     for log in _logs(robot, joints, measured):
         driven.append((log, None))
         if controller is not None and all(record.reference is not None for record in log.records):
             driven.append((log, controller))
-    return tuple((execution or Execution()).ordered(partial(_run, robot), driven))
+    runs = execution.ordered(partial(_run, robot), driven)
+    return TwinFindings(friction_balances(joints, measured), tuple(runs))
 
 
 def _logs(robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecords) -> list[_Log]:
@@ -239,24 +241,12 @@ def _compared(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[Twi
                 yield TwinSignal(kind, place, unit, kept.filtered(y[:n]), kept.filtered(y_twin[:n]))
 
 
-def friction_twin(
-    robot: Robot,
-    joints: Sequence[JointFriction],
-    measured: FrictionRecords,
-    controller: CascadeSpec | None,
-    execution: Execution | None = None,
-) -> TwinFindings:
-    """Torque of motions part by part, and the twin along them; robot: with the friction of `joints`."""
-    runs = friction_runs(robot, joints, measured, controller, execution)
-    return TwinFindings(friction_balances(joints, measured), runs)
-
-
 def predict_logs(
     robot: Robot,
     joints: Sequence[JointFriction],
     measured: FrictionRecords,
     controller: CascadeSpec | None,
-    execution: Execution | None = None,
+    execution: Execution,
 ) -> TwinFindings:
     """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
     outcomes = list(_along_logs(robot, joints, measured))

@@ -44,34 +44,36 @@ LIMITS = Limits()
 
 @frozen_value
 class MeasuredModes:
-    """Modes of one configuration: frequencies (n,) and dampings (n,) with standard deviations, measured.
+    """Measured modes (n,) of one configuration.
 
     model_hz, model_zeta, mac (n,): of the model's mode that each belongs to; NaN for none.  is_missing (n,): the model
-    lacks it.  seen (n,): the outputs that move most.  frequency_unit: Hz, or of a sampling rate that is not known.
+    lacks it.
     """
 
-    configuration: str
-    freq_hz: FloatArray
-    freq_std: FloatArray
-    zeta: FloatArray
-    zeta_std: FloatArray
+    own: Modes
     model_hz: FloatArray
     model_zeta: FloatArray
     mac: FloatArray
     is_missing: BoolArray
-    seen: tuple[str, ...]
-    frequency_unit: str = "Hz"
+
+    def seen(self, r: int) -> str:
+        """The outputs that move most in a mode."""
+        size = np.abs(self.own.shapes[:, r])
+        return ", ".join(self.own.outputs[k] for k in np.flatnonzero(size >= LIMITS.seen_share * size.max()))
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """Texts of a table: frequency, 95 %, damping in %, 95 %, the model's, MAC, outputs; `missing` for no mode."""
         rows: list[tuple[str, ...]] = []
-        for i in range(len(self.freq_hz)):
-            own = number(self.freq_hz[i], digits(self.freq_hz[i], self.freq_std[i])), number(1.96 * self.freq_std[i], 2)
-            damping = percent(self.zeta[i], digits(self.zeta[i], self.zeta_std[i])), percent(1.96 * self.zeta_std[i], 2)
+        numbers = zip(self.own.freq_hz, self.own.freq_std, self.own.zeta, self.own.zeta_std, strict=True)
+        for i, (f, f_std, zeta, zeta_std) in enumerate(numbers):
             model = number(self.model_hz[i], 4), percent(self.model_zeta[i], 2), number(self.mac[i], 2)
-            none = "missing" if self.is_missing[i] else "-", "", ""
-            rows.append((*own, *damping, *(model if np.isfinite(self.model_hz[i]) else none), self.seen[i]))
+            rows.append((
+                number(f, digits(f, f_std)), number(1.96 * f_std, 2),
+                percent(zeta, digits(zeta, zeta_std)), percent(1.96 * zeta_std, 2),
+                *(model if np.isfinite(self.model_hz[i]) else ("missing" if self.is_missing[i] else "-", "", "")),
+                self.seen(i),
+            ))  # fmt: skip
         return rows
 
     @property
@@ -80,13 +82,13 @@ class MeasuredModes:
         return tuple(
             Note(
                 "validation/missing-mode",
-                f"a mode at {number(self.freq_hz[i], 3)} {self.frequency_unit}, {percent(self.zeta[i], 2)} damping, "
-                f"seen at {self.seen[i]}, is in the measured response and not in the model: something on a spring of "
-                "its own, of the structure, the base or the tool, is missing in the robot's file; give it a joint "
-                "without a motor there",
-                self.configuration,
+                f"a mode at {number(self.own.freq_hz[i], 3)} {self.own.frequency_unit}, "
+                f"{percent(self.own.zeta[i], 2)} damping, seen at {self.seen(i)}, is in the measured response and not "
+                "in the model: something on a spring of its own, of the structure, the base or the tool, is missing in "
+                "the robot's file; give it a joint without a motor there",
+                self.own.configuration,
             )
-            for i in np.flatnonzero(self.is_missing)
+            for i in np.flatnonzero(self.is_missing).tolist()
         )
 
 
@@ -99,16 +101,12 @@ def _beside(response: Response, modelled: Response, linear: LinearModel) -> Meas
     (own,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, linear.theta_ref)
     agreement = mac(own.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((own.n_modes, 0))
     partner = _partners(own, known.freq_hz, known.zeta, agreement)
-    model_hz, model_zeta = (
-        np.array([np.nan if k < 0 else values[k] for k in partner]) for values in (known.freq_hz, known.zeta)
-    )
-    overlap = np.array([np.nan if k < 0 else agreement[r, k] for r, k in enumerate(partner)])
     missed = np.array([_is_missed(own, r, response, modelled) for r in range(own.n_modes)], dtype=bool)
-    return MeasuredModes(
-        own.configuration, own.freq_hz, own.freq_std, own.zeta, own.zeta_std, model_hz, model_zeta, overlap,
-        (partner < 0) & missed, tuple(_seen(own, r) for r in range(own.n_modes)),
-        own.frequency_unit,
-    )  # fmt: skip
+    table = np.full((own.n_modes, 3), np.nan)
+    for r in np.flatnonzero(partner >= 0):
+        k = partner[r]
+        table[r] = known.freq_hz[k], known.zeta[k], agreement[r, k]
+    return MeasuredModes(own, table[:, 0], table[:, 1], table[:, 2], (partner < 0) & missed)
 
 
 def _partners(own: Modes, freq_hz: FloatArray, zeta: FloatArray, agreement: FloatArray) -> IntArray:
@@ -135,8 +133,3 @@ def _is_missed(own: Modes, r: int, response: Response, modelled: Response) -> bo
     covariance = response.uncertainty
     std = 0.0 if covariance is None else float(np.sqrt(covariance.variance[line, i, j]))
     return bool(error > LIMITS.missed_share * height and height > LIMITS.height_std * std)
-
-
-def _seen(own: Modes, r: int) -> str:
-    size = np.abs(own.shapes[:, r])
-    return ", ".join(own.outputs[k] for k in np.flatnonzero(size >= LIMITS.seen_share * size.max()))

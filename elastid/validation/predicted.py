@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
+from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.statistics import LEVEL
 from elastid.fit.posture import Asked, as_configuration
 from elastid.fit.result import Result
@@ -49,14 +49,10 @@ class PredictedResponse:
         return np.zeros(self.measured.G.shape) if known is None else np.sqrt(known.variance)
 
     @property
-    def _agrees(self) -> BoolArray:
-        radius = np.hypot(self.pointwise, CIRCULAR_95 * self.measured_std)
-        return np.asarray(np.abs(self.measured.G - self.predicted.G) <= radius)
-
-    @property
     def inside(self) -> float:
         """Share of the lines of all elements on which both agree within their 95 % bands together."""
-        return float(np.mean(self._agrees))
+        radius = np.hypot(self.pointwise, CIRCULAR_95 * self.measured_std)
+        return float(np.mean(np.abs(self.measured.G - self.predicted.G) <= radius))
 
     @property
     def rms_log_db(self) -> float:

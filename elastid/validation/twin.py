@@ -66,7 +66,7 @@ class TorqueBalance:
     place: of its motor or joint.  log: name of the record.  unit: of the torque.  rate_hz: of the samples; without a
     known rate frequencies are in units of it.  parts: names; torques (n_p, n): of each.  measured (n,).
     shares: of each part in the mean square of the torque.  left: of it by the whole model, and left_without_friction by
-    the model without its friction.  bands: the same by octave, upwards.  ValueError where shapes disagree.
+    the model without its friction.  bands: the same by octave, upwards.
     """
 
     place: str
@@ -81,11 +81,6 @@ class TorqueBalance:
     left_without_friction: float
     bands: tuple[BandBalance, ...]
     rate_is_known: bool = True
-
-    def __post_init__(self) -> None:
-        """Check shapes."""
-        if self.torques.shape != (len(self.parts), len(self.measured)):
-            raise ValueError(f"torques of {len(self.parts)} parts have shape {self.torques.shape}")
 
     @property
     def worst(self) -> BandBalance:
@@ -180,23 +175,13 @@ LONGEST_S = 30.0
 
 @frozen_value
 class TwinSignal:
-    """One signal (n,) of a log and of its twin, link side, in SI, at rate_hz of its run.
-
-    ValueError where shapes disagree.
-    """
+    """One signal (n,) of a log and of its twin, link side, in SI, at rate_hz of its run."""
 
     kind: SignalKind
     place: str
     unit: str
     measured: FloatArray = labelled("as measured, link side", "{unit}", "sample")
     simulated: FloatArray = labelled("of the twin", "{unit}", "sample")
-
-    def __post_init__(self) -> None:
-        """Check shapes."""
-        if self.simulated.shape != self.measured.shape:
-            raise ValueError(
-                f"{self.kind} at {self.place}: measured {self.measured.shape}, simulated {self.simulated.shape}"
-            )
 
     @property
     def error(self) -> float:

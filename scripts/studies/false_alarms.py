@@ -66,7 +66,8 @@ from elastid.recorded.rig import RecordedRig
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.study import load
-from elastid.validation.agreement import explain_cost, validate
+from elastid.validation.agreement import noise_p, validate
+from elastid.validation.residual_tests import FALSE_ALARM
 
 RIG_EVERY = 10
 # Sets of each period count, grid, wander, step and encoder, at least, of 300.
@@ -132,10 +133,8 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
             codes[f"status-{result.status}"] = result.message
         modelled = FittedRobot.of(result, robot, responses).responses
         judged = validate(responses, modelled, ())
-        if cost := explain_cost(result, responses, judged.fitted):
-            is_beyond = "times the noise" in cost and ", smaller than" not in cost and "and show no" not in cost
-            codes |= {"excess-of-cost": cost} if is_beyond else {}
-        without = [peak for each in judged.fitted for peak in each.peaks if np.isnan(peak.modelled_hz)]
+        codes |= {"excess-of-cost": judged.verdict} if noise_p(judged.configurations) < FALSE_ALARM else {}
+        without = [peak for each in judged.configurations for peak in each.peaks if np.isnan(peak.modelled_hz)]
         codes |= {"peak-without-partner": str(without)} if without else {}
     except ElastidError as error:
         codes["refused"] = str(error)

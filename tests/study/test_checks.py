@@ -140,7 +140,7 @@ FILES = ", ".join(f"{{path: a.csv, configuration: {name}}}" for name in "abcd")
             CHANNELS,
             f"{FILES}, {{path: a.csv, configuration: a, period: 3, samples: [0, 9]}}",
             "files[4]",
-            "but have different periods; give each its own numbers",
+            "give each its own numbers",
         ),
         (
             "responses",

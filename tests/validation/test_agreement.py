@@ -7,15 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.report_values import fit_result
 from plants.two_mass import FREQ_HZ, STIFFNESS, circular, response, two_mass
 
-from elastid.record import Configuration
-from elastid.response import Covariance, Response
 from elastid.validation.agreement import (
     agreement,
     are_white,
-    explain_cost,
     generalises,
     noise_p,
     paired_resonances,
@@ -96,13 +92,13 @@ def test_without_an_uncertainty_the_errors_are_there_and_the_statistics_are_not(
     assert validate([response(G)], [response(G)], []).verdict.endswith(".")
 
 
-@pytest.mark.parametrize(("sigmas", "says"), [(1.0, "no more than the noise"), (2.0, "more than the noise")])
+@pytest.mark.parametrize(("sigmas", "says"), [(0.5, "less"), (1.0, "no more"), (2.0, "more")])
 def test_the_verdict_compares_white_residuals_with_the_noise(sigmas, says):
     """Twice the noise is white, and yet more than it."""
     G = two_mass(FREQ_HZ, damping=0.05)[0]
     std = 0.02 * np.abs(G)
     measured = response(G + sigmas * std * circular(np.random.default_rng(9), G.shape), std)
-    assert f", {says}" in validate([measured], [response(G)], []).verdict
+    assert f", {says} than the noise" in validate([measured], [response(G)], []).verdict
 
 
 def test_a_modelled_peak_may_be_flatter_than_a_measured_one():
@@ -114,66 +110,18 @@ def test_a_modelled_peak_may_be_flatter_than_a_measured_one():
     )
 
 
-LINES_HZ = np.arange(2.0, 82.0, 0.5)
-
-
-def responses(rng, names=("c1", "c2", "c3"), std=0.05):
-    """Flat responses of two motors with white noise of a known level, and the model without it."""
-    pairs = []
-    for name in names:
-        motors, where = ("motor 1", "motor 2"), Configuration(name, np.zeros(2))
-        G = np.array([[3.0, 1.0], [1.5, 2.0]]) * np.ones((len(LINES_HZ), 1, 1)) + 0j
-        noise = std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / math.sqrt(2)
-        covariance = Covariance(np.full(G.shape, std**2), math.inf)
-        measured = Response(LINES_HZ, G + noise, motors, motors, "acceleration", where, total=covariance)
-        pairs.append((measured, Response(LINES_HZ, G, motors, motors, "acceleration", where)))
-    return pairs
-
-
-def words(pairs, expected=1.0):
-    """explain_cost of a fit whose cost is that of these residuals, beside what noise would leave times `expected`."""
-    measured = [m for m, _ in pairs]
-    judged = [agreement(m, G) for m, G in pairs]
-    power = sum(float(np.sum(np.abs((m.G - G.G) / 0.05) ** 2)) for m, G in pairs)
-    n = sum(m.G.size for m, _ in pairs)
-    result = replace(fit_result(), cost=power, cost_expected=n * expected, dof=2 * n, cost_dof=2 * n)
-    return explain_cost(result, measured, judged)
-
-
-def moved(pair, change):
-    """The measurement of a pair, changed."""
-    measured, modelled = pair
-    return replace(measured, G=measured.G + change), modelled
-
-
-def test_a_cost_as_expected_asks_for_no_reason():
-    """Noise alone."""
-    assert "no error of the model" in words(responses(np.random.default_rng(0)))
-
-
 def test_a_missing_mode_is_beyond_the_noise_and_correlated():
-    """A resonance at 40 Hz that the model lacks, in one element of one configuration."""
-    pairs = responses(np.random.default_rng(0))
-    mode = np.zeros((len(LINES_HZ), 2, 2), complex)
-    mode[:, 0, 1] = 0.02 / (1 - (LINES_HZ / 40) ** 2 + 0.04j * LINES_HZ / 40)
-    pairs[1] = moved(pairs[1], 3 * mode)
-    said = words(pairs)
-    assert "times the noise (" in said
-    assert "correlated in c2" in said
-
-
-def test_more_noise_than_measured_is_distinguished_from_a_model_error():
-    """White residuals of twice their standard deviation."""
-    rng = np.random.default_rng(0)
-    pairs = [moved(p, m[0].G - m[1].G) for p, m in zip(*[responses(rng)] * 2, strict=True)]
-    said = words(pairs)
-    assert "2 times the noise" in said or "1.99" in said or "2.0" in said
-    assert "correlated" not in said
-
-
-def test_residuals_below_the_noise_are_not_taken_for_a_good_model():
-    """Half of the expected cost: the uncertainty is too large."""
-    assert "overestimated" in words(responses(np.random.default_rng(0)), expected=2.0)
+    """A resonance that the model lacks, in one element of two, each known to a twentieth."""
+    std, G = 0.05, np.ones((240, 1, 2), complex)
+    mode = 0.06 / (1 - (FREQ_HZ / 40) ** 2 + 0.04j * FREQ_HZ / 40)
+    noisy = G + std * circular(np.random.default_rng(0), G.shape)
+    right, wrong = (
+        agreement(response(noisy + change, std), response(G)) for change in (0, np.stack([0 * mode, mode], -1)[:, None])
+    )
+    assert noise_p([right]) > 0.05
+    assert are_white([right])
+    assert noise_p([wrong]) < 1e-3
+    assert not are_white([wrong])
 
 
 @given(
@@ -207,14 +155,6 @@ def test_peaks_are_matched_with_their_mutual_nearest_only():
     partner = paired_resonances(np.array([10.0, 20.0, 21.0, 80.0]), np.array([10.1, 20.9, 40.0]))
     np.testing.assert_array_equal(partner, [10.1, np.nan, 20.9, np.nan])
     assert np.isnan(paired_resonances(np.array([5.0]), np.array([]))).all()
-
-
-def test_the_resonance_of_a_single_mode_is_exact():
-    """1/G is a quadratic in f: the minimum of its magnitude to the last digits, between two lines."""
-    f = np.arange(10.0, 60.0)
-    G = 1 / (1 - (f / 33.3) ** 2 + 0.1j * f / 33.3)
-    # |1/G|^2 = (1 - x)^2 + 0.01 x with x = (f / 33.3)^2 is least at x = 1 - 0.005.
-    assert resonances(f, G)[0] == pytest.approx(33.3 * np.sqrt(1 - 0.005), rel=1e-9)
 
 
 def test_a_peak_above_the_noise_counts_though_its_base_is_below():

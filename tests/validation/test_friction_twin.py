@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import true_plant
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
@@ -18,7 +19,7 @@ from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
 from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.closed_loop import Commands, simulate
 from elastid.simulation.controller import Gains
-from elastid.validation.friction_twin import friction_runs
+from elastid.validation.friction_twin import friction_twin
 from elastid.validation.twin import TORQUE, TwinRun
 
 RATE_HZ, SECONDS = 500.0, 12.0
@@ -80,7 +81,7 @@ def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[Twi
     law = Friction(found.chosen["coulomb"])
     joint = JointFriction("1", False, motion=found, friction=law, viscous=found.chosen["viscous"])
     robot = with_laws(swing(), {"1": (law, found.chosen["viscous"])})
-    return friction_runs(robot, (joint,), FrictionRecords((record,)), controller)
+    return friction_twin(robot, (joint,), FrictionRecords((record,)), controller, Execution()).runs
 
 
 def test_known_pulses_push_the_twin_as_well() -> None:

@@ -14,7 +14,6 @@ from elastid.app.console import Console
 from elastid.app.run import Artefacts, Work
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
-from elastid.experiment.plan.plan import Rig
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.load_tests import LoadTest
@@ -45,7 +44,9 @@ def import_logs(study: Study, work: Work) -> Artefacts:
     return _measure(rig, work, rig.is_large)
 
 
-def _measure(rig: Rig, work: Work, is_large: Callable[[Any], bool] = lambda part: False) -> Artefacts:
+def _measure(
+    rig: SimulatedRig | RecordedRig, work: Work, is_large: Callable[[Any], bool] = lambda part: False
+) -> Artefacts:
     records, report = measure_parts(
         work, rig.experiments, rig.measure, read_records, write_records, "experiments", is_large
     )

@@ -26,7 +26,7 @@ from elastid.store.measured import read_configurations, read_friction, read_reco
 from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.study import Study
 from elastid.validation import elastic_twin
-from elastid.validation.agreement import Validation, explain_cost
+from elastid.validation.agreement import Validation
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.predicted import PredictedResponse, predict_response
 from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
@@ -76,10 +76,10 @@ def validate(study: Study, work: Work) -> Artefacts:
         console.say(f"validate: {judged.verdict}")
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
-        further = [judged.cost]
+        further = list[str]()
         if balances:
             further.append(describe_balance(max(balances, key=lambda balance: balance.left)))
-        for words in filter(None, (*further, *twin.run_words)):
+        for words in (*further, *twin.run_words):
             console.detail(f"validate: {words}")
 
     return Artefacts(
@@ -99,14 +99,12 @@ def in_time(own: Validated, records: Path | None, console: Console, execution: E
 
 
 def _validation(own: Validated) -> Validation:
-    """Prediction errors and the reasons for the cost."""
-    left_out, responses, result = own.left_out, own.responses, own.fitted.result
+    """Prediction errors."""
+    left_out, responses = own.left_out, own.responses
     modelled = own.fitted.responses
     lines = {response.configuration.name: response.freq_hz for response in responses}
     shifts = {name: own.fitted.at(name).response_shifts(lines[name]) for name in left_out if name in lines}
-    judged = validate_responses(responses, modelled, left_out, shifts)
-    fitted = [response for response in responses if response.configuration.name not in left_out]
-    return replace(judged, cost=explain_cost(result, fitted, judged.fitted))
+    return validate_responses(responses, modelled, left_out, shifts)
 
 
 def at_tool_predicted(

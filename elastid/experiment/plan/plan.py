@@ -1,4 +1,4 @@
-"""Plan: configurations x realisations x experiments x periods, their torque spectra, and the contract of a rig."""
+"""Plan: configurations x realisations x experiments x periods, and their torque spectra."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from elastid.excitation.spec import MultisineSpec, Signal, planned_lines
 from elastid.experiment.specs.channels import Places
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import NoiseSpec
-from elastid.record import Configuration, Record, drive_unit
+from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 
 # True resonances lie within 10 % of the nominal ones (springs off by a fifth): a motion is flattened by the largest
@@ -306,14 +306,3 @@ def make_plan(
     ramp, hold = (round(time_s * excitation.rate_hz) for time_s in (experiment.ramp, experiment.hold))
     signal = lines.excited, R, lines.detection
     return Plan(configurations, inputs, *timing, *signal, ramp, hold, robot.sliding(inputs))
-
-
-class Rig(Protocol):
-    """Something that can be measured, one experiment at a time, in any order and in any process (it pickles)."""
-
-    @property
-    def experiments(self) -> tuple[Experiment, ...]:
-        """All experiments that it can run."""
-
-    def measure(self, experiment: Experiment) -> Record:
-        """Run one experiment; the same experiment gives the same record, bit for bit."""

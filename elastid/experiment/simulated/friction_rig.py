@@ -52,25 +52,25 @@ class FrictionRun:
 
     def simulated(self, controller: ControllerSpec, rate_hz: float, noise: Noise) -> Trajectory:
         """The motion in closed loop; DataError where the joint is lost."""
-        model, n, i = self.plant.model, len(self.path.position), self.index
-        position, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
-        position += self.plant.point.configuration.angles
-        position[:, i], velocity[:, i] = self.path.position, self.path.velocity
-        acceleration[:, i] = self.path.acceleration
-        injected[:, i] = 0.0 if self.motion.torque is None else self.motion.torque
-        moved = position - self.plant.point.configuration.angles
-        torque = injected + feed_forward(model, self.plant.point.q, moved, velocity, acceleration)
+        model, point, n = self.plant.model, self.plant.point, len(self.path.position)
+        moved, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
+        injected[:, self.index] = 0.0 if self.motion.torque is None else self.motion.torque
+        moved[:, self.index] = self.path.position - point.configuration.angles[self.index]
+        velocity[:, self.index], acceleration[:, self.index] = self.path.velocity, self.path.acceleration
+        torque = injected + feed_forward(model, point.q, moved, velocity, acceleration)
+        position = point.configuration.angles + moved
+        position[:, self.index] = self.path.position  # to the last bit
         commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
         bandwidth_hz = controller.bandwidth_hz
         if self.motion.planned is None and self.motion.period_samples is not None:
             # Ten times slower than the torque, so that the loop does not hold the joint against it.
             bandwidth_hz = min(bandwidth_hz, 0.1 * rate_hz / self.motion.period_samples)
         gains = tune(
-            model, self.plant.point.q, bandwidth_hz, controller.damping_ratio,
+            model, point.q, bandwidth_hz, controller.damping_ratio,
             controller.velocity_integral_time if bandwidth_hz == controller.bandwidth_hz else None,
         )  # fmt: skip
         try:
-            return simulate(self.plant.loop, gains, commands, self.plant.point.q, self._friction())
+            return simulate(self.plant.loop, gains, commands, point.q, self._friction())
         except DataError as error:
             raise DataError(
                 "experiment/diverged",
@@ -198,11 +198,36 @@ class SimulatedFrictionRig:
     def measure(self, motion: PlannedMotion) -> FrictionRecord:
         """Simulate one motion. DataError where the joint is lost, StudyError where the steps are too long for it."""
         run, number = self._run(motion), [planned.name for planned in self.motions].index(motion.name)
-        model = run.plant.model
-        n, rate_hz, seed = len(run.path.position), self.plan.rate_hz, (self.seed, number)
-        noise = draw_noise(self.simulated.noise, n, rate_hz, model.n_u, model.inputs, seed)
+        model, i, rate_hz, seed = run.plant.model, run.index, self.plan.rate_hz, (self.seed, number)
+        noise = draw_noise(self.simulated.noise, len(run.path.position), rate_hz, model.n_u, model.inputs, seed)
         trajectory = run.simulated(self.simulated.controller, rate_hz, noise)
-        return self._record(run, trajectory, noise, self._thermometer(run, number))
+        first = motion.period_samples or 0 if motion.purpose == "at_rest" else 0
+        temperature, planned = self._thermometer(run, number), motion.planned
+        return FrictionRecord(
+            motion.name,
+            motion.joint,
+            motion.purpose,
+            rate_hz,
+            (trajectory.reading + noise.outputs)[first:, i],
+            (trajectory.u + noise.torque)[first:, i],
+            temperature=None if temperature is None else temperature[first:],
+            there=run.path.there,
+            back=run.path.back,
+            speed=None if planned is None else planned.speed,
+            load=motion.load,
+            load_torque=self._load_torque(run),
+            torque_delay_s=0.5 / rate_hz,
+            resolution=float(run.plant.loop.drives.resolution[i]),
+            start_s=motion.start_s + first / rate_hz,
+            period_samples=motion.period_samples,
+            hold="zero-order",
+            configuration=run.plant.point.configuration,
+            is_reference=planned is not None and planned.is_reference,
+            is_warm_up=motion.is_warm_up,
+            place=motion.name,
+            slides=self.robot.driven[i].slides,
+            notes=tuple(limit_notes(run.plant, motion.name, trajectory.u, [i])),
+        )
 
     def warm_ups(self) -> tuple[WarmUpLog, ...]:
         """The heat of each joint that was warmed, from the start of its warm-up to its last test."""
@@ -224,39 +249,6 @@ class SimulatedFrictionRig:
             time_s, T, _ = heat_of(self.plan, plant.model.robot, self.simulated.heat, motion.joint)
             temperature = np.interp(motion.start_s + np.arange(len(path.position)) / self.plan.rate_hz, time_s, T)
         return FrictionRun(motion, plant, index, path, temperature)
-
-    def _record(
-        self, run: FrictionRun, trajectory: Trajectory, noise: Noise, temperature: FloatArray | None
-    ) -> FrictionRecord:
-        motion, path, i = run.motion, run.path, run.index
-        notes = tuple(limit_notes(run.plant, motion.name, trajectory.u, [i]))
-        first = motion.period_samples or 0 if motion.purpose == "at_rest" else 0
-        planned = motion.planned
-        return FrictionRecord(
-            motion.name,
-            motion.joint,
-            motion.purpose,
-            self.plan.rate_hz,
-            (trajectory.reading + noise.outputs)[first:, i],
-            (trajectory.u + noise.torque)[first:, i],
-            temperature=None if temperature is None else temperature[first:],
-            there=path.there,
-            back=path.back,
-            speed=None if planned is None else planned.speed,
-            load=motion.load,
-            load_torque=self._load_torque(run),
-            torque_delay_s=0.5 / self.plan.rate_hz,
-            resolution=float(run.plant.loop.drives.resolution[i]),
-            start_s=motion.start_s + first / self.plan.rate_hz,
-            period_samples=motion.period_samples,
-            hold="zero-order",
-            configuration=run.plant.point.configuration,
-            is_reference=planned is not None and planned.is_reference,
-            is_warm_up=motion.is_warm_up,
-            place=motion.name,
-            slides=self.robot.driven[i].slides,
-            notes=notes,
-        )
 
     def _load_torque(self, run: FrictionRun) -> float:
         """Mean |holding torque| of the nominal robot over the plateaus: what is known, not what is true."""

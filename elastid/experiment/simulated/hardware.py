@@ -25,7 +25,6 @@ from elastid.experiment.specs.simulated import (
     NoiseSpec,
     TorqueRippleSpec,
     WarmingSpec,
-    saturation_refusal,
 )
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LagElement, sensor_elements, torque_elements
@@ -168,8 +167,12 @@ def drives(
     """The drives of a robot, link side; StudyError where torques are to be clipped and no joint has a limit."""
     ratio = np.array([robot.ratio(joint.name) for joint in robot.driven])
     limit = np.array([joint.limits.torque if saturation else math.inf for joint in robot.driven])
-    if saturation and (refused := saturation_refusal(robot)):
-        raise StudyError("experiment/simulated", refused, "experiment.simulated.saturation")
+    if saturation and not np.isfinite(limit).any():
+        raise StudyError(
+            "experiment/simulated",
+            "no joint has limits.torque, so that nothing is clipped; give limits: {torque: ...} in the robot's file",
+            "experiment.simulated.saturation",
+        )
     resolution = 2 * np.pi / (encoder_counts * np.abs(ratio)) if encoder_counts else np.zeros(len(ratio))
     T = robot.chain.torque_lag
     lags = [Lag(element.coefficients, T) for element in torque_elements(robot.chain) if T is not None]

@@ -216,24 +216,15 @@ class RecordedSpec:
     def repeat_refusal(self, number: int) -> str:
         """Why a file may not have the numbers of an earlier one; empty where it has further periods, or none has."""
         file = self.files[number]
-        earlier = next((each for each in self.files[:number] if each.run == file.run), None)
-        if earlier is None:
-            return ""
-        periods = [self.period_of(each) for each in (earlier, file)]
-        if (file.path, file.samples) in [
-            (each.path, each.samples) for each in self.files[:number] if each.run == file.run
-        ]:
-            why = "are the same samples"
-        elif None in periods:
-            why = "have no period by which they could be joined"
-        elif periods[0] != periods[1]:
-            why = "have different periods"
-        else:
+        earlier = [each for each in self.files[:number] if each.run == file.run]
+        periods = {self.period_of(each) for each in (*earlier[:1], file)}
+        is_repeated = any((each.path, each.samples) == (file.path, file.samples) for each in earlier)
+        if not earlier or (len(periods) == 1 and None not in periods and not is_repeated):
             return ""
         return (
-            f"{earlier.path} and {file.path} are both configuration {file.configuration}, realisation "
-            f"{file.realisation}, experiment {file.experiment}, but {why}; give each its own numbers (experiment: same "
-            "phases or another input; realisation: other phases)"
+            f"{earlier[0].path} and {file.path} are both configuration {file.configuration}, realisation "
+            f"{file.realisation}, experiment {file.experiment}, but not other samples of one known period; give "
+            "each its own numbers (experiment: same phases or another input; realisation: other phases)"
         )
 
     def _check_files_and_rates(self) -> None:

@@ -249,7 +249,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
     free = set(content.result.parameters.free_names)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
-    left_out = [agreement.configuration for agreement in content.validation.left_out]
+    left_out = [each.configuration for each in content.validation.configurations if each.left_out]
     responses = explorer(content.frf, left_out, _models(content)) if content.frf else ""
     modes = mode_viewer(content.modes, rate_is_known)
     scripts = curve_scripts() if responses else (asset("first_screen.js"),)

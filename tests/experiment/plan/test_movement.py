@@ -97,10 +97,12 @@ def test_a_constant_velocity_passes_through_the_configuration_in_the_middle() ->
 
 
 def test_a_carrier_that_leaves_a_joints_limits_in_its_ramps_is_refused() -> None:
-    """A constant velocity travels while it is ramped, too; a wrong number of velocities is counted."""
+    """A constant velocity travels while it is ramped, too; a wrong number of velocities is counted, its line lower."""
     plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
     check_movement(CarrierSpec(kind="offset", velocity=0.4), plan, arm())
     with refused("experiment/simulated", place="experiment.simulated.carrier"):
         check_movement(CarrierSpec(kind="offset", velocity=0.8), plan, arm())
     with refused("experiment/simulated", place="experiment.simulated.carrier"):
         check_movement(CarrierSpec(kind="square", velocity=(0.1, 0.1, 0.1)), plan, arm())
+    with refused("experiment/simulated", place="experiment.simulated.carrier"):
+        check_movement(CarrierSpec(amplitude=0.01, cycles=int(plan.lines[0])), plan, arm())

@@ -5,14 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastid.experiment.specs.simulated import CarrierSpec, ColoredNoiseSpec, ControllerSpec, NoiseSpec, carrier_refusal
-
-
-def test_carrier_stays_below_the_lines_and_moves_every_motor() -> None:
-    lines = np.array([3, 5])
-    assert carrier_refusal(CarrierSpec(amplitude=0.1), lines, 0.1, 2) == ""
-    assert "not below the lowest excited" in carrier_refusal(CarrierSpec(amplitude=0.1, cycles=3), lines, 0.1, 2)
-    assert "3 amplitudes for 2 motors" in carrier_refusal(CarrierSpec(amplitude=(0.1, 0.2, 0.3)), lines, 0.1, 2)
+from elastid.experiment.specs.simulated import ColoredNoiseSpec, ControllerSpec, NoiseSpec
 
 
 def test_integral_time_below_the_limit_of_routh_is_refused() -> None:
