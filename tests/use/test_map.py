@@ -1,21 +1,163 @@
-"""Maps of the workspace: quantities in closed form, order, limiting springs, intervals."""
+"""Maps: quantities against one posture at a time, slopes, order, limiting springs, intervals, postures without rest."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from plants.fitted_models import fitted_model
 from plants.predicted_arm import STD, result
 from plants.refusals import refused
 
+from elastid.base.statistics import propagate
+from elastid.fit.parameter_choice import choose
+from elastid.fit.posture import Asked
+from elastid.fit.result import Result
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.tolerances import with_tolerances
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.spec import ModelSpec
+from elastid.robot import Body, Frame, GearCoupling, Joint, Motor, Placement, Robot, Spring, Tolerances
+from elastid.use.compliance import Cut, linearised
 from elastid.use.map import map_workspace
 
-ANGLES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
+LINES = np.geomspace(2.0, 80.0, 100)
+CUT = Cut(load=(0.0, 0.0, -50.0), normal=(1.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["arm", "scara", *(pytest.param(f"linkage_arm {of}", marks=pytest.mark.slow) for of in ("minimal", "constrained"))],
+)
+def test_a_map_has_the_numbers_of_each_posture_by_itself(name: str) -> None:
+    """Serial robots and linkages; values and deviations."""
+    if name == "arm":
+        own = result()
+    else:
+        fitted = fitted_model(name)
+        spec = ModelSpec("minimal") if "minimal" in name else ModelSpec()
+        own = replace(fitted.result, robot=fitted.model.robot, equations=spec)
+    angles = np.atleast_2d(own.robot.joints[0].start + 0.1 * np.arange(6).reshape(2, 3))[:, : len(own.robot.driven)]
+    workspace = map_workspace(own, angles, CUT, lines_hz=LINES)
+    for i, each in enumerate(workspace.angles):
+        model = own.at(each, axes="world")
+        stiff, modes = model.stiffness(), model.modes()
+        principal, directions = stiff.principal
+        assert workspace["softest_compliance"].value[i] == pytest.approx(principal[0], rel=1e-8)
+        assert abs(workspace.axes[i, :, 0] @ directions[:, 0]) == pytest.approx(1, abs=1e-6)
+        assert workspace["compliance_x"].std[i] == pytest.approx(stiff.compliance_std[0, 0], rel=1e-2)
+        assert workspace["deflection"].value[i] == pytest.approx(np.linalg.norm(stiff.compliance[:3, 2] * 50), rel=1e-8)
+        assert workspace["frequency_1"].value[i] == pytest.approx(modes.freq_hz[0], rel=1e-8)
+        assert workspace["frequency_1"].std[i] == pytest.approx(modes.freq_std[0], rel=1e-2)
+        assert workspace.share[i].sum() == pytest.approx(1, abs=0.03)  # the rest is gravity's
+
+
+def test_extremes_of_the_response_are_found_between_the_lines() -> None:
+    """A coarse grid gives the peak, the depth of cut and their deviations to those of a fine one."""
+    angles = np.array([[0.2, 0.9]])
+    workspace = map_workspace(result(), angles, CUT, lines_hz=LINES)
+    model = result().at(angles[0], axes="world")
+    fine = np.linspace(2, 80, 20001)
+    G = model.response(fine).G
+    assert workspace["dynamic_compliance"].value[0] == pytest.approx(
+        np.linalg.svd(G, compute_uv=False)[:, 0].max(), rel=1e-3
+    )
+    n = np.array([1.0, 0.0, 1.0]) / np.sqrt(2)
+    lines = workspace.chatter_hz + np.linspace(-0.5, 0.5, 501)
+
+    def depth(x: np.ndarray) -> np.ndarray:
+        G = frequency_response(model.linear, model.estimated.theta(x), lines)
+        return np.asarray(-1 / (2 * 700e6 * (n @ G @ n).real.min()))
+
+    spread = propagate(depth, model.estimated.x, model.estimated.covariance / 1e4)
+    assert workspace["depth_of_cut"].value[0] == pytest.approx(float(spread.value), rel=1e-6)
+    assert workspace["depth_of_cut"].std[0] / 100 == pytest.approx(float(spread.std), rel=0.02)
+    assert workspace["depth_of_cut"].value[0] == pytest.approx(-1 / (1.4e9 * (n @ G @ n).real.min()), rel=1e-3)
+
+
+def test_curves_have_the_band_of_a_single_posture() -> None:
+    """Along the softest direction."""
+    workspace = map_workspace(result(), np.array([[0.2, 0.9]]), lines_hz=LINES)
+    model, a = result().at([0.2, 0.9], axes="world"), workspace.axes[0, :, 0]
+    known = model.estimated
+
+    def size(x: np.ndarray) -> np.ndarray:
+        return np.abs(a @ frequency_response(model.linear, known.theta(x), workspace.curve_hz) @ a)
+
+    spread = propagate(size, known.x, known.covariance / 1e4)
+    np.testing.assert_allclose(workspace.magnitude[0], spread.value, rtol=1e-8)
+    np.testing.assert_allclose(workspace.magnitude_std[0] / 100, spread.std, rtol=1e-2, atol=1e-4 * spread.std.max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["manutec", "linkage_arm constrained"])
+def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name: str) -> None:
+    """Masses, centres, lengths and zeros of axes within their tolerances; lengths of a loop move its joints."""
+    fitted = fitted_model(name)
+    robot = replace(fitted.model.robot, tolerances=Tolerances())
+    spec = FitSpec(parameters={"k_*": ParameterSpec()})
+    parameters = with_tolerances(choose(spec, robot), robot, spec)
+    n = len(parameters.free)
+    C = np.diag([1e-4 if p.prior is None else p.prior.std**2 for p in parameters.free]) / 9
+    ended = (1.0, 1, 1.0, "converged", "", (), 1, np.zeros(n, bool), np.ones(n), "complex")
+    own = Result(parameters, parameters.x, C, *ended, robot=robot)
+    workspace = map_workspace(own, fitted.linear[0].configuration.angles[None], CUT, lines_hz=LINES)
+    model = own.at(fitted.linear[0].configuration.angles, axes="world")
+    assert workspace["compliance_z"].std[0] == pytest.approx(model.stiffness().compliance_std[2, 2], rel=0.05)
+    assert workspace["frequency_1"].std[0] == pytest.approx(model.modes().freq_std[0], rel=0.05)
+
+
+ANGLES = np.array([[0.2, 0.4], [-0.7, 1.1], [1.3, -0.5]])
+
+
+def coupled() -> Result:
+    """Two links under gravity, the second motor turned along by the first joint, springs before the coupling."""
+    joints = [Joint(str(i + 1), "y", Spring(4e4 / (i + 1), 30.0), Motor(1e-3, 100.0)) for i in range(2)]
+    upper = Body("upper", joints=(joints[0],), mass=30, center_of_mass=(0.4, 0, 0.05), inertia=1.5)
+    fore = Body("fore", "upper", Placement((0.8, 0, 0)), (joints[1],), 20, (0.3, 0.1, 0), 1.0)
+    frames = (Frame("tool", "fore", Placement((0.5, 0.1, 0.2))),)
+    robot = Robot("arm", (upper, fore), frames=frames, gears=(GearCoupling("2", "1", 50.0, "before"),))
+    chosen = choose(FitSpec(parameters={"k_*": ParameterSpec(), "m_fore": ParameterSpec()}), robot)
+    n = len(chosen.free)
+    return Result(
+        chosen, chosen.x, 1e-4 * np.eye(n), 1.0, 1, 1.0, "converged", "", (), 1, np.zeros(n, bool), np.ones(n),
+        "complex", robot=robot,
+    )  # fmt: skip
+
+
+def test_slopes_are_those_of_differences() -> None:
+    """dK and dM to the numbers that x moves, of gears that couple axes; without gravity the equilibrium stays."""
+    fit = coupled()
+    fit = replace(fit, robot=replace(fit.robot, gravity=(0.0, 0.0, 0.0)))
+    family = fit.family(Asked())
+    (here,), known = linearised(family, ANGLES), family.estimated
+    for column, row in enumerate(known.moved):
+        step = 1e-4 * np.eye(len(fit.x))[fit.parameters.free_names.index(known.names[row])]
+        (up,), (down,) = (linearised(replace(fit, x=fit.x + sign * step).family(Asked()), ANGLES) for sign in (1, -1))
+        scale = 2e-4 * known.theta(known.x)[row]
+        for letter in "MK":
+            slope = (getattr(up, letter) - getattr(down, letter)) / scale
+            np.testing.assert_allclose(getattr(here, f"d{letter}")[:, column], slope, rtol=1e-6, atol=1e-6)
+
+
+def test_a_posture_without_rest_is_not_found_and_the_others_keep_their_order() -> None:
+    """Springs far too soft for the weight stretched out; hanging down the robot rests."""
+    own = result()
+    place = [own.parameters.free_names.index(name) for name in ("k_1", "k_2")]
+    x = own.x.copy()
+    x[place] = np.log([150.0, 60.0])
+    (many,) = linearised(replace(own, x=x).family(Asked()), np.array([[-np.pi / 2, 0.0], [np.pi / 2, 0.0]]))
+    assert many.found.tolist() == [False, True]
+    assert len(many.M) == 1
+
+
+POSTURES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
 
 
 def test_the_softest_first_and_the_spring_that_gives_most() -> None:
     """Shares of the springs add up to 1 under no gravity's help; the order is that of the compliance."""
-    workspace = map_workspace(result(), ANGLES)
+    workspace = map_workspace(result(), POSTURES)
     value = workspace["softest_compliance"].value
     assert np.all(np.diff(value[workspace.softest]) <= 0)
     assert workspace.asked.tolist() == [0, 1, 2, 3]
@@ -26,7 +168,7 @@ def test_the_softest_first_and_the_spring_that_gives_most() -> None:
 
 def test_intervals_are_those_of_the_stiffness() -> None:
     """All springs 2 % off independently: the softest compliance between 2 %/sqrt(2) and 2 % off, in logarithm."""
-    quantity = map_workspace(result(), ANGLES)["softest_compliance"]
+    quantity = map_workspace(result(), POSTURES)["softest_compliance"]
     assert np.all((quantity.relative_std > 0.9 * STD / np.sqrt(2)) & (quantity.relative_std < 1.1 * STD))
     low, high = quantity.interval
     np.testing.assert_allclose(np.log(high / low), 2 * 1.959964 * quantity.relative_std, rtol=1e-9)
