@@ -121,8 +121,8 @@ class Response(Kept):
     """G (F, n_y, n_u) at freq_hz (F,), complex, in `quantity` per Nm on the link side.
 
     noise: covariance of the disturbing noise (from periods), or None.  total: noise and stochastic nonlinear
-    distortion together (from realisations), or None.  distortion: of one realisation by stochastic nonlinear
-    distortion alone, or None.  rate_is_known is False where freq_hz is in units of the sampling rate.
+    distortion together (from realisations), or None.  rate_is_known is False where freq_hz is in units of the sampling
+    rate.
     quality: of the measurement, or None.  repairs: counts by the kind of repair in its records.
     sliding: inputs and outputs that translate, in N and m instead of Nm and rad.  input_units: of each input, where one
     is a voltage or a current.  bias (n_b, n_u, F, n_y, n_u): systematic errors of G by dry friction at the motor of
@@ -149,7 +149,6 @@ class Response(Kept):
     total: Covariance | None = None
     rate_is_known: bool = True
     notes: tuple[Note, ...] = field(default=())
-    distortion: Covariance | None = None
     quality: Quality | None = None
     repairs: Mapping[str, int] = field(default_factory=dict)
     sliding: tuple[str, ...] = ()
@@ -184,7 +183,7 @@ class Response(Kept):
         bad = np.flatnonzero(~np.isfinite(self.G).all(axis=(1, 2)))
         if bad.size:
             raise ValueError(f"{where}: G is not finite at {bad.size} lines, first {self.freq_hz[bad[0]]:g} Hz")
-        for name in ("noise", "total", "distortion"):
+        for name in ("noise", "total"):
             covariance = getattr(self, name)
             if covariance is not None and covariance.variance.shape != shape:
                 raise ValueError(f"{where}: {name} variance has shape {covariance.variance.shape}, expected {shape}")
@@ -256,7 +255,6 @@ class Response(Kept):
             G=self.G[keep],
             noise=cut(self.noise),
             total=cut(self.total),
-            distortion=cut(self.distortion),
             quality=None if self.quality is None else self.quality.lines(keep),
             bias=None if self.bias is None else self.bias[:, :, keep],
             leakage=None if self.leakage is None else self.leakage[keep],
@@ -284,7 +282,6 @@ class Response(Kept):
             input_units=tuple(self.input_units[j] for j in columns) if self.input_units else (),
             noise=cut(self.noise),
             total=cut(self.total),
-            distortion=cut(self.distortion),
             leakage=None if self.leakage is None else self.leakage[:, rows][:, :, columns],
             quality=None,
             bias=None,
@@ -373,7 +370,6 @@ def in_quantity(response: Response, quantity: Motion) -> Response:
         quantity=quantity,
         noise=scaled(response.noise, power),
         total=scaled(response.total, power),
-        distortion=scaled(response.distortion, power),
         quality=None,  # it belongs to the outputs as they were measured
         bias=None if response.bias is None else gain * response.bias,
         leakage=None if response.leakage is None else gain * response.leakage,

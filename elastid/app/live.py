@@ -181,7 +181,8 @@ class Session:
         if not plans:
             return design
         measured = read_responses(self.folder.results(len(plans)) / "frf.h5")
-        shares = [np.median(r.distortion.variance / np.abs(r.G) ** 2) for r in measured if r.distortion is not None]
+        shown = [(q.stochastic, q.excited.amplitude) for q in (each.quality for each in measured) if q is not None]
+        shares = [np.median((by_distortion / size) ** 2) for by_distortion, size in shown if by_distortion is not None]
         level = math.sqrt(np.mean(shares)) if shares else design.distortion
         return replace(design, distortion=level)
 

@@ -36,7 +36,6 @@ from elastid.frf.matrices import (
     added_error_products,
     added_products,
     adjoint,
-    positive,
     power,
     squared_magnitude,
     transposed,
@@ -167,22 +166,6 @@ def total_covariance(data: MeanSpectra, estimate: Estimate, C_T: ComplexArray, d
     D = D - D.mean(axis=0)
     vec = D.transpose(1, 3, 2, 0).reshape(len(estimate.G), -1, M)
     return full_covariance(vec @ adjoint(vec) / (M - 1) / M, estimate.G.shape, M - 1)
-
-
-def distortion_covariance(noise: Covariance, total: Covariance, M: int) -> Covariance:
-    """Covariance of one realisation's vec G by stochastic nonlinear distortion: M (total - noise), no less than zero.
-
-    Negative eigenvalues of the difference, which occur by chance where noise dominates, are set to zero.
-    """
-    if total.left is not None and total.right is not None and noise.left is not None and noise.right is not None:
-        share = np.einsum("fii->f", noise.left).real / np.einsum("fii->f", total.left).real
-        of_total, of_noise, weight = M * total.right, noise.right, M * share[:, None, None]
-        of_total -= weight * of_noise
-        return kronecker(total.left, positive(of_total), total.dof)
-    if total.matrix is not None:
-        matrix = M * positive(total.matrix - noise.full())
-        return full_covariance(matrix, total.variance.shape, total.dof)
-    return Covariance(M * np.maximum(total.variance - noise.variance, 0.0), total.dof)
 
 
 def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:

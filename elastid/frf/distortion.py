@@ -37,7 +37,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.statistics import interpolated
 from elastid.frf.covariance import equation_error
 from elastid.frf.experiment_blocks import MeanSpectra
-from elastid.frf.matrices import adjoint, power
+from elastid.frf.matrices import adjoint, positive, power
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import MOTION_ORDER, Motion, Record
 from elastid.response import Levels
@@ -98,9 +98,7 @@ def fast_total_error(
         return None
     first = np.clip(np.searchsorted(detected.odd_lines, lines) - window // 2, 0, K - window)
     sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(detected.excess, axis=0)])
-    values, vectors = np.linalg.eigh((sums[first + window] - sums[first]) / window)
-    # Without what is negative by chance.
-    of_distortion = np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ adjoint(vectors))
+    of_distortion = positive((sums[first + window] - sums[first]) / window)  # without what is negative by chance
     parts = [float(np.einsum("fii->", covariance).real) for covariance in (of_noise, of_distortion)]
     spread = parts[0] ** 2 / dof + parts[1] ** 2 / (window * detected.count)
     return of_noise + of_distortion, sum(parts) ** 2 / spread if spread > 0 else float(dof)

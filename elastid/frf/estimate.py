@@ -23,7 +23,6 @@ from elastid.frf.checks import (
 from elastid.frf.covariance import (
     METHODS,
     Estimate,
-    distortion_covariance,
     equation_error,
     kronecker,
     level_lines,
@@ -229,11 +228,11 @@ def _with_covariances(
     lines: IntArray,
     spectra: Sequence[Sequence[RecordSpectra]],
 ) -> Response:
-    """Noise, total, distortion and bias of G, and the nonlinear levels in the outputs."""
+    """Noise, total and bias of G, and the nonlinear levels in the outputs."""
     C_V = equation_error(data, fitted.G)
     noise = noise_covariance(data, fitted, C_V)
     of_noise = C_V * np.mean(1 / data.periods)
-    total, distortion, stochastic, bias = None, None, None, None
+    total, stochastic, bias = None, None, None
     noise = replace(noise, level_lines=_level_lines(data.scatter, fitted.G))
     if error is not None:
         few = slice(LEVEL_LINES)
@@ -245,12 +244,11 @@ def _with_covariances(
         total = None if error is None else replace(kronecker(fitted.left, *error), level_lines=noise.level_lines)
     if total is not None and error is not None:
         bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], of_noise, error[1])
-        distortion = distortion_covariance(noise, total, len(data.blocks))
         stochastic = np.sqrt(power(error[0] - of_noise))
     assert response.quality is not None
     even, odd = (None, None) if levels is None else (levels.even, levels.odd)
     quality = replace(response.quality, stochastic=stochastic, even=even, odd=odd)
-    return replace(response, noise=noise, total=total, distortion=distortion, quality=quality, bias=bias)
+    return replace(response, noise=noise, total=total, quality=quality, bias=bias)
 
 
 def _level_lines(Z: Sequence[ComplexArray], G: ComplexArray) -> float:

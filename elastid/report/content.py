@@ -111,7 +111,7 @@ class ResponsesContent:
     def synthesised(self) -> tuple[Response | None, ...]:
         """The modal model of each response; None where it is known on some of its lines only."""
         return tuple(
-            replace(response, G=own.synthesis, notes=(), quality=None, noise=None, total=None, distortion=None)
+            replace(response, G=own.synthesis, notes=(), quality=None, noise=None, total=None)
             if own.n_modes and len(own.at_hz) == response.n_lines
             else None
             for response, own in zip(self.responses, self.modes, strict=True)

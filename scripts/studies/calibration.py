@@ -157,7 +157,7 @@ def calibrated(sets: DataSets, n_sets: int, jobs: int, names: tuple[str, ...]) -
     free = sets.plant.parameters.free_names
     names = tuple(name for name in names if name in free)
     places = [free.index(name) for name in names]
-    found = np.array(Execution(jobs).ordered(sets, list(range(n_sets))))[:, :, places]
+    found = np.array(Execution(jobs).ordered(sets, range(n_sets)))[:, :, places]
     good = np.isfinite(found).all(axis=(1, 2))
     error, stated, holds = found[good].swapaxes(0, 1)
     scatter, bound = np.sqrt(np.mean(error**2, axis=0)), sets.bound()[places]

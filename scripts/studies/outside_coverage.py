@@ -220,10 +220,10 @@ def main() -> None:
     sets, levels, counts = (2, [0.3], [2]) if given.quick else (given.sets, given.coulomb, given.realisations)
     rows = []
     for case in (Case(level, M, given.rigs.resolve(), given.rest) for level in levels for M in counts):
-        found = Execution(given.jobs).ordered(case, list(range(sets)))
+        found = Execution(given.jobs).ordered(case, range(sets))
         for fit in FITS:
             rows.append(figures(case, found, fit))
-            print(line(rows[-1]), flush=True)
+            print(line(rows[-1]))
     for row in rows:
         checked(row)
     print(json.dumps({"outside_coverage": rows}))

@@ -77,7 +77,6 @@ def test_friction_shows_on_the_lines_left_out(tiny: Path, tmp_path: Path, cycles
     assert np.all(even % 2 == 0)
     assert response.noise is not None
     assert response.total is not None
-    assert response.distortion is not None
     assert np.median(response.total.variance / response.noise.variance) > 4
     labels = {line.get_label() for line in quality_figure(response, quality, "title").axes[0].get_lines()}
     assert {"nonlinear, even", "nonlinear, odd", "stochastic nonlinear"} <= labels

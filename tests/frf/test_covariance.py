@@ -8,9 +8,8 @@ from plants.random_plants import ALL_PERIODS, N, record_of
 from plants.two_mass import circular
 
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.frf.covariance import distortion_covariance, level_lines, positive
+from elastid.frf.covariance import level_lines
 from elastid.frf.estimate import estimate
-from elastid.response import Covariance
 
 
 def _matrix_records(rng: np.random.Generator, M: int, n: int, P: int, s: float, F: int = 60) -> tuple[list, np.ndarray]:
@@ -58,30 +57,6 @@ def test_full_and_kronecker_covariance_agree_where_both_are_right() -> None:
     np.testing.assert_allclose(
         np.einsum("fii->fi", response.total.full()).real.reshape(-1, 2, 2).transpose(0, 2, 1), response.total.variance
     )
-
-
-def test_distortion_is_total_less_noise_and_never_negative() -> None:
-    """Where noise explains everything, what is left is positive semidefinite and small."""
-    rng = np.random.default_rng(0)
-    left = np.eye(2)[None] * np.ones((5, 1, 1)) + 0j
-    noise = Covariance(np.ones((5, 3, 2)), 50, left, np.eye(3) * np.ones((5, 1, 1)) + 0j)
-    extra = rng.normal(size=(5, 3, 1)) + 1j * rng.normal(size=(5, 3, 1))
-    right = noise.right + extra @ extra.conj().swapaxes(1, 2)
-    total = Covariance(np.einsum("fii->fi", right).real[:, :, None] * np.ones((5, 3, 2)), 20, left, right)
-    found = distortion_covariance(noise, total, 4)
-    assert found.right is not None
-    np.testing.assert_allclose(found.full(), 4 * (total.full() - noise.full()), atol=1e-12)
-    less = distortion_covariance(total, noise, 4)
-    assert np.linalg.eigvalsh(less.full()).min() > -1e-12
-    assert np.all(less.variance < 1e-12)
-    matrix = Covariance(total.variance, 20, matrix=total.full())
-    np.testing.assert_allclose(distortion_covariance(noise, matrix, 4).full(), found.full(), atol=1e-12)
-    alone = distortion_covariance(noise, Covariance(2 * noise.variance, 20), 4)
-    assert alone.form == "diagonal"
-    np.testing.assert_allclose(alone.variance, 4 * noise.variance)
-    A = rng.normal(size=(4, 5, 5))
-    A = A + A.swapaxes(1, 2)
-    assert np.linalg.eigvalsh(positive(A + 0j)).min() > -1e-12
 
 
 def test_errors_with_one_level_at_all_lines_count_as_few() -> None:
