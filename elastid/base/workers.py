@@ -11,15 +11,14 @@ import logging
 import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from itertools import pairwise
 from multiprocessing import Pipe, get_all_start_methods, get_context, parent_process
 from multiprocessing.connection import Connection, wait
-from signal import SIG_IGN, SIGINT, signal
-from threading import Thread
+from signal import SIG_IGN, SIGINT, SIGTERM, getsignal, raise_signal, signal
+from threading import Thread, current_thread, main_thread
 from traceback import format_exc
 from typing import Any
 
@@ -167,19 +166,35 @@ def start_method() -> str:
 
 
 def _call(at_rest: list[Worker], called: list[Worker], place: int, new: Callable[..., Any]) -> Worker:
-    """A worker at rest that lives, or a new one; among those called, from its first moment.
-
-    New ones start in a thread, which Ctrl-C does not reach: amid a start it would leave a worker that is never ended.
-    """
+    """A worker at rest that lives, or a new one; among those called, from its first moment."""
     for worker in [worker for worker in at_rest if worker.place == place]:
         at_rest.remove(worker)
         called.append(worker)
         if worker.process.is_alive():
             return worker
         end(worker)
-    with ThreadPoolExecutor(1) as thread:
-        thread.submit(_start, called, place, new).result()
+    with _undisturbed():
+        _start(called, place, new)
     return called[-1]
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C acts behind the end: amid a start it would leave a worker that is never ended."""
+    if current_thread() is not main_thread():  # which Ctrl-C does not reach
+        yield
+        return
+    before, pressed = {number: getsignal(number) for number in (SIGINT, SIGTERM)}, list[int]()
+    acting = {number: handler for number, handler in before.items() if callable(handler)}
+    for number in acting:
+        signal(number, lambda number, _: pressed.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in acting.items():
+            signal(number, handler)
+    for again in pressed:
+        raise_signal(again)
 
 
 def _local(pipe: Connection, place: int) -> Any:
