@@ -119,9 +119,43 @@ class RecordSpectra:
 
     def dft_at(self, roles: Sequence[Role], lines: IntArray) -> Iterator[ComplexArray]:
         """The DFT (p, F, c) of signals side by side at lines (F,), of all periods; of some at a time if it is large."""
-        groups = (self.dft_groups(role) if self.is_large else iter([self.dft(role)]) for role in roles)
-        wanted = _wanted(lines)
-        return (np.concatenate([dft[:, wanted] for dft in group], axis=2) for group in zip(*groups, strict=True))
+        if not self.is_large:
+            return iter([self._dft_at(roles, lines)])
+        groups = zip(*(self.dft_groups(role) for role in roles), strict=True)
+        return (np.concatenate([dft[:, _wanted(lines)] for dft in group], axis=2) for group in groups)
+
+    def _dft_at(self, roles: Sequence[Role], lines: IntArray) -> ComplexArray:
+        """The DFT (P, F, c) of all periods of some signals side by side, in memory one channel after the other.
+
+        Where most lines are wanted the spectra stay where the FFT writes them, with the others.
+        """
+        wanted, n_spectrum = _wanted(lines), self.record.repeat_samples // 2 + 1
+        ends = np.cumsum([0, *(getattr(self.record, role).shape[1] for role in roles)])
+        keeps_all = isinstance(wanted, slice) and 2 * len(lines) > n_spectrum and not self.record.half_wave
+        # Spectra of two channels a power of two apart would share few places of the cache.
+        size = n_spectrum + 27 if keeps_all else len(lines)
+        dft = np.empty((self.record.n_repeats, ends[-1], size), np.complex128)
+        if keeps_all:
+            dft = dft[:, :, :n_spectrum]
+        for role, first, last in zip(roles, ends, ends[1:], strict=False):
+            self._put_dft_at(role, slice(None) if keeps_all else wanted, dft[:, first:last])
+        return dft.swapaxes(1, 2)[:, wanted] if keeps_all else dft.swapaxes(1, 2)
+
+    def _put_dft_at(self, role: Role, wanted: slice | IntArray, dft: ComplexArray) -> None:
+        """Puts the DFT of all periods into found (P, c, F); half periods share their mean.
+
+        Of some lines one array holds the whole spectrum of one period after the other and stays in the cache.
+        """
+        record, L = self.record, self.record.repeat_samples
+        if record.half_wave or (role == self.driver_role and self.driver is not None):
+            dft[:] = self.dft(role)[:, wanted].swapaxes(1, 2)
+            return
+        signals, is_whole = getattr(record, role), dft.shape[2] == L // 2 + 1
+        spectrum = np.empty((dft.shape[1], 0 if is_whole else L // 2 + 1), np.complex128)
+        for p, of_period in enumerate(dft):
+            rfft(signals[p * L : (p + 1) * L], axis=0, out=(of_period if is_whole else spectrum).T)
+            if not is_whole:
+                of_period[:] = spectrum[:, wanted]
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
         """Complex amplitudes (P, F, c) of a signal at lines (F,)."""
