@@ -137,7 +137,6 @@ def full_content():
     content = replace(content, model_std=tuple(0.01 * np.abs(G.G) for _, G in content.frf))
     validation = replace(
         content.validation,
-        cost="The cost is what the noise alone would leave.",
     )
     return replace(content, validation=validation)
 

@@ -35,9 +35,6 @@ class Variant(NamedTuple):
     assembly: Assembly
 
 
-EARTH = 9.81  # m/s^2
-
-
 def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """The indices with the best variant, where nothing explains all."""
     explained = max((index.share for index in indices), default=0.0)
@@ -137,7 +134,7 @@ def _motor_inertias(robot: Robot) -> Iterator[_Other]:
 
 def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
     """The robot with other directions of gravity, and without the payload of its file."""
-    size = float(np.linalg.norm(robot.gravity)) or EARTH
+    size = float(np.linalg.norm(robot.gravity)) or 9.81
     directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
                   for axis, row in zip("xyz", np.eye(3), strict=True) for sign in "+-"}  # fmt: skip
     for name, gravity in (directions | {"no gravity": np.zeros(3)}).items():
