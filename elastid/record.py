@@ -112,7 +112,7 @@ class Record:
     from rest): period_samples is then its length.  input_units: of each input, where one is a voltage or a current.
     starts: repetitions, counted from 0, with which further logs of the same excitation start.  sampled: outputs that
     contain the images of held torques; without it those that are positions.
-    The signals of a large record are in a file, which `base.arrays.release` takes out of memory again.
+    The signals of a large record are `base.arrays.LargeArray`: x[a:b] reads these samples.
 
     Raises ValueError where shapes disagree or the record holds no whole period.
     """

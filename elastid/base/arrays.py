@@ -7,7 +7,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import Field, dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast, dataclass_transform, overload
 from weakref import WeakValueDictionary, finalize
@@ -70,6 +70,8 @@ IntArray: TypeAlias = NDArray[np.int64]
 
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
     """A read-only copy of an array, unless it is read-only already: a copy like that, or mapped from a file."""
+    if isinstance(array, LargeArray):
+        return cast(NDArray[Any], array)
     is_frozen = isinstance(array, np.ndarray) and not array.flags.writeable and array.dtype == dtype
     if is_frozen and (isinstance(array, np.memmap) or (type(array) is np.ndarray and array.flags.owndata)):
         return cast(NDArray[Any], array)
@@ -131,13 +133,48 @@ PIECE_VALUES = 1 << 20
 MIN_PART_BYTES, MIN_LARGE_FILE = 1 << 15, 1 << 30
 
 
-def empty_in_file(shape: tuple[int, ...]) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class LargeArray:
+    """An array (n, c) too large for memory: x[a:b] reads these rows, in double precision.
+
+    dtype: of the numbers as they are stored.  rows: the rows from a first to before a last one.
+    """
+
+    shape: tuple[int, int]
+    dtype: np.dtype[Any]
+    rows: Callable[[int, int], NDArray[Any]]
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return self.shape[0] * self.shape[1]
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, index: Any) -> Any:
+        part, *columns = index if isinstance(index, tuple) else (index,)
+        if not isinstance(part, slice) or (part.step or 1) < 0:
+            return np.asarray(self)[index]
+        first, last, step = part.indices(len(self))
+        rows = np.asarray(self.rows(first, max(first, last)), dtype=np.float64)
+        return rows[(slice(None, None, step), *columns)]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.asarray(self.rows(0, len(self)), dtype=dtype or np.float64)
+
+    def copy(self) -> FloatArray:
+        """All of it in memory."""
+        return np.array(self)
+
+
+def empty_in_file(shape: tuple[int, ...], dtype: Any = np.float64) -> FloatArray:
     """An array to fill, in a temporary file that is gone with it (in the folder that TMPDIR names)."""
     with tempfile.TemporaryFile() as file:
-        return np.memmap(file, dtype=np.float64, mode="w+", shape=shape)
+        return np.memmap(file, dtype=dtype, mode="w+", shape=shape)
 
 
-def release(array: NDArray[Any] | None) -> None:
+def release(array: NDArray[Any] | LargeArray | None) -> None:
     """Give the memory of an array in a file back, which keeps its values; nothing happens to an array in memory."""
     pages = getattr(array, "_mmap", None)
     if pages is not None and hasattr(mmap, "MADV_DONTNEED"):
@@ -145,8 +182,10 @@ def release(array: NDArray[Any] | None) -> None:
         pages.madvise(mmap.MADV_DONTNEED)
 
 
-def mean_of_rows(array: FloatArray, n: int) -> FloatArray:
-    """The mean (c,) of the first n rows, some at a time."""
+def mean_of_rows(array: FloatArray | LargeArray, n: int) -> FloatArray:
+    """The mean (c,) of the first n rows."""
+    if not isinstance(array, LargeArray):
+        return np.asarray(array[:n].mean(axis=0))
     step = max(1, PIECE_VALUES // array.shape[1])
     total = sum(array[first : min(n, first + step)].sum(axis=0) for first in range(0, n, step))
     return np.asarray(total / n)
@@ -254,8 +293,16 @@ def mapped(path: Path, dataset: Any) -> FloatArray | None:
     is_part = dataset.nbytes >= MIN_PART_BYTES and path.stat().st_size >= MIN_LARGE_FILE
     if offset is None or not (is_part or dataset.size >= MIN_LARGE_VALUES):
         return None
+    if dataset.dtype == np.float32 and len(shape) == 2:
+        return cast(FloatArray, LargeArray(shape, dataset.dtype, partial(_stored_rows, path, offset, shape[1])))
     is_known = dataset.dtype in (np.float64, np.complex128)
     return cast(FloatArray, FileArray.at(path.resolve(), offset, dataset.dtype, shape)) if is_known else None
+
+
+def _stored_rows(path: Path, offset: int, columns: int, first: int, last: int) -> NDArray[Any]:
+    """Rows of a table of single precision that starts at an offset of a file."""
+    values = np.fromfile(path, np.float32, (last - first) * columns, offset=offset + 4 * columns * first)
+    return values.reshape(last - first, columns)
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
 from elastid.base import arrays
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, LargeArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
@@ -50,11 +50,12 @@ from elastid.recorded.repair.time_stamps import CLOCK, RESAMPLED, at_times, dela
 
 @dataclass(frozen=True)
 class _Pieces:
-    """Pieces of n samples of a log from `start` on, each from a first to before a last one of them."""
+    """Pieces of n samples of a log from `start` on, each from a first to before a last one of them; its precision."""
 
     start: int
     n: int
     bounds: tuple[tuple[int, int], ...]
+    dtype: np.dtype[Any]
 
 
 @dataclass(frozen=True)
@@ -122,12 +123,12 @@ class RecordedRig:
         # Unless compressed, a value takes a byte of the file at least.
         if needs_all or path.stat().st_size < MIN_VALUES:
             return None
-        n = size_in_pieces(path, recorded.channels, recorded.text)
+        n, dtype = size_in_pieces(path, recorded.channels, recorded.text)
         start, end = file.samples or (0, n)
         if not 0 <= start < end <= n:
             return None
         bounds = pieces(end - start, None if period is None else int(period), len(recorded.channels))
-        return _Pieces(start, end - start, bounds) if bounds else None
+        return _Pieces(start, end - start, bounds, dtype) if bounds else None
 
     def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
         """The record of a log that is too large for memory; None where it is not, or must be read as a whole."""
@@ -139,7 +140,7 @@ class RecordedRig:
             return self._as_a_whole(experiment, replace(file, samples=(log.start + first, log.start + last)))
 
         try:
-            record = joined(measured, log.bounds)
+            record = joined(measured, log.bounds, log.dtype)
         except DataError:
             # Reading all of it shows if that piece spoils the record.
             return None
@@ -268,15 +269,19 @@ def _lags(difference: FloatArray, mean: FloatArray) -> bool:
     return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)  # 6 of its deviations
 
 
-def joined(measure: Callable[[int, int], Record], bounds: Sequence[tuple[int, int]]) -> Record | None:
+def joined(
+    measure: Callable[[int, int], Record],
+    bounds: Sequence[tuple[int, int]],
+    dtype: np.dtype[Any],
+) -> Record | None:
     """The record of all pieces, its signals in files; None where they are not in step.
 
-    measure: the record of the samples from a first to before a last one.
+    measure: the record of the samples from a first to before a last one.  dtype: of the numbers in the files.
     """
     n, first = bounds[-1][1], measure(*bounds[0])
     period = _mean_period(_driver(first), first.period_samples) if first.is_periodic else None
     given = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
-    signals = {role: arrays.empty_in_file((n, x.shape[1])) for role, x in given.items()}
+    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in given.items()}
     notes, left_out = dict[Note, None](), list[int]()
     repairs: Counter[str] = Counter()
     for start, end in bounds:
@@ -289,11 +294,16 @@ def joined(measure: Callable[[int, int], Record], bounds: Sequence[tuple[int, in
         notes |= dict.fromkeys(part.notes)
         repairs.update(part.repairs)
         left_out += [start // part.repeat_samples + p for p in part.left_out]
-    for signal in signals.values():
-        signal.flags.writeable = False
+    large = {role: LargeArray(x.shape, x.dtype, partial(_rows, x)) for role, x in signals.items()}
     period_samples = first.period_samples if first.is_periodic else n
-    record = replace(first, **signals, period_samples=period_samples)  # type: ignore[arg-type]
+    record = replace(first, **large, period_samples=period_samples)  # type: ignore[arg-type]
     return replace(record, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))
+
+
+def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
+    rows = np.array(signal[first:last])
+    arrays.release(signal)
+    return rows
 
 
 def end_notes(lost: int, n: int, repeat: int, place: str) -> tuple[Note, ...]:

@@ -15,6 +15,8 @@ from elastid.base.arrays import (
     ComplexArray,
     FloatArray,
     IntArray,
+    LargeArray,
+    frozen,
     frozen_value,
     kept_beside,
     kept_in,
@@ -75,10 +77,27 @@ def test_values_compare_by_identity_only_where_that_is_asked_for() -> None:
     assert Named("a") == Named("a") != Named("b")
 
 
-def test_the_mean_of_rows_in_pieces_is_that_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("elastid.base.arrays.PIECE_VALUES", 4)
-    values = np.arange(20.0).reshape(10, 2) / 3
-    np.testing.assert_allclose(mean_of_rows(values, 7), values[:7].mean(axis=0), rtol=1e-15)
+def test_a_large_array_reads_the_rows_asked_for() -> None:
+    """As double precision, by slices, columns and steps like an array in memory; whole where it is asked for."""
+    values = np.arange(20, dtype=np.float32).reshape(10, 2) / 3
+    asked: list[tuple[int, int]] = []
+
+    def rows(first: int, last: int) -> np.ndarray:
+        asked.append((first, last))
+        return values[first:last]
+
+    large = LargeArray((10, 2), values.dtype, rows)
+    expected = values.astype(np.float64)
+    np.testing.assert_array_equal(large[2:7:2, 1], expected[2:7:2, 1])
+    np.testing.assert_array_equal(large[-3:], expected[-3:])
+    assert large[8:3].shape == (0, 2)
+    assert asked == [(2, 7), (7, 10), (8, 8)]
+    np.testing.assert_array_equal(large[::-1], expected[::-1])
+    np.testing.assert_array_equal(large @ np.eye(2), expected)
+    assert large[0:1].dtype == large.copy().dtype == np.float64
+    assert (len(large), large.size) == (10, 20)
+    assert frozen(large) is large
+    np.testing.assert_allclose(mean_of_rows(large, 6), expected[:6].mean(axis=0), rtol=1e-15)
 
 
 FILLED = """

@@ -12,6 +12,7 @@ from plants.lab_logs import N, measured, study_of, with_names
 from plants.refusals import refused
 
 from elastid.base import arrays
+from elastid.base.arrays import LargeArray
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.frf import experiment_blocks
 from elastid.frf import spectra as frf_spectra
@@ -76,13 +77,15 @@ def test_a_log_in_pieces_is_the_same_record(
     whole = measured(tmp_path, spec)
     request.getfixturevalue("large")
     parts = measured(tmp_path, spec)
-    assert isinstance(parts.u, np.memmap)
+    assert isinstance(parts.u, LargeArray)
     _same(parts, whole)
     assert {note.code for note in parts.notes} == {note.code for note in whole.notes}
     write_records(tmp_path / "records.h5", [parts])
     (read,) = read_records(tmp_path / "records.h5")
-    assert isinstance(read.y, np.memmap)
+    assert isinstance(read.y, LargeArray)
     _same(read, whole)
+    with h5py.File(tmp_path / "records.h5") as file:
+        assert {file[f"records/{read.name}/{role}"].dtype for role in ("u", "y")} == {np.dtype(np.float32)}
 
 
 def test_each_piece_is_repaired(tmp_path: Path, log: dict[str, np.ndarray], large: None) -> None:
@@ -112,7 +115,7 @@ def test_a_log_without_a_period_in_pieces_is_the_same_record(
     whole = measured(tmp_path, replace(spec, recorded=recorded))
     request.getfixturevalue("large")
     parts = measured(tmp_path, replace(spec, recorded=recorded))
-    assert isinstance(parts.u, np.memmap) != turns
+    assert isinstance(parts.u, LargeArray) != turns
     assert (parts.is_periodic, parts.n_samples, parts.period_samples) == (False, PERIODS * N + 7, PERIODS * N + 7)
     assert parts.repairs == whole.repairs == {"missing samples interpolated": 1}
     _same(parts, whole)

@@ -13,6 +13,9 @@ from dataclasses import dataclass
 from functools import cache, partial
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
@@ -93,10 +96,14 @@ def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
         return log.shapes()
 
 
-def size_in_pieces(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> int:
-    """Samples of the channels in a file; none of a file that has no pieces."""
+def size_in_pieces(
+    path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec
+) -> tuple[int, np.dtype[np.floating[Any]]]:
+    """Samples of the channels in a file, and the precision that holds them; none of a file that has no pieces."""
     with opened_log(path, text) as log:
-        return (log.rows(channels) if isinstance(log, ArrayLog) else None) or 0
+        n = log.rows(channels) if isinstance(log, ArrayLog) else None
+        stored = [log.stored(each).dtype for each in channels] if isinstance(log, ArrayLog) else []
+    return n or 0, np.dtype(np.float32 if all(np.can_cast(each, np.float32) for each in stored) else np.float64)
 
 
 def read_channels(
