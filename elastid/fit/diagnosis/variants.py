@@ -1,9 +1,9 @@
 """Variants of a study, each fitted from the study's start: other robots than the file's, or the same read otherwise.
 
 They stand at the angles as another unit, direction or order has them, have inertias of motors or encoders on the other
-side of the gears, are mounted otherwise, or do not carry the payload that the file has.  A fit that moved numbers
-within their tolerances to make up for such a cause ends where no step leads to it; these begin at the file, with the
-tolerances about their own numbers.
+side of the gears, are mounted otherwise, or do not carry the payload that the file has, or a further one.  A fit that
+moved numbers within their tolerances to make up for such a cause ends where no step leads to it; these begin at the
+file, with the tolerances about their own numbers.
 """
 
 from __future__ import annotations
@@ -17,14 +17,16 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Scores
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
-from elastid.fit.diagnosis.score_test import LEAST
+from elastid.fit.diagnosis.score_test import LEAST, Load, find_load, steps_of
 from elastid.fit.result import ModificationIndex
-from elastid.parameters import Parameter, Parameters
-from elastid.robot import Robot
+from elastid.fit.solve.solvers import ROUGH, solve
+from elastid.parameters import Parameter, Parameters, Prior
+from elastid.robot import Payload, Robot
 
 
 class Variant(NamedTuple):
@@ -36,7 +38,7 @@ class Variant(NamedTuple):
 
 
 def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """The indices with the best variant, where nothing explains all."""
+    """The indices with the best variant, and with a load that was fitted, where nothing explains all."""
     explained = max((index.share for index in indices), default=0.0)
     is_explained = explained > LIMITS.whole and not any(i.group == SCALE for i in indices)
     if not evidence.is_unexplained or is_explained:
@@ -45,10 +47,15 @@ def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: 
     # V that the file's own robot reaches from the study's start is no merit of a variant.
     as_stated = min(_judged(Variant("", "", evidence.assembly), evidence, scores)[1], scores.cost)
     first, least = judged[0]
-    if not (as_stated - least > LIMITS.half * (as_stated - scores.noise) and first.share > explained):
-        return indices
-    equal = tuple(index.name for index, V in judged[1:] if LIMITS.equal_cost * least > V)
-    return [*indices, replace(first, alike=equal)]
+    found = []
+    if as_stated - least > LIMITS.half * (as_stated - scores.noise):
+        equal = tuple(index.name for index, V in judged[1:] if LIMITS.equal_cost * least > V)
+        found.append(replace(first, alike=equal))
+    if max(explained, *(index.share for index in found), 0.0) <= LIMITS.whole:
+        found += [index for index in _with_load(evidence, scores) if index.share > LIMITS.half]
+    shares = {index.name: index.share for index in indices}
+    better = {i.name: i for i in found if i.share > shares.get(i.name, 0.0)}
+    return [*(index for index in indices if index.name not in better), *better.values()]
 
 
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
@@ -61,9 +68,16 @@ def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[Modif
             V, end = settle(AS_READ, fit, start, np.ones(len(start), dtype=bool))
             V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
             cost, x = min((cost, x), (V, end), key=lambda each: each[0])
+    return _against(ModificationIndex(variant.name, variant.family), cost, x, evidence, scores), cost
+
+
+def _against(
+    index: ModificationIndex, cost: float, x: FloatArray, evidence: Evidence, scores: Scores
+) -> ModificationIndex:
+    """The index where V (cost) and x (n_x,) are those of a fit with it."""
     drop = scores.cost - cost if math.isfinite(cost) else 0.0
-    share, effects = drop / max(scores.cost - scores.noise, drop, 1e-300), x - evidence.result.x
-    return ModificationIndex(variant.name, variant.family, drop=drop, share=share, effects=effects), cost
+    share = drop / max(scores.cost - scores.noise, drop, 1e-300)
+    return replace(index, drop=drop, share=share, effects=x - evidence.result.x)
 
 
 def _variants(evidence: Evidence) -> Iterator[Variant]:
@@ -160,3 +174,73 @@ def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
         return replace(p, value=value, lower=lower, upper=upper, prior=p.prior and replace(p.prior, mean=value))
 
     return replace(parameters, parameters=tuple(map(moved, parameters)))
+
+
+def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """Load on the body where it explains most, fitted from there with its mass, place and inertia free.
+
+    Resonances move farther with it than they are wide, so that its linear step is only a start.
+    """
+    loads = _loads(scores)
+    body = max(loads, key=lambda name: loads[name].drop, default="")
+    if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
+        return []
+    mass, place = loads[body].mass, _centre(scores, body) + loads[body].place
+    loaded = _carrying(evidence, body, mass, place)
+    if loaded is None or not loaded[0] < scores.cost:
+        return []
+    cost, p, x = loaded
+    candidate = next(c for c in scores.candidates if c.name == f"payload_{body}")
+    members = [scores.test.numbers[i] for i in candidate.places]
+    p[1:] -= _centre(scores, body)
+    index = ModificationIndex(
+        candidate.name, "payload", tuple(n.name for n in members), np.array([n.value for n in members]),
+        tuple(n.unit for n in members), tuple(n.log for n in members), steps_of(members, p),
+    )  # fmt: skip
+    return [_against(index, cost, x, evidence, scores)]
+
+
+def _loads(scores: Scores) -> dict[str, Load]:
+    """The best load of each body, by its name."""
+    bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
+    loads = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.level, 0.0) for c in bodies}
+    return {name: load for name, load in loads.items() if load is not None}
+
+
+def _centre(scores: Scores, body: str) -> FloatArray:
+    """The centre of mass (3,) of a body in the file, in its axes."""
+    value = {number.name: number.value for number in scores.test.numbers}
+    return np.array([value.get(f"c_{body}_{axis}", 0.0) for axis in "xyz"])
+
+
+def _carrying(
+    evidence: Evidence, body: str, mass: float, place: FloatArray
+) -> tuple[float, FloatArray, FloatArray] | None:
+    """V, mass (kg) and place (m) of a load (4,) in the axes of a body, and x (n_x,) of the fit with it from a start."""
+    own = evidence.assembly
+    inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
+    robot = replace(own.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
+    numbers = (
+        Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.load_std)),
+        *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.load_std))
+          for n, v in zip(names, place, strict=True)),
+        Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
+    )  # fmt: skip
+    file, known = own.parameters, dict(zip(own.parameters.free_names, evidence.result.x.tolist(), strict=True))
+    every = {p.name: p for p in (*file, *numbers)}
+    in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
+    parameters = Parameters((*in_order, *every.values()))
+    asked = {p.name for p in file.free if not p.tolerated}
+    x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
+    try:
+        assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
+        for _ in range(LIMITS.rounds):
+            fit = assembly.at(x, own.spec.criterion)
+            _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
+            x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
+        cost = assembly.at(x, own.spec.criterion).evaluate(x).cost
+    except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
+        return None
+    values = dict(zip(parameters.free_names, x.tolist(), strict=True))
+    p = np.array([math.exp(values["m_payload"]), *(values.get(name, 0.0) for name in names)])
+    return cost, p, np.array([values[name] for name in file.free_names])
