@@ -74,7 +74,7 @@ def section(cls: type[T]) -> type[T]:
 
 @dataclass(frozen=True)
 class _Rules:
-    """What the annotation of a field says of its value.
+    """Rules of a field, by its annotation.
 
     expected: what may be given as a message says, of words of a choice, numbers and tuples alone.  key: with bounds.
     unit: behind a number where the name of the field does not say it.  names: of the value, or, by_name, of its keys.

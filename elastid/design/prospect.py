@@ -7,7 +7,7 @@ R (n_u, E): the torques injected in the E experiments of a realisation, F = k_p 
 from torque to motor angle; M realisations of P periods. A white signal of variance sigma^2 has 4 sigma^2 / N at each
 line of a period of N samples. C_y, C_u: noise of the logged outputs and torques, C_d: torque that is not in the log,
 C_s: scatter of Coulomb friction (`friction_level`), the same in all periods; rho: further nonlinear distortion. The
-estimator's own covariance is in `frf.covariance`.
+estimator's own covariance is in `frf.estimators`.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.statistics import interpolated
-from elastid.frf.covariance import equation_error
+from elastid.frf.estimators import equation_error
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.matrices import adjoint, positive, power
 from elastid.frf.spectra import RecordSpectra

@@ -20,7 +20,8 @@ from elastid.frf.checks import (
     separated_lines,
     unlike_notes,
 )
-from elastid.frf.covariance import (
+from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error, friction_bias
+from elastid.frf.estimators import (
     METHODS,
     Estimate,
     equation_error,
@@ -30,7 +31,6 @@ from elastid.frf.covariance import (
     total_covariance,
     total_error,
 )
-from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error, friction_bias
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
 from elastid.frf.hits import hit_notes
 from elastid.frf.lines import analysed_lines, spectra_of

@@ -46,7 +46,7 @@ from elastid.base.display import percent
 from elastid.base.errors import DataError, Note
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.checks import LIMITS as CHECKS
-from elastid.frf.covariance import kronecker
+from elastid.frf.estimators import kronecker
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.matrices import adjoint, power, transposed
 from elastid.frf.quality import (

@@ -223,7 +223,7 @@ def main() -> None:
         found = Execution(given.jobs).ordered(case, range(sets))
         for fit in FITS:
             rows.append(figures(case, found, fit))
-            print(line(rows[-1]))
+            print(line(rows[-1]), flush=True)
     for row in rows:
         checked(row)
     print(json.dumps({"outside_coverage": rows}))

@@ -8,8 +8,8 @@ from plants.random_plants import ALL_PERIODS, N, record_of
 from plants.two_mass import circular
 
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.frf.covariance import level_lines
 from elastid.frf.estimate import estimate
+from elastid.frf.estimators import level_lines
 
 
 def _matrix_records(rng: np.random.Generator, M: int, n: int, P: int, s: float, F: int = 60) -> tuple[list, np.ndarray]:

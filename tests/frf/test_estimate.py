@@ -14,8 +14,8 @@ from plants.refusals import refused
 
 from elastid.excitation.multisine import orthogonal_set
 from elastid.fit.problem.smoothed_noise import smooth_noise
-from elastid.frf.covariance import METHODS
 from elastid.frf.estimate import LOCAL, estimate
+from elastid.frf.estimators import METHODS
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 

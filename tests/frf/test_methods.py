@@ -13,14 +13,14 @@ from plants.refusals import refused
 from scipy.signal import csd
 
 from elastid.excitation.multisine import orthogonal_set
-from elastid.frf.covariance import (
+from elastid.frf.estimate import estimate
+from elastid.frf.estimators import (
     METHODS,
     arithmetic,
     errors_in_variables,
     h1,
     joint,
 )
-from elastid.frf.estimate import estimate
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Record
 

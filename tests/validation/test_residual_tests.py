@@ -7,7 +7,7 @@ import pytest
 from plants.two_mass import circular
 
 from elastid.fit.problem.smoothed_noise import smooth_noise
-from elastid.frf.covariance import kronecker
+from elastid.frf.estimators import kronecker
 from elastid.record import Configuration
 from elastid.response import Response
 from elastid.validation.residual_tests import (

@@ -32,7 +32,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.statistics import mean_of_neighbours
-from elastid.frf.covariance import kronecker
+from elastid.frf.estimators import kronecker
 from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.matrices import adjoint, power
 from elastid.frf.quality import coherences_of_powers, relative_singular_values

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +21,8 @@ from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.record import Hold
+from elastid.record import Configuration, Hold
+from elastid.response import Covariance, Response
 from elastid.robot import Tolerances
 
 FREE = {name: ParameterSpec() for name in ("k_1", "d_1", "fm_1")}
@@ -109,3 +111,16 @@ def test_a_reading_is_named_first_though_the_file_has_tolerances(fault: Fault, n
     first = identify(drawn(case, np.random.default_rng(0)), robot, SPEC_OF_FAULTS).indices[0]
     assert name in (first.name, *first.alike)
     assert first.share > 0.9
+
+
+def test_noise_without_a_robot_in_it_has_no_cause() -> None:
+    """A model that is far off such data is worse than none: what is merely less bad explains nothing."""
+    robot, rng, shape = plant(80.0), np.random.default_rng(0), (150, 1, 1)
+    G = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    noise = Covariance((0.02 * np.abs(G)) ** 2, math.inf)
+    at = ("motor 1",)
+    read = Response(np.linspace(1, 60, 150), G, at, at, "acceleration", Configuration("c", np.zeros(1)), noise=noise)
+    free = {name: ParameterSpec() for name in robot.parameters() if name[:2] in ("k_", "d_", "fm", "Jm", "I_")}
+    result = identify([read], robot, FitSpec(parameters=free, starts=8, seed=1, profile=()))
+    assert result.status == "model_error"
+    assert all(index.share < 0.5 for index in result.indices)
