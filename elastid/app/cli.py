@@ -21,7 +21,6 @@ from elastid import __version__
 from elastid.app.options import (
     POSITIVE,
     RATE,
-    Finite,
     insisting,
     libraries_off_terminal,
     options_of,
@@ -255,7 +254,7 @@ def map_command(study: Path, **options: Any) -> None:
 @study_argument
 @click.option("--path", type=click.Path(path_type=Path), required=True, metavar="FILE",
     help="CSV of joint angles or poses, with times in a column t, or without.")  # fmt: skip
-@click.option("--time", "duration", type=Finite(0, 600, min_open=True), metavar="S", help="Duration in s.")
+@click.option("--time", "duration", type=POSITIVE, metavar="S", help="Duration in s.")
 @click.option("--fastest", is_flag=True, help="The shortest time in which the error is kept.")
 @click.option("--error", "error_mm", type=POSITIVE, default=1.0, show_default=True,
     metavar="MM", help="That the tool may have, as planned.")  # fmt: skip

@@ -134,6 +134,7 @@ def answer_of_loops(loops: Loops) -> Answer:
     if loops.count:
         kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
         lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures.")
+    of_today = f"{today.name}: {_state_words(today)}." if today else "The study states no controller."
     rows, bandwidth = gain_rows(loops), designed.bandwidth_hz.min(axis=0)
     gains = [
         (
@@ -146,7 +147,7 @@ def answer_of_loops(loops: Loops) -> Answer:
         f"Joint loops of {loops.name}",
         (
             ("How fast may the loops be?", tuple(lines)),
-            ("How good are today's?", (f"{_state_words(today)}." if today else "The study states no controller.",)),
+            ("How good are today's?", (of_today,)),
             ("What next?", ("Run a study with the section of loops.yml before the robot does.",)),
         ),
         (

@@ -89,6 +89,7 @@ def held(spline: BSpline, t: FloatArray, order: int) -> FloatArray:
 
 
 TIMES = ("t", "time")
+LONGEST_S = 60.0  # of a move: a plan takes 40 MB for each second
 _SAMPLES = 200  # of a path of poses, each brought to the joints by inverse kinematics
 _TIMING = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)
 
@@ -141,8 +142,16 @@ def read_move(path: Path, robot: Robot, frame: str, duration: float | None = Non
         spline = _through(shares, angles, times is not None)
     else:
         spline = _through_poses(table, robot, frame, times)
-    own = float(times[-1] - times[0]) if times is not None else 0.0
-    return Move(spline, own if duration is None else duration)
+    if duration is None:
+        duration = float(times[-1] - times[0]) if times is not None else 0.0
+    if duration > LONGEST_S:
+        raise DataError(
+            "use/move",
+            f"the move takes {duration:g} s, and at most {LONGEST_S:g} s are planned at once; give times in s, or "
+            "split the path",
+            path,
+        )
+    return Move(spline, duration)
 
 
 def _times(table: Table) -> FloatArray | None:

@@ -13,12 +13,14 @@ that no motor drives the inverse does not depend on the past alone. IPOPT (Wacht
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.sparse import csc_array, diags_array
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.robot_friction import frictions
@@ -31,7 +33,7 @@ from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward
 from elastid.simulation.dynamics import contacts
 from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.moves import MotionLimits, Move, References, held
+from elastid.use.command.moves import LONGEST_S, MotionLimits, Move, References, held
 
 DEGREE = 5
 STEP = 1.25  # between durations that bracket the shortest one
@@ -111,8 +113,7 @@ class _Problem:
         self.n, self.n_q, self.n_u, self.n_c = N - 1, model.n_q, model.n_u, len(commanded.rows)
         self.ends = [commanded.rest(angles) for angles in move.ends]
         self.count = N + DEGREE  # of coefficients
-        splines = BSpline(self.knots, np.eye(self.count), DEGREE)
-        self.bases = [np.asarray(splines(times[1:-1], order)) for order in range(4)]
+        self.bases = [basis_of(self.knots, times[1:-1], order) for order in range(4)]
         self.inner = slice(_HELD, self.count - _HELD)
         self.target = commanded.poses(commanded.rigid(move, times[1:-1])[0])
         still = np.zeros((2, self.n_q))
@@ -142,7 +143,7 @@ class _Problem:
         C_x, U_x, L_x = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist()) if n_c else (*ca.vertsplit(
             x, [0, sizes[0], sizes[0] + sizes[1]]), ca.MX(0, 1))  # fmt: skip
         C, U, L = ca.reshape(C_x, n_q, n), ca.reshape(U_x, n_u, n), ca.reshape(L_x, n_c, n)
-        inner = [ca.sparsify(ca.DM(basis[:, self.inner])) for basis in self.bases]
+        inner = [ca.DM(basis[:, self.inner]) for basis in self.bases]
         outer = [
             np.outer(self.ends[0], basis[:, :_HELD].sum(axis=1)) + np.outer(self.ends[1], basis[:, -_HELD:].sum(axis=1))
             for basis in self.bases
@@ -159,11 +160,12 @@ class _Problem:
         held = [ca.DM(u / self.u_0) for u in self.holding]
         rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (s.rate_s / np.sqrt(self.step))
         # Sixth differences of coefficients: small of any smooth motion, large of one from knot to knot.
-        ripple = np.diff(np.eye(self.count), 6, axis=0) * (np.sqrt(self.step) / s.ripple)
+        sixth = [math.comb(6, i) * (-1.0) ** i * np.sqrt(self.step) / s.ripple for i in range(7)]
+        ripple = diags_array(sixth, offsets=range(7), shape=(self.count - 6, self.count)).tocsc()
         whole = ca.horzcat(
             *(ca.DM(self.ends[0]) for _ in range(_HELD)), C, *(ca.DM(self.ends[1]) for _ in range(_HELD))
         )
-        residual = ca.vertcat(tool, ca.vec(rate), ca.vec(whole @ ca.sparsify(ca.DM(ripple)).T))
+        residual = ca.vertcat(tool, ca.vec(rate), ca.vec(whole @ ca.DM(ripple).T))
         self.nlp = {"x": x, "f": ca.sumsqr(residual), "g": g}
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
         slopes = ca.jacobian(residual, x)
@@ -197,6 +199,18 @@ class _Problem:
         c[:_HELD], c[-_HELD:] = self.ends
         c[self.inner] = x[: self.n_q * self.n].reshape(self.n, self.n_q)
         return BSpline(self.knots, c, DEGREE)
+
+
+def basis_of(knots: FloatArray, x: FloatArray, order: int, degree: int = DEGREE) -> csc_array:
+    """Splines on the knots, or their derivatives of an order, at x (n,): sparse (n, count)."""
+    if order == 0:
+        return csc_array(BSpline.design_matrix(x, knots, degree))
+    count = len(knots) - degree - 1
+    slope = degree / (knots[degree + 1 : count + degree] - knots[1:count])
+    D = diags_array([-slope, slope], offsets=[0, 1], shape=(count - 1, count))
+    basis = csc_array(basis_of(knots[1:-1], x, order - 1, degree - 1) @ D)
+    basis.sort_indices()  # CasADi takes no others
+    return basis
 
 
 def margin_of(commanded: CommandedRobot, move: Move) -> float:
@@ -237,6 +251,8 @@ def shortest(
     """The move in the shortest time in which the tool stays within error_m of its path; None where none was found."""
 
     def can(duration: float) -> bool:
+        if duration > LONGEST_S:
+            return False
         own = move.in_time(duration)
         planned = plan(commanded, own, limits, margin_s, replace(SETTINGS, iterations=30))
         return planned.is_feasible and bool(planned_error(commanded, own, planned).max() <= error_m)

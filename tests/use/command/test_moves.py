@@ -42,6 +42,12 @@ def test_a_way_without_times_starts_and_ends_at_rest_in_the_time_that_is_asked_f
         assert np.abs(move.at(np.array([1e-4, 2 - 1e-4]), order)).max() < 1e-2
 
 
+def test_a_move_in_milliseconds_is_refused(tmp_path: Path) -> None:
+    """A plan of so many seconds would take all memory."""
+    with refused("use/move", place="move.csv", holds=("1000 s",)):
+        read_move(written(tmp_path, "t,1,2\n0,0,0\n1000,0.4,0.2\n"), arm(), "tool")
+
+
 @pytest.mark.slow
 def test_a_way_of_poses_is_straight_between_them(tmp_path: Path) -> None:
     """Two poses: the tool moves along the line, not along the joints' arc."""
