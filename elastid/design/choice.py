@@ -242,8 +242,8 @@ def visible(
         names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
         raise StudyError(
             "fit/undetermined",
-            f"no candidate informs {names}: the measured outputs do not depend on it; fix these parameters, or "
-            "log a place that they move (experiment.simulated.outputs)",
+            f"no candidate informs {names} beyond the noise; raise excitation.torque_rms, or where the measured "
+            "outputs do not depend on it fix it, or log a place that it moves (experiment.simulated.outputs)",
             "design",
         )
     ground = (blind * length[:, None]) @ (blind * length[:, None]).T

@@ -108,13 +108,16 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
     """The forecast for parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
 
     is_taken_out: friction will be, of the torques.
-    Raises StudyError where the plan has fewer lines than there are unknowns.
+    Raises StudyError where the plan has fewer lines than there are unknowns, or its responses drown in noise.
     """
     parameters = expected[0].parameters
     free, freq_hz = parameters.asked, expected[0].response.freq_hz
     n = len(free)  # those that were asked for; behind them in x those within tolerances, which have priors
     check_line_count(freq_hz, parameters)
     fit = expected_fit(expected)
+    if fit.n_residuals == 0:
+        text = "no response rises above its noise at any line; raise excitation.torque_rms, or measure more periods"
+        raise StudyError("excitation/power", text, "excitation")
     responses, weights = [e.response for e in expected], [e.weights for e in expected]
     uncertainty = estimate_uncertainty(fit, responses, weights, x, is_forecast=True, is_taken_out=is_taken_out)
     covariance = uncertainty.covariance

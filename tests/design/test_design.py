@@ -205,6 +205,13 @@ UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()
     [
         (_with(count=90), "design/candidates"),
         (replace(PROBLEM, excitation=replace(PROBLEM.excitation, band_hz=(3.0, 6.0))), "excitation/power"),
+        (
+            replace(
+                PROBLEM, design=None, excitation=replace(PROBLEM.excitation, torque_rms=1e-9),
+                experiment=replace(PROBLEM.experiment, configurations={"a": (0.1, 0.2)}),
+            ),
+            "excitation/power",
+        ),
         (_with(parameters=("k_9",)), "design/goal"),
         (_with(parameters=("c_*",)), "design/goal"),
         (replace(_with(parameters=("c_*",)), fit=UNSEEN), "fit/undetermined"),
