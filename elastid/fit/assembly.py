@@ -128,8 +128,8 @@ class Assembly:
         return tuple(note for weight in self.weights for note in weight.notes)
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
-        """The fit with every configuration linearised at x; full covariances weigh in the last stage only."""
-        own = partial(_part, self.linearisation, self.parameters, x, criterion, criterion == self.spec.criterion)
+        """The fit with every configuration linearised at x."""
+        own = partial(_part, self.linearisation, self.parameters, x, criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
         return self._of(ElasticFit(self.parameters, tuple(each_at_home(own, pairs, self.home))))
 
@@ -140,9 +140,7 @@ class Assembly:
 
     def of_models(self, models: Sequence[LinearModel], criterion: ResidualKind) -> ElasticFit:
         """The fit with the linear model of each configuration."""
-        correlated = criterion == self.spec.criterion
-        fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
-        return self._of(fit)
+        return self._of(elastic_fit(self.responses, models, self.weights, self.parameters, criterion))
 
     def _of(self, fit: ElasticFit) -> ElasticFit:
         inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
@@ -226,13 +224,12 @@ def _part(
     parameters: Parameters,
     x: FloatArray,
     criterion: ResidualKind,
-    correlated: bool,
     own: tuple[Response, Weights],
 ) -> Part:
     """The part of one configuration linearised at x."""
     response, weights = own
     model = linear_model(linearisation, response, parameters.expand(x, response.configuration.name))
-    return part_of(response, model, weights, parameters, criterion, correlated)
+    return part_of(response, model, weights, parameters, criterion)
 
 
 def _weigh(spec: FitSpec, own: tuple[Response, Weights]) -> Weights:

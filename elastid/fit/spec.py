@@ -67,14 +67,11 @@ class WeightSpec:
         "friction was left in the responses, whose error no residual shows).", "about 0.03 "
         "where friction is strong, 0.1 for a rough model; 0 trusts the noise alone, and lines at resonances then "
         "decide.")] = None
-    smooth: Annotated[int, Key("Number of lines over which a variance from few periods or realisations is averaged; 0 "
-        "chooses it from the degrees of freedom.", "fewer where the noise has narrow peaks; more where the weights of "
-        "neighbouring lines scatter. 0 averages until 24 degrees of freedom lie behind each, which costs 2 % of "
-        "standard deviation.")] = 0
     covariance: Annotated[Literal["auto", "diagonal", "full"], Key("Correlations in the weights: `full` weighs with "
-        "the inverse covariance of all elements together, `diagonal` element by element, `auto` with the full one "
-        "where the measurement gave correlations. All are smoothed: noise of the outputs, and of torques that pass "
-        "through the robot, by levels common to all lines, and neighbouring lines for what remains.", "`diagonal` "
+        "the inverse covariance of all elements together, `diagonal` element by element, as `log` always does, `auto` "
+        "with the full one where the measurement gave correlations. All are smoothed: noise of the outputs, and of "
+        "torques that pass through the robot, by levels common to all lines, and over neighbouring lines for what "
+        "remains, until 24 degrees of freedom lie behind each, which costs 2 % of standard deviation.", "`diagonal` "
         "where correlations come from so few realisations that they are not believed, or to compare with older fits; "
         "parameters scatter more where outputs share their noise.")] = "auto"
     factors: Annotated[tuple[FactorSpec, ...], Key("Further factors of the weights of some elements.", "where one "
@@ -86,8 +83,8 @@ class WeightSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if (self.floor or 0.0) < 0 or self.smooth < 0:
-            raise ValueError("floor and smooth must not be negative")
+        if (self.floor or 0.0) < 0:
+            raise ValueError("floor must not be negative")
 
 
 MOST_STARTS = 10_000  # whatever is more is a slip of the pen

@@ -214,42 +214,36 @@ def elastic_fit(
     weights: Sequence[Weights],
     parameters: Parameters,
     criterion: ResidualKind,
-    correlated: bool = True,
 ) -> ElasticFit:
     """The fit of `models` to `responses`, inputs and outputs matched by name.
 
     The logarithmic criterion leaves out what is below twice its sigma, and elements for which the model has no response
-    at all (an axis that does not couple).  correlated: whether elements that err together weigh together, where the
-    weights know how.  StudyError where a response has an input or output that the model has not.
+    at all (an axis that does not couple), and weighs element by element; the complex one weighs those that err together
+    jointly, where the weights know how.  StudyError where a response has an input or output that the model has not.
     """
     each = zip(responses, models, weights, strict=True)
-    return ElasticFit(parameters, tuple(part_of(*own, parameters, criterion, correlated) for own in each))
+    return ElasticFit(parameters, tuple(part_of(*own, parameters, criterion) for own in each))
 
 
 def part_of(
-    response: Response,
-    model: LinearModel,
-    weights: Weights,
-    parameters: Parameters,
-    criterion: ResidualKind,
-    correlated: bool,
+    response: Response, model: LinearModel, weights: Weights, parameters: Parameters, criterion: ResidualKind
 ) -> Part:
     """The part of one configuration; arguments as `elastic_fit`."""
     kernel = kernel_of(at_measured_places(model, response), parameters, response.freq_hz)
-    return _part(response, kernel, weights if correlated else replace(weights, is_correlated=False), criterion)
+    return _part(response, kernel, weights, criterion)
 
 
 def by_criterion(
     fit: ElasticFit, responses: Sequence[Response], weights: Sequence[Weights], criterion: ResidualKind
 ) -> ElasticFit:
-    """The fit with the same models by another criterion, element by element."""
+    """The fit with the same models by another criterion."""
     each = list(zip(fit.parts, responses, weights, strict=True))
     return replace(fit, parts=tuple(each_at_home(partial(_by_criterion, criterion), each, fit.home)))
 
 
 def _by_criterion(criterion: ResidualKind, own: tuple[Part, Response, Weights]) -> Part:
     part, response, weights = own
-    return _part(response, part.kernel, replace(weights, is_correlated=False), criterion)
+    return _part(response, part.kernel, weights, criterion)
 
 
 def at_measured_places(model: LinearModel, response: Response | LinearModel) -> LinearModel:
@@ -308,10 +302,7 @@ def _part(response: Response, kernel: Kernel, weights: Weights, criterion: Resid
         slope = np.where(used, error_gain(criterion, response.G), 1.0)
     gain = np.sqrt(2 * weights.factor) / np.where(used, np.abs(slope) * weights.sigma, np.inf)
     whitening = None
-    if weights.correlated is not None:
-        # Of the complex criterion one array for both, and one number: there may be a thousand configurations.
-        sigma = weights.sigma if criterion == "complex" else np.where(used, weights.sigma, np.inf)
-        phase = np.ones((1, 1, 1)) if criterion == "complex" else np.conj(slope) / np.abs(slope)
-        whitening = Whitening(weights.correlated, weights.floor, response.G, sigma, phase)
+    if weights.correlated is not None and criterion == "complex":
+        whitening = Whitening(weights.correlated, weights.floor, response.G, weights.sigma)
     part = Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, whitening)
     return replace(part, compressed=part.normal.residuals)

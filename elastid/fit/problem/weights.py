@@ -23,28 +23,17 @@ from elastid.response import Covariance, Response
 class Whitening(Kept):
     """Whitens errors relative to sigma (F, n_y, n_u), inf where an element is left out; small, since not worked out.
 
-    noise: C~.  floor: alpha, of |G| (F, n_y, n_u).  phase (F, n_y, n_u), or (1, 1, 1): factors of modulus one between
-    the residual and the error of G.
+    noise: C~.  floor: alpha, of |G| (F, n_y, n_u).
     """
 
     noise: Covariance
     floor: float
     G: ComplexArray
     sigma: FloatArray
-    phase: ComplexArray | FloatArray
 
     @property
     def matrix(self) -> ComplexArray:
-        """L^-1 diag(sigma phase) (F, n_y n_u, n_y n_u), elements in the order of G; computed at every call."""
-        return np.asarray(np.linalg.inv(self._lower) * self._turns[:, None])
-
-    @property
-    def _turns(self) -> ComplexArray | FloatArray:
-        return self.phase.reshape(len(self.phase), -1)
-
-    @property
-    def _lower(self) -> ComplexArray:
-        """L (F, n_y n_u, n_y n_u) of C~ relative to sigma."""
+        """L^-1 (F, n_y n_u, n_y n_u) of C~ relative to sigma, elements in the order of G; computed at every call."""
         F, n_y, n_u = self.sigma.shape
         row_by_row = np.arange(n_y * n_u).reshape(n_u, n_y).T.ravel()
         C = self.noise.full()[:, row_by_row[:, None], row_by_row]
@@ -56,16 +45,15 @@ class Whitening(Kept):
         both = used[:, :, None] & used[:, None, :]
         relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
         relative[:, diagonal, diagonal] += ~used
-        return np.asarray(np.linalg.cholesky(relative))
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(relative)))
 
     def lines(self, keep: BoolArray | slice) -> Whitening:
         """Whitening on some lines."""
         mask = np.zeros(len(self.sigma), dtype=np.bool_)
         mask[keep] = True
-        phase = self.phase if len(self.phase) == 1 else self.phase[keep]
         noise = self.noise.lines(mask)
         self.noise.release()
-        return Whitening(noise, self.floor, self.G[keep], self.sigma[keep], phase)
+        return Whitening(noise, self.floor, self.G[keep], self.sigma[keep])
 
 
 # The floor of a search, and of responses whose noise was not measured, where the study leaves it to the data: the
@@ -170,8 +158,7 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
             "fit.weights.floor is 0; set the floor, for example 0.01",
             f"configuration {where}",
         )
-    is_known = known is not None and known.is_of(response, spec.weights.smooth)
-    noise = known if is_known else smooth_noise(response, spec.weights.smooth)
+    noise = known if known is not None and known.is_of(response) else smooth_noise(response)
     variance = np.zeros(response.G.shape) if noise is None else noise.variance
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
@@ -187,7 +174,7 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
     if silent := int((used & (sigma == 0)).sum()):
         texts.append(("fit/weights", f"left out, {silent} elements of zero variance and no floor"))
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
-    correlated = weighs_correlations(response, noise, sigma, spec.weights)
+    correlated = spec.criterion == "complex" and weighs_correlations(response, noise, sigma, spec.weights)
     if noise is not None:
         noise.measured.release()
     scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated)
