@@ -103,15 +103,13 @@ class Limits:
     edge_phase: float = 0.8  # f T at the upper edge of the longest lateness that is sought
     evaluations: int = 14  # of the search for it
     residuals: int = 2_000  # of the fit of a variant
-    iterations: int = 15  # of the solver with a spring or a load
+    iterations: int = 15  # of the solver with a spring, a load or a second source
     rounds: int = 4  # of linearisations, in which a load is found
     load_radius: float = 0.1  # of gyration of a load at the start, m
     load_std: float = 1.0  # of the logarithms of its mass and inertia about the start, and of its place in m
     # A second source: each test errs once in 700 fits.
     tail: float = 1 / 700  # probability of T, and of the factor, by chance
     unreached: float = 30.0  # std of x in a direction that the motors' responses do not reach
-    steps: int = 12
-    progress: float = 0.1  # of T, below which a step is the last
     largest: float = 0.9  # factor less 1, beyond which another reading explains what it imitates
 
 
