@@ -25,11 +25,6 @@ from elastid.robot import Robot, Rod, Spring
 AT_TOOL = " at the tool"
 
 
-def is_group_key(key: str) -> bool:
-    """True if a key of fit.parameters is about the parameter of one group."""
-    return SEPARATOR in key
-
-
 def groups_of(
     name: str, spec: ParameterSpec, robots: Mapping[str, Sequence[str]], configurations: Sequence[str]
 ) -> dict[str, tuple[str, ...]]:
@@ -54,32 +49,6 @@ def groups_of(
         for group, members in per.items()
         if set(members) & set(configurations)
     }
-
-
-def spec_of_group(key: str, shared: ParameterSpec, given: Mapping[str, ParameterSpec]) -> ParameterSpec:
-    """The settings of the parameter of one group: of its own keys, else those of all groups."""
-    own_keys = [given_key for given_key in given if is_group_key(given_key) and is_match(key, given_key)]
-    if not own_keys:
-        return shared
-    own = given[key if key in own_keys else own_keys[-1]]
-    start = shared.start if own.start is None else own.start
-    return replace(own, start=start, bounds=own.bounds or shared.bounds, prior=own.prior or shared.prior)
-
-
-def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
-    """StudyError for a key of one group that matches no parameter, or sets what is common to all groups.
-
-    wanted: the settings of each name.  A fit of some configurations does not have all groups.
-    """
-    for key in filter(is_group_key, spec.parameters):
-        where, (name, _, group) = f"fit.parameters.{key}", key.partition(SEPARATOR)
-        if spec.parameters[key].per is not None or spec.parameters[key].tie is not None:
-            raise StudyError("fit/parameters", f"per and tie are for all groups together; give them at {name}", where)
-        pers = [own.per for other, own in wanted.items() if is_match(other, name) and own.per is not None]
-        known = [label for per in pers for label in (spec.robots if per == "robot" else per)]
-        if "configuration" not in pers and not any(is_match(label, group) for label in known):
-            near = did_you_mean(group, dict.fromkeys(known)) if pers else "give it groups by `per`"
-            raise StudyError("fit/parameters", f"{name} has no group {group}; {near}", where)
 
 
 def group_labels(parameters: Parameters, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
@@ -108,11 +77,10 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
     Coordinates and lengths of the geometry, and gains of channels, are among the parameters as far as the study names
     them (`named_on_demand`).
-    A key with a group behind an @ is about the parameter of that group alone (`groups_of`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
     are fitted, for parameters of their own; without any, such a parameter is one for all.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
-    of configurations that do not exist or overlap, and where nothing is free.
+    of configurations that overlap, and where nothing is free.
     """
     try:
         parameters = _chosen(spec, robot, configurations)
@@ -128,10 +96,8 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Param
     """Parameters of `choose`; ValueError for what no set of parameters can be."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
     table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
-    shared = {key: asked for key, asked in spec.parameters.items() if not is_group_key(key)}
-    wanted = _match(shared, table, robot.on_demand) if spec.parameters else _default(robot)
+    wanted = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
     grouped = {name: groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
-    check_keys(spec, wanted)
     linear, coasting = _linear_names(robot), _friction_starts(robot)
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio) for name, ratio in spec.ratios.items()]
@@ -146,9 +112,7 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Param
         parameter = _parameter(name, value, unit, asked, log)
         everywhere = bool(own) and {c for only in own.values() for c in only} >= set(configurations)
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
-        for key, only in ((f"{name}@{group}", only) for group, only in own.items()):
-            own_asked = spec_of_group(key, asked, spec.parameters)
-            further.append(replace(_parameter(key, value, unit, own_asked, log), only=only))
+        further += (replace(parameter, name=f"{name}@{group}", only=only) for group, only in own.items())
     return Parameters((*chosen, *further))
 
 

@@ -173,9 +173,8 @@ class ParameterSpec:
         "configurations in which the parameter has its own value: `configuration` identifies it in each configuration "
         "by itself; `robot` in each robot of fit.robots; {warm: [c1, c2], cold: [c3]} in each of these groups (a "
         "temperature, a load), and once in all configurations that no group names. A configuration in which none was "
-        "found has the mean of the others. The one of a group is called fm_1@warm; a key of that name, or a pattern "
-        "such as fm_*@warm, gives it a start, bounds and a prior of its own, or fixes it.", "where a number changes "
-        "with temperature, load or posture, friction first of all; each group adds an unknown and needs data of its "
+        "found has the mean of the others. The one of a group is called fm_1@warm.", "where a number changes with "
+        "temperature, load or posture, friction first of all; each group adds an unknown and needs data of its "
         "own.")] = None
     # fmt: on
 

@@ -96,20 +96,6 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     assert without.left_out["b1"].misfit > 10
 
 
-@pytest.mark.parametrize(
-    ("name", "given", "place"),
-    [
-        ("fm_1@C", ParameterSpec(), ".fm_1@C"),
-        ("k_2@A", ParameterSpec(), ".k_2@A"),
-        ("fm_1@A", ParameterSpec(tie=TieSpec("fm_2")), ".fm_1@A"),
-        ("fm_1@A", ParameterSpec(start=5.0, bounds=(0.1, 1.0)), ""),
-    ],
-)
-def test_wrong_groups_are_named(name: str, given: ParameterSpec, place: str) -> None:
-    with refused("fit/parameters", place=f"fit.parameters{place}"):
-        choose(replace(SPEC, parameters=SPEC.parameters | {name: given}), arm(), ["a1", "b1"])
-
-
 def test_robots_must_be_named_once_and_at_all() -> None:
     with refused("fit/parameters", place="fit.parameters.k_1.per"):
         choose(replace(SPEC, robots={}), arm(), ["a1"])
