@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError
 from elastid.base.execution import HERE, Execution
-from elastid.fit.problem.elastic import ElasticFit, each_at_home, elastic_fit, linear_model, part_of
+from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, elastic_fit, linear_model, part_of
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     RESIDUALS,
@@ -33,7 +33,6 @@ from elastid.fit.problem.least_squares import (
     distance,
     is_far_from_noise,
 )
-from elastid.fit.problem.part import Part
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor

@@ -17,8 +17,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.execution import HERE
 from elastid.fit.diagnosis.sensitivities import Evaluated
-from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.part import Part
+from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.parameters import Parameters
 
 Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)

@@ -25,9 +25,8 @@ from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import LIMITS
 from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, ToolAgreement, ToolComparison
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
-from elastid.fit.problem.part import Part
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.result import Result, largest_by_chance
 from elastid.fit.solve.solvers import ROUGH, solve
