@@ -151,7 +151,7 @@ def _search(
     home = home_of(responses, execution)
     weights = tuple(each_at_home(partial(weigh, spec=searched), responses, home))
     assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights, home)
-    fit = _at_start(assembly, robot)
+    fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError("fit/undetermined", reason, "nothing is left to fit")
@@ -164,20 +164,6 @@ def _search(
         assembly, fit, starts = release(assembly, starts, robot, loads)
     # Its weights are most of the memory of a fit, and other ones follow where the floor is found.
     return assembly, fit if spec.weights.floor is not None else None, starts, hits
-
-
-def _at_start(assembly: Assembly, robot: Robot) -> ElasticFit:
-    """The fit at the start of its parameters; StudyError names a place or length with which the robot cannot stand."""
-    parameters = assembly.parameters
-    try:
-        return assembly.at(parameters.x, assembly.spec.criterion)
-    except StudyError as error:
-        moved = [p for p in parameters.free if p.stands_for in robot.geometry]
-        if not moved:
-            raise
-        started = ", ".join(f"{p.name} = {p.value:g} m" for p in moved)
-        text = f"the robot cannot stand at the start {started}: {error}"
-        raise StudyError("fit/parameters", text, f"fit.parameters.{moved[0].name}") from None
 
 
 def _from_all_starts(

@@ -78,9 +78,11 @@ def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     assert max(off(result, name, truth) for name, truth in TRUTH.items()) < 3.5
     assert not {"fit/responses", "fit/unlike-responses"} & {note.code for note in result.notes}
     place = result.parameters.index("k_1")
-    assert result.theta_of("b3")[place] == result.values["k_1@B"]
+    assert result.parameters.expand(result.x, "b3")[place] == result.values["k_1@B"]
     # A third robot of the type, of which nothing was fitted: the mean of those that were.
-    assert result.theta_of("c1")[place] == pytest.approx(math.sqrt(result.values["k_1@A"] * result.values["k_1@B"]))
+    assert result.parameters.expand(result.x, "c1")[place] == pytest.approx(
+        math.sqrt(result.values["k_1@A"] * result.values["k_1@B"])
+    )
 
 
 def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:

@@ -25,7 +25,7 @@ from elastid.base.execution import HERE, Execution
 from elastid.base.kept import Kept
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
-from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, as_real, error_gain
+from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, error_gain
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
@@ -240,17 +240,6 @@ class ElasticFit:
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
         V, g, A = float(r @ r) + float(distance @ distance), J.T @ r + slope * distance, J.T @ J + np.diag(slope**2)
         return Evaluation(V + b, 2 * g + b_slope, 2 * A + b_curvature)
-
-    def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """r (n_residuals + priors,) and J (n_residuals + priors, n_x) stacked: responses, static loads, priors."""
-        rows = []
-        for part, (r, J) in zip(self.parts, self.blocks(x), strict=True):
-            used = np.repeat((part.gain > 0).ravel(), 2)
-            rows.append((as_real(r).ravel()[used], as_real(J).reshape(len(J), -1)[:, used].T))
-        rows.append(self.static(x))
-        distance, slope = self.priors(x)
-        rows.append((distance[slope > 0], np.diag(slope)[slope > 0]))
-        return np.concatenate([r for r, _ in rows]), np.concatenate([J for _, J in rows])
 
     def static(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """r (n,) and dr/dx (n, n_x) of the static load tests; LinAlgError where the robot finds no rest under them."""
