@@ -8,8 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.fit.fitted_robot import robots_by_group
-from elastid.fit.release import remaining_tolerances
+from elastid.fit.fitted_robot import remaining_tolerances, robots_by_group
 from elastid.fit.result import Result
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.friction import FrictionTakenOut, friction_rows

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from elastid.app.stage_table import stages_of_study
 from elastid.base.display import columns
 from elastid.excitation.spec import planned_lines
-from elastid.fit.parameter_choice import choose
-from elastid.fit.tolerances import with_tolerances
+from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.study import Study
 
 

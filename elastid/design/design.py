@@ -19,7 +19,7 @@ from elastid.design.spec import DesignSpec, room, unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.fit.tolerances import with_tolerances
+from elastid.fit.parameter_choice import with_tolerances
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot

@@ -36,8 +36,8 @@ from elastid.design.problem import DesignProblem, best_spectra_of
 from elastid.design.prospect import Prospect
 from elastid.design.spec import unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
+from elastid.fit.parameter_choice import with_tolerances
 from elastid.fit.result import Result
-from elastid.fit.tolerances import with_tolerances
 from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.robot import Robot

@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError
 from elastid.base.execution import HERE, Execution
-from elastid.fit.problem.elastic import ElasticFit, each_at_home, elastic_fit, linear_model, part_of
+from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, elastic_fit, linear_model, part_of
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     RESIDUALS,
@@ -33,7 +33,6 @@ from elastid.fit.problem.least_squares import (
     distance,
     is_far_from_noise,
 )
-from elastid.fit.problem.part import Part
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor
@@ -128,8 +127,8 @@ class Assembly:
         return tuple(note for weight in self.weights for note in weight.notes)
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
-        """The fit with every configuration linearised at x; full covariances weigh in the last stage only."""
-        own = partial(_part, self.linearisation, self.parameters, x, criterion, criterion == self.spec.criterion)
+        """The fit with every configuration linearised at x."""
+        own = partial(_part, self.linearisation, self.parameters, x, criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
         return self._of(ElasticFit(self.parameters, tuple(each_at_home(own, pairs, self.home))))
 
@@ -140,9 +139,7 @@ class Assembly:
 
     def of_models(self, models: Sequence[LinearModel], criterion: ResidualKind) -> ElasticFit:
         """The fit with the linear model of each configuration."""
-        correlated = criterion == self.spec.criterion
-        fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
-        return self._of(fit)
+        return self._of(elastic_fit(self.responses, models, self.weights, self.parameters, criterion))
 
     def _of(self, fit: ElasticFit) -> ElasticFit:
         inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
@@ -226,13 +223,12 @@ def _part(
     parameters: Parameters,
     x: FloatArray,
     criterion: ResidualKind,
-    correlated: bool,
     own: tuple[Response, Weights],
 ) -> Part:
     """The part of one configuration linearised at x."""
     response, weights = own
     model = linear_model(linearisation, response, parameters.expand(x, response.configuration.name))
-    return part_of(response, model, weights, parameters, criterion, correlated)
+    return part_of(response, model, weights, parameters, criterion)
 
 
 def _weigh(spec: FitSpec, own: tuple[Response, Weights]) -> Weights:

@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import index_of
-from elastid.fit.parameter_choice import group_labels
+from elastid.fit.parameter_choice import group_labels, tolerances_of
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import Result
 from elastid.linear.fitted_model import FittedModel
@@ -22,7 +22,8 @@ from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameter
 from elastid.response import Response
-from elastid.robot import Robot
+from elastid.robot import BodyTolerances, Robot, Tolerances
+from elastid.robot.tolerances import Exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,3 +136,23 @@ def robots_by_group(
 def _theta(result: Result, model: ElasticModel, configuration: str) -> FloatArray:
     numbers = result.parameters.numbers(result.x, configuration)
     return np.array([numbers[name] for name in (*model.parameters, DELAY)])
+
+
+def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | None:
+    """Tolerances of the robot with the estimates of a fit: by body, what the data have left of them.
+
+    The widest coordinate counts for all of a body.  As they are where the file is exact.
+    """
+    if not isinstance(robot.tolerances, Tolerances) or not result.has_tolerances:
+        return robot.tolerances
+    deviation = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
+    owners = {*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)}
+    left: dict[str, dict[str, float]] = {}
+    for each in tolerances_of(robot):
+        if each.owner in owners and (each.factor or each.name) in deviation:
+            std = deviation[each.factor or each.name]
+            if each.kind == "length" and result.parameters[each.name].log:
+                std *= result.values[each.name]
+            own = left.setdefault(each.owner, {})
+            own[each.kind] = max(own.get(each.kind, 0.0), std)
+    return replace(robot.tolerances, bodies=tuple(BodyTolerances(owner, **own) for owner, own in left.items()))

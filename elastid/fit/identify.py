@@ -20,6 +20,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError, Note, StudyError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.workers import lasting_workers
@@ -41,17 +42,15 @@ from elastid.fit.diagnosis.second_source import static_agreement, tool_agreement
 from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_choice import choose, ratio_within, tolerances_of, with_tolerances
 from elastid.fit.problem.elastic import ElasticFit, by_criterion, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh, with_floor
-from elastid.fit.release import release
 from elastid.fit.result import Result
-from elastid.fit.solve.solvers import multistart, spread
+from elastid.fit.solve.solvers import FINE, NEAR, multistart, solve, spread
 from elastid.fit.spec import FitSpec
-from elastid.fit.tolerances import has_tolerances, ratio_within
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
@@ -152,7 +151,7 @@ def _search(
     home = home_of(responses, execution)
     weights = tuple(each_at_home(partial(weigh, spec=searched), responses, home))
     assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights, home)
-    fit = _at_start(assembly, robot)
+    fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError("fit/undetermined", reason, "nothing is left to fit")
@@ -161,24 +160,10 @@ def _search(
         raise DataError("fit/undetermined", f"{few}; fix some, or use more lines")
     checks.check_effects(fit, robot)
     starts, hits = _from_all_starts(assembly, fit, spec, execution)
-    if has_tolerances(robot):
+    if next(tolerances_of(robot), None) is not None:
         assembly, fit, starts = release(assembly, starts, robot, loads)
     # Its weights are most of the memory of a fit, and other ones follow where the floor is found.
     return assembly, fit if spec.weights.floor is not None else None, starts, hits
-
-
-def _at_start(assembly: Assembly, robot: Robot) -> ElasticFit:
-    """The fit at the start of its parameters; StudyError names a place or length with which the robot cannot stand."""
-    parameters = assembly.parameters
-    try:
-        return assembly.at(parameters.x, assembly.spec.criterion)
-    except StudyError as error:
-        moved = [p for p in parameters.free if p.stands_for in robot.geometry]
-        if not moved:
-            raise
-        started = ", ".join(f"{p.name} = {p.value:g} m" for p in moved)
-        text = f"the robot cannot stand at the start {started}: {error}"
-        raise StudyError("fit/parameters", text, f"fit.parameters.{moved[0].name}") from None
 
 
 def _from_all_starts(
@@ -194,6 +179,62 @@ def _from_all_starts(
         spread(parameters, spec.starts, spec.start_factor, spec.seed or 0), fit.inertias, parameters
     )
     return multistart(problems, drawn, spec.solver, fit.evaluated_by(execution))
+
+
+# V over its degrees of freedom, above which the released fit is solved from a further start; starts that are tried.
+COST_RATIO, ATTEMPTS = 1.5, 4
+
+
+def release(
+    assembly: Assembly, starts: Sequence[LocalOptimum], robot: Robot, loads: Sequence[PlacedTest] = ()
+) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...]]:
+    """The fit with numbers free within their tolerances at its optimum, and the starts with theirs, the best first.
+
+    It is solved from the end of the best start. While V stays above COST_RATIO of its degrees of freedom, the
+    study's own start and the ends of the next best follow, since a file that is off may lead the search astray; the
+    rest end where they did, with the file's numbers.
+    """
+    parameters, held = with_tolerances(assembly.parameters, robot, assembly.spec), assembly.parameters.free_names
+    places = [parameters.free_names.index(name) for name in held]
+
+    def widened(x: FloatArray) -> FloatArray:
+        wide = parameters.x
+        wide[places] = x
+        return wide
+
+    starts = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
+    assembly = Assembly.of(
+        assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights
+    )
+    begins = [starts[0], replace(starts[0], x=parameters.x, x_start=parameters.x, iterations=0), *starts[1:]]
+    best: tuple[ElasticFit, LocalOptimum] | None = None
+    for begin in begins[:ATTEMPTS]:
+        try:
+            fit, end = _released(assembly, begin)
+        except (StudyError, FitError):  # no robot stands on the way
+            continue
+        best = (fit, end) if best is None or end.cost < best[1].cost else best
+        if best[1].cost <= COST_RATIO * fit.problem.dof:
+            break
+    if best is None:
+        raise FitError(
+            "robot/no-rest",
+            f"no robot within the tolerances of its file stands at any of {ATTEMPTS} starts; check rate_hz, "
+            "units, signs and order of the channels, and the angles of the configurations",
+        )
+    return assembly, best[0], (best[1], *starts[1:])
+
+
+def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, LocalOptimum]:
+    """The optimum near the end of a start, and the fit as linearised before the last round.
+
+    Products such as m c^2 change little within tolerances: a round for each linearisation, not one at every x.
+    """
+    end = begin
+    for tolerance in (NEAR, FINE):
+        fit = assembly.at(end.x, assembly.spec.criterion)
+        end = solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
+    return fit, replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations)
 
 
 _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]

@@ -35,9 +35,8 @@ from elastid.base.execution import Execution
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.assembly import RelinearisedOptimum
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.least_squares import LeastSquares, LocalOptimum
-from elastid.fit.problem.part import Part
 from elastid.fit.problem.weights import Weights, vec
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, ROUGH, solve, trust_region

@@ -31,9 +31,8 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.statistics import small_sample_factors
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.least_squares import as_real
-from elastid.fit.problem.part import Part
 from elastid.fit.problem.shared_bias import Factor, bias_slopes, ratio_errors
 from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Weights, vec

@@ -1,4 +1,4 @@
-"""Choice of the parameters that are identified: the robot's numbers under the `fit.parameters` of a study.
+r"""Choice of the parameters that are identified: the robot's numbers under the `fit.parameters` of a study.
 
 Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; centres of mass, coordinates of the
 geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. What a study
@@ -6,28 +6,37 @@ does not name keeps the robot's number.
 
 Groups of configurations may have parameters of their own: each robot of a type, a temperature, each configuration.
 fm_1@warm stands in for fm_1 in the configurations of the group warm.
+
+Numbers of the robot's file within their tolerances are unknowns with a prior, next to those that a study asks for.
+
+.. math:: V(x, \nu) = V(x; \nu) + \sum_j \Big( \frac{\nu_j - \nu_j^{file}}{\tau_j} \Big)^2
+
+The starts are searched with the file's numbers held; the best of them is then released. A covariance of (x, nu) is that
+of the estimate with the file in doubt; with nu known it would be the part of the noise,
+
+.. math:: C_{noise} = C_{xx} - C_{x\nu} C_{\nu\nu}^{-1} C_{\nu x}, \qquad \sigma^2_{file} = \sigma^2 - \sigma^2_{noise}
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.names import SEPARATOR, is_match, matching, posture_of
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
-from elastid.parameters import Parameter, Parameters, Prior
-from elastid.robot import Robot, Rod, Spring
+from elastid.parameters import Parameter, Parameters, Prior, Tie
+from elastid.response import Response
+from elastid.robot import BASE, Robot, Rod, Spring, Tolerances, unit_axis
+from elastid.robot.placement import Path
+from elastid.robot.tolerances import RATIO, kind_of
 
 # Behind the name of a configuration, of its responses by forces at the tool.
 AT_TOOL = " at the tool"
-
-
-def is_group_key(key: str) -> bool:
-    """True if a key of fit.parameters is about the parameter of one group."""
-    return SEPARATOR in key
 
 
 def groups_of(
@@ -56,32 +65,6 @@ def groups_of(
     }
 
 
-def spec_of_group(key: str, shared: ParameterSpec, given: Mapping[str, ParameterSpec]) -> ParameterSpec:
-    """The settings of the parameter of one group: of its own keys, else those of all groups."""
-    own_keys = [given_key for given_key in given if is_group_key(given_key) and is_match(key, given_key)]
-    if not own_keys:
-        return shared
-    own = given[key if key in own_keys else own_keys[-1]]
-    start = shared.start if own.start is None else own.start
-    return replace(own, start=start, bounds=own.bounds or shared.bounds, prior=own.prior or shared.prior)
-
-
-def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
-    """StudyError for a key of one group that matches no parameter, or sets what is common to all groups.
-
-    wanted: the settings of each name.  A fit of some configurations does not have all groups.
-    """
-    for key in filter(is_group_key, spec.parameters):
-        where, (name, _, group) = f"fit.parameters.{key}", key.partition(SEPARATOR)
-        if spec.parameters[key].per is not None or spec.parameters[key].tie is not None:
-            raise StudyError("fit/parameters", f"per and tie are for all groups together; give them at {name}", where)
-        pers = [own.per for other, own in wanted.items() if is_match(other, name) and own.per is not None]
-        known = [label for per in pers for label in (spec.robots if per == "robot" else per)]
-        if "configuration" not in pers and not any(is_match(label, group) for label in known):
-            near = did_you_mean(group, dict.fromkeys(known)) if pers else "give it groups by `per`"
-            raise StudyError("fit/parameters", f"{name} has no group {group}; {near}", where)
-
-
 def group_labels(parameters: Parameters, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """The groups that have parameters of their own, each with those of these configurations that are in it.
 
@@ -108,11 +91,10 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
     Coordinates and lengths of the geometry, and gains of channels, are among the parameters as far as the study names
     them (`named_on_demand`).
-    A key with a group behind an @ is about the parameter of that group alone (`groups_of`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
     are fitted, for parameters of their own; without any, such a parameter is one for all.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
-    of configurations that do not exist or overlap, and where nothing is free.
+    of configurations that overlap, and where nothing is free.
     """
     try:
         parameters = _chosen(spec, robot, configurations)
@@ -128,10 +110,8 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Param
     """Parameters of `choose`; ValueError for what no set of parameters can be."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
     table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
-    shared = {key: asked for key, asked in spec.parameters.items() if not is_group_key(key)}
-    wanted = _match(shared, table, robot.on_demand) if spec.parameters else _default(robot)
+    wanted = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
     grouped = {name: groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
-    check_keys(spec, wanted)
     linear, coasting = _linear_names(robot), _friction_starts(robot)
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio) for name, ratio in spec.ratios.items()]
@@ -146,9 +126,7 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Param
         parameter = _parameter(name, value, unit, asked, log)
         everywhere = bool(own) and {c for only in own.values() for c in only} >= set(configurations)
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
-        for key, only in ((f"{name}@{group}", only) for group, only in own.items()):
-            own_asked = spec_of_group(key, asked, spec.parameters)
-            further.append(replace(_parameter(key, value, unit, own_asked, log), only=only))
+        further += (replace(parameter, name=f"{name}@{group}", only=only) for group, only in own.items())
     return Parameters((*chosen, *further))
 
 
@@ -274,3 +252,82 @@ def _bounds(name: str, start: float, asked: ParameterSpec, log: bool) -> tuple[f
         # Friction may end higher: Coulomb friction looks viscous to a multisine, the more the slower it slides.
         return start / BOUND_FACTOR, start * (1e4 if name.startswith(("f_", "fm_")) else BOUND_FACTOR)
     return (0.0, 0.01) if name.partition(SEPARATOR)[0] == DELAY else (-math.inf, math.inf)  # delay: s
+
+
+MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
+
+
+def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Parameters:
+    """Parameters with held numbers free within robot.tolerances; unchanged where all are exact.
+
+    What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
+    an offset of an axis acts in second order.
+    """
+    tolerances = {each.name: each for each in tolerances_of(robot)}
+    known = {parameter.name: parameter for parameter in parameters}
+    asked = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
+    asked |= {n for key, own in spec.parameters.items() if own.fixed for n in matching(key, parameters.names)}
+    numbers: list[Parameter] = []
+    factors: dict[str, Parameter] = {}
+    for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
+        number = known.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
+        own = tolerances.get(name)
+        if own is None or name in asked or (number.value == 0 and own.kind not in ("center_of_mass", "angle")):
+            numbers += [number] * (name in known)
+        elif own.factor:
+            factors[own.factor] = replace(_within(Parameter(own.factor, 1.0, log=True), own.std), ratio=True)
+            numbers.append(replace(number, tie=Tie(own.factor, number.value)))
+        else:
+            numbers.append(_within(number, own.std))
+    written = {number.name for number in numbers}
+    return Parameters((*numbers, *(p for p in parameters if p.name not in written), *factors.values()))
+
+
+def _within(held: Parameter, std: float) -> Parameter:
+    """A held number free within its tolerance, which is relative for a positive one."""
+    if not held.log:
+        return replace(held, free=True, prior=Prior(held.value, std), tolerated=True)
+    lower, upper = held.value / MAX_FACTOR, held.value * MAX_FACTOR
+    relative = std / held.value if held.unit == "m" else std
+    return replace(held, free=True, lower=lower, upper=upper, prior=Prior(held.value, relative), tolerated=True)
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Tolerance of a number: body, loop or payload that owns it, kind, std; factor of an inertia's entries."""
+
+    name: str
+    owner: str
+    kind: str
+    std: float
+    factor: str = ""
+
+
+def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
+    """Tolerances of every number of the robot's file that is not exact."""
+    if not isinstance(robot.tolerances, Tolerances):
+        return
+    values = robot.parameters()
+    for name, (_, path) in (robot.numbers | robot.geometry).items():
+        owner = getattr(robot, str(path[0]))[path[1]].name if isinstance(path[1], int) else str(path[0])
+        factor = f"I_{owner}" if path[-2] == "inertia" else ""
+        is_without_mass = kind_of(path) == "center_of_mass" and values[f"m_{owner}"][0] == 0
+        if (std := robot.tolerances.std(path, owner)) > 0 and not is_without_mass and not _turns_all(robot, path):
+            yield Tolerance(name, owner, kind_of(path), std, factor)
+    if (std := robot.tolerances.torque_constant_std) > 0:
+        yield from (Tolerance(n, "", "torque_constant", std) for n in robot.gains if n.startswith("gain_u_"))
+
+
+def _turns_all(robot: Robot, path: Path) -> bool:
+    """True of a zero with which the whole robot turns about gravity, so that no response shows it."""
+    if path[-1] != "zero" or robot.loops or robot.compensators:
+        return False
+    body, joint = robot.bodies[int(path[1])], robot.bodies[int(path[1])].joints[int(path[3])]
+    axis = body.placement.rotation @ unit_axis(joint.axis)
+    return body.parent == BASE and path[3] == 0 and float(np.linalg.norm(np.cross(axis, robot.gravity))) < 1e-9
+
+
+def ratio_within(response: Response, robot: Robot) -> Response:
+    """Response with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
+    within = robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
+    return replace(response, ratio_std=within * response.ratio_std)

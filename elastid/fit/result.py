@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import numbers
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -291,15 +290,6 @@ class Result:
         return max(1.0, self.residual_ratio)
 
     @property
-    def theta(self) -> FloatArray:
-        """The estimate (n_theta,) of all parameters in SI, fixed and tied ones included."""
-        return self.parameters.expand(self.x)
-
-    def theta_of(self, configuration: str) -> FloatArray:
-        """Numbers theta in one configuration, where it has parameters of its own."""
-        return self.parameters.expand(self.x, configuration)
-
-    @property
     def values(self) -> dict[str, float]:
         """The estimate by name, in SI."""
         return self.parameters.as_dict(self.x)
@@ -471,16 +461,12 @@ class Result:
             )
         return self.robot
 
-    def with_parameters(self, *unnamed: object, **values: float) -> Result:
+    def with_parameters(self, **values: float) -> Result:
         """Result with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
 
         They count as exact, all others keep their values and covariances.  UnknownNameError for a name that is none,
-        TypeError for what is no number with a name, ValueError for a tied number and one that is out of range.
+        TypeError for what is no number, ValueError for a tied number and one that is out of range.
         """
-        wrong = [*unnamed, *(value for value in values.values() if not isinstance(value, numbers.Real))]
-        if wrong:
-            first = self.parameters.free_names[0]
-            raise TypeError(f"{wrong[0]!r} is no number with a name; give with_parameters({first}=1.0), in SI")
         x, free = self.x.copy(), self.parameters.free_names
         others = np.array([name not in values for name in free])
         for name, value in values.items():

@@ -67,16 +67,13 @@ class WeightSpec:
         "friction was left in the responses, whose error no residual shows).", "about 0.03 "
         "where friction is strong, 0.1 for a rough model; 0 trusts the noise alone, and lines at resonances then "
         "decide.")] = None
-    smooth: Annotated[int, Key("Number of lines over which a variance from few periods or realisations is averaged; 0 "
-        "chooses it from the degrees of freedom.", "fewer where the noise has narrow peaks; more where the weights of "
-        "neighbouring lines scatter. 0 averages until 24 degrees of freedom lie behind each, which costs 2 % of "
-        "standard deviation.")] = 0
-    covariance: Annotated[Literal["auto", "diagonal", "full"], Key("Correlations in the weights: `full` weighs with "
-        "the inverse covariance of all elements together, `diagonal` element by element, `auto` with the full one "
-        "where the measurement gave correlations. All are smoothed: noise of the outputs, and of torques that pass "
-        "through the robot, by levels common to all lines, and neighbouring lines for what remains.", "`diagonal` "
-        "where correlations come from so few realisations that they are not believed, or to compare with older fits; "
-        "parameters scatter more where outputs share their noise.")] = "auto"
+    covariance: Annotated[Literal["auto", "diagonal"], Key("Correlations in the weights: `auto` weighs with the "
+        "inverse covariance of all elements where the measurement gave correlations and they are regular, `diagonal` "
+        "element by element, as `log` always does. All are smoothed: noise of the outputs, and of torques that pass "
+        "through the robot, by levels common to all lines, and over neighbouring lines for what remains, until 24 "
+        "degrees of freedom lie behind each, which costs 2 % of standard deviation.", "`diagonal` where correlations "
+        "come from so few realisations that they are not believed, or to compare with older fits; parameters scatter "
+        "more where outputs share their noise.")] = "auto"
     factors: Annotated[tuple[FactorSpec, ...], Key("Further factors of the weights of some elements.", "where one "
         "deserves less trust than its variance says; 0.1 to 10, and 0 for none at all.")] = ()
     loss: Annotated[Loss, Key("Loss of a residual: `huber` gives outliers less influence than their "
@@ -86,8 +83,8 @@ class WeightSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if (self.floor or 0.0) < 0 or self.smooth < 0:
-            raise ValueError("floor and smooth must not be negative")
+        if (self.floor or 0.0) < 0:
+            raise ValueError("floor must not be negative")
 
 
 MOST_STARTS = 10_000  # whatever is more is a slip of the pen
@@ -176,9 +173,8 @@ class ParameterSpec:
         "configurations in which the parameter has its own value: `configuration` identifies it in each configuration "
         "by itself; `robot` in each robot of fit.robots; {warm: [c1, c2], cold: [c3]} in each of these groups (a "
         "temperature, a load), and once in all configurations that no group names. A configuration in which none was "
-        "found has the mean of the others. The one of a group is called fm_1@warm; a key of that name, or a pattern "
-        "such as fm_*@warm, gives it a start, bounds and a prior of its own, or fixes it.", "where a number changes "
-        "with temperature, load or posture, friction first of all; each group adds an unknown and needs data of its "
+        "found has the mean of the others. The one of a group is called fm_1@warm.", "where a number changes with "
+        "temperature, load or posture, friction first of all; each group adds an unknown and needs data of its "
         "own.")] = None
     # fmt: on
 

@@ -338,7 +338,7 @@ class RestResponse:
                 "repeat its period more often, use a finer encoder, or measure presliding by loops"
             )
             raise DataError("friction/at-rest", text, place)
-        smooth, _, _ = smooth_variance(G.noise.variance[:, 0, 0], G.G[:, 0, 0], G.noise.dof)
+        smooth, _ = smooth_variance(G.noise.variance[:, 0, 0], G.G[:, 0, 0], G.noise.dof)
         expansion = (REST.expansion_error * np.abs(G.G[:, 0, 0])) ** 2
         variance = smooth * G.correlated_lines + expansion
         return cls(G.freq_hz, G.G[:, 0, 0], variance, expansion, position, velocity, G.correlated_lines)

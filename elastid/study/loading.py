@@ -63,7 +63,7 @@ def _convert_parameter(
 ) -> ParameterSpec:
     """The spec in SI.  table: the parameters; every: with geometry and gains that no key names."""
     path = (*_FIT, pattern)
-    names = list(matching(pattern.partition(SEPARATOR)[0], table))
+    names = list(matching(pattern, table))
 
     def number(value: Quantity, *keys: str | int) -> float:
         return _convert(value, names, (*path, *keys), table, problems)

@@ -40,10 +40,10 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import ElastidError, StudyError
-from elastid.base.names import SEPARATOR, is_match, matching, posture_of
+from elastid.base.names import matching, posture_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
-from elastid.fit.parameter_choice import choose, is_group_key
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
@@ -280,7 +280,7 @@ def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
         is_left = key in variant_names if key in known else matching(key, variant_names)
         return bool(matching(key, known)) and not is_left
 
-    left = {key: each for key, each in spec.parameters.items() if not is_gone(key.partition(SEPARATOR)[0])}
+    left = {key: each for key, each in spec.parameters.items() if not is_gone(key)}
     if spec.parameters and not left:  # an empty list would mean every stiffness
         raise StudyError(
             "compare/variants",
@@ -299,13 +299,7 @@ def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
         if name in free
     }
     patterns = spec.parameters or {parameter.name: ParameterSpec() for parameter in choose(spec, robot).free}
-    left = free - still.keys()
-    remaining = {
-        key: each
-        for key, each in patterns.items()
-        if not is_group_key(key) or any(is_match(name, key.partition(SEPARATOR)[0]) for name in left)
-    }
-    return replace(spec, parameters={**remaining, **still})
+    return replace(spec, parameters={**patterns, **still})
 
 
 def _factors(factors: Sequence[FactorSpec], names: Sequence[str]) -> tuple[FactorSpec, ...]:

@@ -127,7 +127,7 @@ def smoothed_std(measured: Response, covariance: Covariance) -> FloatArray:
     G, variance = measured.G, covariance.variance
     smooth = np.empty(G.shape)
     for i, j in np.ndindex(G.shape[1:]):
-        smooth[:, i, j] = smooth_variance(variance[:, i, j], G[:, i, j], covariance.dof)[1]
+        smooth[:, i, j] = smooth_variance(variance[:, i, j], G[:, i, j], covariance.dof)[0]
     return np.sqrt(smooth)
 
 

@@ -48,9 +48,8 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.kernels import is_compiled
 from elastid.fit.assembly import Assembly
 from elastid.fit.parameter_choice import choose
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
-from elastid.fit.problem.part import Part
 from elastid.fit.problem.weights import vec
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec

@@ -88,8 +88,8 @@ class DataSets:
         data = self.rig.drawn(np.random.default_rng(0))
         exact = [replace(noisy, G=exact.G) for noisy, exact in zip(data, self.rig.exact, strict=True)]
         assembly = self.rig.assembly(exact, self.plant.spec)
-        _, J = assembly.at(self.plant.parameters.x, "complex").residual(self.plant.parameters.x)
-        return np.linalg.norm(inverse_information(np.linalg.qr(J, mode="r"))[0], axis=0)
+        information = assembly.at(self.plant.parameters.x, "complex").evaluate(self.plant.parameters.x).hessian / 2
+        return np.linalg.norm(inverse_information(np.linalg.cholesky(information).T)[0], axis=0)
 
 
 def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> BoolArray:

@@ -29,8 +29,10 @@ def test_each_configuration_has_its_linear_model_and_response(measured, result) 
         name = G.configuration.name
         linear = fitted.at(name).linear
         assert (linear.configuration.name, linear.inputs, linear.outputs) == (name, G.inputs, G.outputs)
-        np.testing.assert_array_equal(fitted.theta_of(name), result.theta_of(name))
-        np.testing.assert_array_equal(model.G, frequency_response(linear, result.theta_of(name), G.freq_hz))
+        np.testing.assert_array_equal(fitted.theta_of(name), result.parameters.expand(result.x, name))
+        np.testing.assert_array_equal(
+            model.G, frequency_response(linear, result.parameters.expand(result.x, name), G.freq_hz)
+        )
     with pytest.raises(KeyError, match="nowhere"):
         fitted.at("nowhere")
 

@@ -136,8 +136,8 @@ def test_friction_of_its_own_for_each_temperature_is_found_in_one_fit(tmp_path: 
     for name, truth in (("fm_1@cold", 3e-2), ("fm_1@warm", 1e-2), ("k_2", 100.0)):
         assert off(result, name, truth) < 4
     place = result.parameters.index("fm_1")
-    assert result.theta_of("c2")[place] == result.values["fm_1@cold"]
-    assert result.theta_of("c3")[place] == result.values["fm_1@warm"]
+    assert result.parameters.expand(result.x, "c2")[place] == result.values["fm_1@cold"]
+    assert result.parameters.expand(result.x, "c3")[place] == result.values["fm_1@warm"]
     for response, fitted in zip(data, FittedRobot.of(result, bench(), data).responses, strict=True):
         assert np.median(np.abs(fitted.G / response.G - 1)) < 0.03
     write_fit(tmp_path / "fit.h5", result)

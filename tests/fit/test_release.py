@@ -11,10 +11,9 @@ import pytest
 from plants.data_sheet_arm import SPEC, arm, measure, off
 
 from elastid.fit.assembly import Assembly
-from elastid.fit.identify import fit_parameters, identify
+from elastid.fit.identify import fit_parameters, identify, release
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.release import release
 from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
 from elastid.robot import Tolerances

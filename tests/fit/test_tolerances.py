@@ -8,8 +8,7 @@ from dataclasses import replace
 import pytest
 from plants.data_sheet_arm import SPEC, arm
 
-from elastid.fit.parameter_choice import choose
-from elastid.fit.tolerances import with_tolerances
+from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.robot import Body, Joint, Motor, Robot, Spring, Tolerances
 
 

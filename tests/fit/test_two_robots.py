@@ -78,9 +78,11 @@ def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     assert max(off(result, name, truth) for name, truth in TRUTH.items()) < 3.5
     assert not {"fit/responses", "fit/unlike-responses"} & {note.code for note in result.notes}
     place = result.parameters.index("k_1")
-    assert result.theta_of("b3")[place] == result.values["k_1@B"]
+    assert result.parameters.expand(result.x, "b3")[place] == result.values["k_1@B"]
     # A third robot of the type, of which nothing was fitted: the mean of those that were.
-    assert result.theta_of("c1")[place] == pytest.approx(math.sqrt(result.values["k_1@A"] * result.values["k_1@B"]))
+    assert result.parameters.expand(result.x, "c1")[place] == pytest.approx(
+        math.sqrt(result.values["k_1@A"] * result.values["k_1@B"])
+    )
 
 
 def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
@@ -94,20 +96,6 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     assert fold.left_out["b3"].misfit < 1.2
     without = refit(data, RefitTask(own, ROBOTS["B"]))
     assert without.left_out["b1"].misfit > 10
-
-
-@pytest.mark.parametrize(
-    ("name", "given", "place"),
-    [
-        ("fm_1@C", ParameterSpec(), ".fm_1@C"),
-        ("k_2@A", ParameterSpec(), ".k_2@A"),
-        ("fm_1@A", ParameterSpec(tie=TieSpec("fm_2")), ".fm_1@A"),
-        ("fm_1@A", ParameterSpec(start=5.0, bounds=(0.1, 1.0)), ""),
-    ],
-)
-def test_wrong_groups_are_named(name: str, given: ParameterSpec, place: str) -> None:
-    with refused("fit/parameters", place=f"fit.parameters{place}"):
-        choose(replace(SPEC, parameters=SPEC.parameters | {name: given}), arm(), ["a1", "b1"])
 
 
 def test_robots_must_be_named_once_and_at_all() -> None:

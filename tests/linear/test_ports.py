@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from plants.outside_arm import outside_of
 
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.fit.problem.elastic import kernel_of, linear_model
 from elastid.fit.spec import FitSpec
-from elastid.fit.tolerances import with_tolerances
 from elastid.linear.linearise import Linearisation
 from elastid.linear.loaded import moved_by
 from elastid.linear.response.transfer import frequency_response

@@ -8,7 +8,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
-from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.problem.least_squares import LocalOptimum, as_real
 from elastid.fit.problem.weights import weigh
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
@@ -77,6 +77,13 @@ def fit_of(response, model, spec=NO_FLOOR, free=None, criterion="complex") -> El
     return elastic_fit([response], [model], [weigh(response, spec)], free or parameters(), criterion)
 
 
+def stacked(fit: ElasticFit, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """r (n,) and J (n, n_x) of all responses."""
+    rows = [(as_real(r).ravel(), as_real(J).reshape(len(J), -1).T) for r, J in fit.blocks(x)]
+    r, J = zip(*rows, strict=True)
+    return np.concatenate(r), np.concatenate(J)
+
+
 def estimate(response, model, spec=NO_FLOOR, criterion="complex") -> tuple[LocalOptimum, Uncertainty]:
     weights = weigh(response, spec)
     fit = elastic_fit([response], [model], [weights], parameters(), criterion)
@@ -87,5 +94,5 @@ def estimate(response, model, spec=NO_FLOOR, criterion="complex") -> tuple[Local
 
 def cramer_rao(model: LinearModel, std: FloatArray) -> FloatArray:
     """Smallest possible standard deviations of x under noise of std (F, n_y, n_u)."""
-    _, J = fit_of(measured(model, std), model).residual(parameters().x)
+    _, J = stacked(fit_of(measured(model, std), model), parameters().x)
     return np.sqrt(np.diag(np.linalg.inv(J.T @ J)))

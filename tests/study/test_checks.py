@@ -47,11 +47,6 @@ def refusals(study: Path, *overrides: str) -> list[str]:
             "with the carrier's 0.1 rad to either side is outside its limits [-0.45, 2] rad",
         ),
         (["fit.robots={A: [a, b], B: [c]}"], "fit.robots", "configuration d is assigned to no robot"),
-        (
-            ["fit.parameters={k_*: {}, fm_1: {per: configuration}, fm_1@e: {start: 1}}"],
-            "fit.parameters.fm_1@e",
-            "no configuration is called 'e'",
-        ),
         ([DESIGN % "given: {a: [0, 0]}"], "design.candidates.given.a", "is a configuration of experiment.config"),
         ([DESIGN % "given: {e: [0, 1 mm]}"], "design.candidates.given.e[1]", "joint 2 is a rotation"),
         ([DESIGN % "margin: 1 mm"], "design.candidates.margin", "or one number for each motor"),

@@ -11,11 +11,10 @@ from plants.predicted_arm import STD, result
 from plants.refusals import refused
 
 from elastid.base.statistics import propagate
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.fit.posture import Asked
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.tolerances import with_tolerances
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.spec import ModelSpec
 from elastid.robot import Body, Frame, GearCoupling, Joint, Motor, Placement, Robot, Spring, Tolerances

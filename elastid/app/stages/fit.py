@@ -35,10 +35,10 @@ def fit(study: Study, work: Work) -> Artefacts:
     """
     robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.left_out
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
-    fitted, tests = study.fitted(responses), tests_of(study, responses)
+    fitted, tests = study.fitted(responses), () if study.loads is None else tests_of(study, study.loads, responses)
     tapped = [
         replace(G, configuration=replace(G.configuration, name=G.configuration.name + AT_TOOL))
-        for G in tool_responses(study.tool, study, work.base)
+        for G in (() if study.tool is None else tool_responses(study.tool, study, work.base))
         if G.configuration.name not in left_out
     ]
     try:

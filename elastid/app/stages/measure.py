@@ -16,7 +16,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.fit.load_tests import LoadTest
+from elastid.fit.load_tests import LoadsSpec, LoadTest
 from elastid.fit.problem.static_loads import PlacedTest, load_of, placed_tests
 from elastid.linear.loaded import LoadedRobot
 from elastid.model.formulation import formulate
@@ -102,21 +102,19 @@ def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
     console.say(f"measure: {count} records")
 
 
-def tests_of(study: Study, responses: Sequence[Response]) -> tuple[PlacedTest, ...]:
-    """Load tests of a study in the configurations of its responses or experiment; none without the section.
+def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> tuple[PlacedTest, ...]:
+    """Load tests of a study in the configurations of its responses or experiment.
 
     On a simulated rig a test without a deflection is measured, with the error that it states; the same seed gives the
     same readings.
     """
-    if study.loads is None:
-        return ()
     experiment = study.experiment
     named = {
         name: Configuration(name, np.array(angles, dtype=float), carries=name not in experiment.without_payload)
         for name, angles in experiment.configurations.items()
     }
     named |= {response.configuration.name: response.configuration for response in responses}
-    tests = placed_tests(study.loads.tests, named)
+    tests = placed_tests(loads.tests, named)
     if experiment.simulated is None or all(each.test.deflection is not None for each in tests):
         return tests
     truth = true_robot(study.as_robot(), experiment.simulated.truth)

@@ -79,21 +79,18 @@ class Limits:
     false_alarm_rate: float = 0.01  # probability that any candidate has so large a drop by the noise alone
     linear_error: float = 0.002  # of the excess that one step leaves of what the true cause explains
     equal_correlation: float = 0.95  # squared, from which two candidates cannot be distinguished
-    equal_drop: float = 0.9  # ratio of their drops, likewise
-    equal_cost: float = 1.1  # ratio of V of two readings, or variants, likewise
+    equal_drop: float = 0.9  # ratio of their drops, likewise, or of V of two readings or variants
     equal_odds: float = 6.0  # 2 ln of the odds (20 to 1) below which two causes cannot be told apart
     variances: float = 10.0  # difference of V, in variances of the noise, below which there is no minimum, no best form
     form_share: float = 0.01  # likewise of what V has beyond the noise
     sequence: int = 3  # candidates in a sequence
     alone: int = 15  # in the table
     ranked: int = 25  # judged by their forms
-    named: int = 3  # parameters, or postures, in a sentence
-    alternatives: int = 4  # causes that a sentence names besides
+    named: int = 3  # parameters, postures, or causes besides, in a sentence
     prior_std: float = 0.5  # the widest prior that is recommended
     # What is searched for.
     exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
-    followed: int = 3  # readings, and springs that the solver follows
-    delays: int = 2  # that are followed by their forms
+    followed: int = 3  # readings, springs and delays that are followed
     predicted_ratio: float = 1.5  # V over that of the fit up to which readings and springs are followed
     screened_ratio: float = 4.0  # likewise of springs by the derivatives of the fit
     frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances of a spring
@@ -101,17 +98,14 @@ class Limits:
     scale: float = 1.7  # a factor nearer to one may be an inertia that is not quite known
     scale_rounds: int = 2  # in which scales and parameters are found in turn
     edge_phase: float = 0.8  # f T at the upper edge of the longest lateness that is sought
-    evaluations: int = 14  # of the search for it
     residuals: int = 2_000  # of the fit of a variant
-    iterations: int = 15  # of the solver with a spring or a load
+    iterations: int = 15  # of the solver with a reading, a spring, a load or a second source, of the search for T
     rounds: int = 4  # of linearisations, in which a load is found
     load_radius: float = 0.1  # of gyration of a load at the start, m
     load_std: float = 1.0  # of the logarithms of its mass and inertia about the start, and of its place in m
     # A second source: each test errs once in 700 fits.
     tail: float = 1 / 700  # probability of T, and of the factor, by chance
     unreached: float = 30.0  # std of x in a direction that the motors' responses do not reach
-    steps: int = 12
-    progress: float = 0.1  # of T, below which a step is the last
     largest: float = 0.9  # factor less 1, beyond which another reading explains what it imitates
 
 
@@ -303,7 +297,7 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
 def _sentence(index: ModificationIndex, evidence: Evidence) -> str:
     result = evidence.result
     by_name = {other.name: phrase(other, evidence) for other in reversed(result.indices)}
-    alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.alternatives]]
+    alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.named]]
     same = f" (or {', or '.join(alternatives)}: the data cannot distinguish them)" if alternatives else ""
     name, change = index.most_moved(result.parameters.free_names)
     effect = f" and change {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""

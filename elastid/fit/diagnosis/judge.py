@@ -60,9 +60,8 @@ from elastid.fit.diagnosis.status import (
     with_status,
 )
 from elastid.fit.diagnosis.undetectable_errors import find_elastic_base, find_rigid_parts, find_undetectable_errors
-from elastid.fit.problem.elastic import each_at_home
+from elastid.fit.problem.elastic import Part, each_at_home
 from elastid.fit.problem.inertia_barrier import find_border_inertias
-from elastid.fit.problem.part import Part
 from elastid.fit.result import ModificationIndex, Result
 from elastid.parameters import Parameters
 from elastid.robot import Robot

@@ -17,14 +17,15 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.execution import HERE
 from elastid.fit.diagnosis.sensitivities import Evaluated
-from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.part import Part
+from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.solve.solvers import ROUGH, trust_region
 from elastid.parameters import Parameters
 
 Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
 STEP_STD = 0.5  # of the prior of ln p that keeps a step near, and a stiffness near its start, at residuals of a misfit
-LEAST_DECREASE = 1e-2  # of V from one step to the next, relative, below which they end
+STEPS = 12  # of the solver with a reading
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +43,8 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """V with a reading before and after one step (n_x,)."""
+    """V after one step (n_x,)."""
 
-    before: float
     cost: float
     step: FloatArray
 
@@ -106,42 +106,40 @@ def squares(evaluated: Sequence[Evaluated]) -> list[float]:
     return [float(e.residual @ e.residual) for e in evaluated]
 
 
-def predict(
-    reading: Reading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray, std: float = STEP_STD
-) -> Prediction:
-    """V after one Gauss-Newton step of the free parameters (n_x,); prior (n_x,): 1 / s of theirs; std: as STEP_STD."""
-    n_x = len(prior)
-    A, b, V, count = np.diag(prior**2), np.zeros(n_x), 0.0, 0
+def predict(reading: Reading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray) -> Prediction:
+    """V after one Gauss-Newton step of the free parameters (n_x,); prior (n_x,): 1 / s of theirs."""
+    V, b, A = _normal_equations(reading, evaluated, prior, free)
+    near = V / max(sum(e.part.n_residuals for e in evaluated), 1) / STEP_STD**2
+    step = np.asarray(-np.linalg.solve(A + max(near, 1e-300) * np.eye(len(b)), b), dtype=float)
+    return Prediction(V + float(step @ (2 * b + A @ step)), step)
+
+
+def _normal_equations(
+    reading: Reading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
+) -> tuple[float, FloatArray, FloatArray]:
+    """V, J^T r (n_x,) and J^T J (n_x, n_x) of a reading, its priors about where it stands."""
+    V, b, A = 0.0, np.zeros(len(prior)), np.diag(prior**2)
     for i, measured in enumerate(evaluated):
         model = evaluated[reading.order[i]] if reading.order else measured
         changed = replace(measured, G=reading.change(measured, model.G))
         r, J = changed.residual, -changed.whitened(reading.change(measured, model.free)) * free[:, None]
-        A, b, V, count = A + J @ J.T, b + J @ r, V + float(r @ r), count + measured.part.n_residuals
-    near = V / max(count, 1) / std**2
-    step = np.asarray(-np.linalg.solve(A + max(near, 1e-300) * np.eye(n_x), b), dtype=float)
-    return Prediction(V, V + float(step @ (2 * b + A @ step)), step)
+        V, b, A = V + float(r @ r), b + J @ r, A + J @ J.T
+    return V, b, A
 
 
 def settle(reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray) -> tuple[float, FloatArray]:
-    """V and x (n_x,) of an optimum that a few damped steps reach from x, of the logarithms first."""
+    """V and x (n_x,) of an optimum that the solver reaches from x, of the logarithms first."""
 
-    def predict_at(problem: ElasticFit, x: FloatArray, std: float) -> Prediction:
-        return predict(reading, evaluate(problem, x), fit.prior_slopes, free, std)
+    def evaluation(problem: ElasticFit, x: FloatArray) -> Evaluation:
+        V, b, A = _normal_equations(reading, evaluate(problem, x), fit.prior_slopes, free)
+        return Evaluation(V, 2 * b, 2 * A)
 
+    V = math.inf
     for problem in (replace(fit, parts=tuple(map(logarithmic, fit.parts))), fit):
-        std, now = STEP_STD, predict_at(problem, x, STEP_STD)
-        for _ in range(12):
-            x_next = np.clip(x + now.step, *fit.parameters.x_bounds)
-            further = predict_at(problem, x_next, std)
-            if further.before < now.before:
-                done = now.before - further.before < LEAST_DECREASE * now.before
-                x, now, std = x_next, further, 4 * std
-                if done:
-                    break
-            else:
-                std /= 4
-                now = predict_at(problem, x, std)
-    return now.before, x
+        at = partial(evaluation, problem)
+        end = trust_region(LeastSquares(fit.parameters, fit.n_residuals, at), x, at(x), ROUGH, STEPS, ~free)
+        V, x = end.evaluation.cost, end.x
+    return V, x
 
 
 def logarithmic(part: Part) -> Part:

@@ -87,7 +87,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     if not good:
         return indices
     cost, x_end, best = good[0]
-    equal = tuple(reading.name for V, _, reading in good[1:] if LIMITS.equal_cost * cost > V)
+    equal = tuple(reading.name for V, _, reading in good[1:] if cost > LIMITS.equal_drop * V)
     share = (as_read - cost) / excess
     drop = share * max(scores.cost - scores.noise, 0.0)
     occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
@@ -294,7 +294,7 @@ def best_forms(
 
     for form in FORMS:
         low, high = np.clip(sorted((0.3 * T_0, 2.0 * T_0)), -limit, limit).tolist()
-        options = {"maxiter": LIMITS.evaluations, "xatol": 1e-4 * max(abs(low), abs(high))}
+        options = {"maxiter": LIMITS.iterations, "xatol": 1e-4 * max(abs(low), abs(high))}
         found = minimize_scalar(lambda T, form=form: at(T, form).cost, bounds=(low, high), options=options)
         yield Late(near.replace("delay", form, 1), float(found.x), at(float(found.x), form))
 
@@ -324,7 +324,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
         for role, places in zip("yu", _channels(evaluated), strict=True)
         for place in places
     }
-    delays = [each for each in indices if each.name in channels and each.share > LIMITS.stated_share][: LIMITS.delays]
+    delays = [each for each in indices if each.name in channels and each.share > LIMITS.stated_share][: LIMITS.followed]
     extended = [each for each in indices if each not in delays]
     for own in delays:
         forms = best_forms(evaluated, prior, free, own.name, channels[own.name], float(own.steps[0]))

@@ -4,7 +4,7 @@ The fit to the motors' responses alone, x_m with covariance C, and the residuals
 
 .. math:: T = \min_x \; |r(x)|^2 + (x - x_m)^T C^{-1} (x - x_m) \sim \chi^2
 
-by a few damped steps of Gauss and Newton. Where T, or the factor by which all that the source measured is larger, is
+by the solver of the fit. Where T, or the factor by which all that the source measured is larger, is
 beyond chance, they disagree. The cause is that factor, c in r - c W y, where it explains more than half of T; of
 responses at the tool it may be another reading of force and motion (sign, quantity, motors that were not as stated).
 """
@@ -19,18 +19,18 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import Note
+from elastid.base.errors import FitError, Note
 from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import LIMITS
 from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, ToolAgreement, ToolComparison
-from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.least_squares import as_real
-from elastid.fit.problem.part import Part
+from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.result import Result, largest_by_chance
-from elastid.parameters import Parameters
+from elastid.fit.solve.solvers import ROUGH, solve
+from elastid.parameters import Parameter, Parameters
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
@@ -67,25 +67,19 @@ class SecondSource:
     def least(self, with_factor: bool = False) -> tuple[float, float, float]:
         """T and the factor less 1 with its std, NaN without one."""
         z = np.zeros(self.root.shape[1] + with_factor)
-        best, gradient, H = self._at(z)
-        damping = 0.0
-        for _ in range(LIMITS.steps):
-            tried = z - np.linalg.lstsq(H + damping * np.diag(np.diag(H)), gradient)[0]
-            cost, *slopes = self._at(tried)
-            if not cost < best:
-                damping = max(10 * damping, 1e-2)
-                continue
-            is_last = best - cost < LIMITS.progress
-            z, best, (gradient, H), damping = tried, cost, slopes, damping / 10
-            if is_last:
-                break
+        unknowns = Parameters(tuple(Parameter(f"z{i}", 0.0) for i in range(len(z))))
+        try:
+            end = solve(LeastSquares(unknowns, self.n_residuals, self._at), z, ROUGH, LIMITS.iterations)
+        except FitError:  # no robot stands there
+            return np.inf, np.nan, np.nan
         if not with_factor:
-            return best, np.nan, np.nan
+            return end.cost, np.nan, np.nan
+        H = self._at(end.x).hessian / 2
         std = np.sqrt(max(np.linalg.pinv(H)[-1, -1], 0.0)) if H[-1, -1] > 0 else np.inf
-        return best, float(z[-1]), float(std)
+        return end.cost, float(end.x[-1]), float(std)
 
-    def _at(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """T, half its gradient and J^T J at z (n,)."""
+    def _at(self, z: FloatArray) -> Evaluation:
+        """T and its derivatives at z (n,)."""
         n = self.root.shape[1]
         x, prior = self.x + self.root @ z[:n], np.where(np.arange(len(z)) < n, z, 0.0)
         cost, gradient, H = float(prior @ prior), prior, np.diag(np.where(np.arange(len(z)) < n, 1.0, 0.0))
@@ -94,9 +88,9 @@ class SecondSource:
                 for r, J in self.residuals(x, self.root, float(z[-1]) if len(z) > n else None):
                     cost, gradient, H = cost + float(r @ r), gradient + J.T @ r, H + J.T @ J
             except np.linalg.LinAlgError:  # no robot stands there
-                return np.inf, gradient, H
+                cost = np.inf
         # Far away slopes overflow before the cost does.
-        return cost if np.isfinite(cost) and np.isfinite(H).all() else np.inf, gradient, H
+        return Evaluation(cost if np.isfinite(cost) and np.isfinite(H).all() else np.inf, 2 * gradient, 2 * H)
 
 
 def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:

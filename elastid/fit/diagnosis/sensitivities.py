@@ -33,9 +33,8 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
-from elastid.fit.problem.elastic import at_measured_places, places_of
+from elastid.fit.problem.elastic import Part, at_measured_places, places_of
 from elastid.fit.problem.least_squares import as_real
-from elastid.fit.problem.part import Part
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation

@@ -49,7 +49,7 @@ def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: 
     first, least = judged[0]
     found = []
     if as_stated - least > LIMITS.half * (as_stated - scores.noise):
-        equal = tuple(index.name for index, V in judged[1:] if LIMITS.equal_cost * least > V)
+        equal = tuple(index.name for index, V in judged[1:] if least > LIMITS.equal_drop * V)
         found.append(replace(first, alike=equal))
     if max(explained, *(index.share for index in found), 0.0) <= LIMITS.whole:
         found += [index for index in _with_load(evidence, scores) if index.share > LIMITS.half]

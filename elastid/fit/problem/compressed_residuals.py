@@ -33,6 +33,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, k
 from elastid.base.kept import Kept
 from elastid.base.kernels import call
 from elastid.fit.problem.least_squares import ResidualKind
+from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Whitening
 from elastid.linear.response.derivatives import Columns, Sensitivity
 
@@ -168,10 +169,10 @@ class CompressedResiduals(Kept):
         with np.errstate(divide="ignore", invalid="ignore"):
             error = self._log_measured[block] - self._full(np.log(G))
             error.imag -= 2 * np.pi * np.rint(error.imag / (2 * np.pi))
-        whitened = self._whitened(self._mixing, block, error)
+        weighted = self._weighted(block, error)
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
-        r = self._projected(known.Q[block], whitened)
-        return float(np.vdot(whitened, whitened).real - np.vdot(r, r).real), LineResiduals(r, slope=slope)
+        r = self._projected(known.Q[block], weighted)
+        return float(np.vdot(weighted, weighted).real - np.vdot(r, r).real), LineResiduals(r, slope=slope)
 
     @cached_property
     def _log_measured(self) -> ComplexArray:
@@ -188,23 +189,15 @@ class CompressedResiduals(Kept):
             full[:, columns, rows] = G
         return full
 
-    @cached_property
-    def _mixing(self) -> ComplexArray | None:
-        """`Part.mixing`, kept for the logarithm, which needs it at every x."""
-        return None if self.whitening is None else self.whitening.matrix
-
-    def _whitened(self, mixing: ComplexArray | None, block: slice, e: ComplexArray) -> ComplexArray:
-        """mixing gain e (F, n_y n_u) of some lines."""
+    def _weighted(self, block: slice, e: ComplexArray) -> ComplexArray:
+        """gain e (F, n_y n_u) of some lines."""
         gain = self.gain[block]
-        r = np.where(gain > 0, gain * np.where(gain > 0, e, 0.0), 0.0).reshape(len(e), -1)
-        return r if mixing is None else np.asarray((mixing[block] @ r[:, :, None])[:, :, 0])
+        return np.where(gain > 0, gain * np.where(gain > 0, e, 0.0), 0.0).reshape(len(e), -1)
 
-    def _projected(self, Q: ComplexArray | FloatArray, whitened: ComplexArray) -> ComplexArray:
-        """Q^H of whitened residuals (F, n_y n_u): (F, n_e)."""
-        if self.whitening is not None:
-            return np.asarray((np.swapaxes(Q, 1, 2).conj() @ whitened[:, :, None])[:, :, 0])
+    def _projected(self, Q: FloatArray, weighted: ComplexArray) -> ComplexArray:
+        """Q^H (F, n_e) of residuals (F, n_y n_u) whose elements count one by one."""
         first, second = self._places
-        return Q[:, :, 0] * whitened[:, first] + Q[:, :, 1] * whitened[:, second]
+        return np.asarray(Q[:, :, 0] * weighted[:, first] + Q[:, :, 1] * weighted[:, second])
 
     @cached_property
     def _places(self) -> tuple[IntArray, IntArray]:
@@ -225,26 +218,26 @@ class CompressedResiduals(Kept):
             return self.known
         first, second = self._places
         form = Packed.of if self.takes_compiled else Full
-        mixing = self._mixing if self.criterion == "log" or self.whitening is None else self.whitening.matrix
-        if mixing is None:
-            own, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
-            mirror = np.where(first == second, 0.0, mirror)
-            R: ComplexArray | FloatArray = np.hypot(own, mirror)
-            Q: ComplexArray | FloatArray = np.stack([own, mirror], axis=2) / np.where(R > 0, R, 1.0)[:, :, None]
-        else:
+        left, has_mirror = self._weighted(slice(None), self.measured), first != second
+        if self.whitening is not None:
+            mixing = self.whitening.matrix
             W = mixing * self.gain.reshape(len(self.gain), 1, -1)
-            mirrored = np.where(first == second, 0.0, 1.0)
-            Q, R = np.linalg.qr(W[:, :, first] + mirrored * W[:, :, second])
-        weights = form(R)
-        if self.whitening is not None:  # of a thousand configurations most of what is worked out
+            basis, R = np.linalg.qr(W[:, :, first] + has_mirror * W[:, :, second])
+            weights = form(R)  # of a thousand configurations most of what is worked out
             weights = replace(weights, R=kept_beside(self.whitening.noise.in_file, weights.R))
-        if self.criterion != "complex":
-            return Compressed(weights, Q=Q)
-        left = self._whitened(mixing, slice(None), self.measured)
-        q = self._projected(Q, left)
-        if mixing is not None:
-            left = left - (Q @ q[:, :, None])[:, :, 0]
+            left = (mixing @ left[:, :, None])[:, :, 0]
+            q = (hermitian(basis) @ left[:, :, None])[:, :, 0]
+            left = left - (basis @ q[:, :, None])[:, :, 0]
         else:
+            own, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
+            size = np.hypot(own, mirror * has_mirror)
+            Q, weights = (
+                np.stack([own, mirror * has_mirror], axis=2) / np.where(size > 0, size, 1.0)[:, :, None],
+                form(size),
+            )
+            if self.criterion != "complex":
+                return Compressed(weights, Q=Q)
+            q = self._projected(Q, left)
             left[:, first] -= Q[:, :, 0] * q
             left[:, second] -= Q[:, :, 1] * q  # zero on the diagonal, where both places are the same
         q = np.asfortranarray(q)  # element by element, as the kernel takes it
@@ -255,11 +248,11 @@ class CompressedResiduals(Kept):
 class Compressed:
     """R; q (F, n_e) and |L^-1 Ghat|^2 - |q|^2 (F,) of the complex criterion.
 
-    Q: of the logarithmic one; of diagonal weights (F, n_e, 2), the shares of an element and of its mirror image.
+    Q (F, n_e, 2): of the logarithmic one, the shares of an element and of its mirror image.
     """
 
     R: Full | Packed
-    Q: ComplexArray | FloatArray = field(default_factory=lambda: np.zeros(0))
+    Q: FloatArray = field(default_factory=lambda: np.zeros(0))
     q: ComplexArray = field(default_factory=lambda: np.zeros(0, complex))
     constant: FloatArray = field(default_factory=lambda: np.zeros(0))
 

@@ -23,14 +23,15 @@ from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
 from elastid.base.execution import HERE, Execution
 from elastid.base.kept import Kept
+from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, as_real, error_gain
-from elastid.fit.problem.part import Part
+from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, error_gain
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.loaded import Ports, acted_on, moved_by
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
 from elastid.response import Response
@@ -41,6 +42,94 @@ CHUNK = 4
 MIN_LINES = 5_000
 Item = TypeVar("Item")
 Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, eq=False)
+class Part(Kept):
+    """One configuration: measured G (F, n_y, n_u), the kernel of its model, and what its residuals are divided by.
+
+    gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of
+    gain e of a line whose elements err together; None where they count one by one.  compressed: the residuals, where
+    they are known of the very same data and weights, from a model linearised elsewhere.
+    """
+
+    kernel: Kernel
+    measured: ComplexArray
+    gain: FloatArray
+    criterion: ResidualKind
+    whitening: Whitening | None = None
+    compressed: CompressedResiduals | None = None
+
+    @property
+    def configuration(self) -> str:
+        """The name of the configuration."""
+        return self.kernel.model.configuration.name
+
+    def theta(self, parameters: Parameters, x: FloatArray) -> FloatArray:
+        """theta (n_theta,) in its configuration."""
+        return parameters.expand(x, self.configuration)
+
+    def chain(self, parameters: Parameters, x: FloatArray) -> FloatArray:
+        """d theta / d x (P, n_x) of the parameters that x moves there: the kernel's order."""
+        return parameters.jacobian(x, self.configuration)[self.kernel.places]
+
+    @property
+    def error_gain(self) -> ComplexArray:
+        """Residual per error of Ghat (F, n_y, n_u), before it is mixed; 0 where an element is left out."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.gain > 0, self.gain * error_gain(self.criterion, self.measured), 0j)
+
+    @property
+    def mixing(self) -> ComplexArray | None:
+        """(F, n_y n_u, n_y n_u) times gain e of a line, in the order of G, is white; worked out at every call."""
+        return None if self.whitening is None else self.whitening.matrix
+
+    @cached_property
+    def normal(self) -> NormalEquations:
+        """Cost, gradient and normal matrix without the derivatives of every element."""
+        columns = Columns(self.kernel)
+        form = columns.elements, columns.is_symmetric, self.kernel.takes_compiled
+        own = CompressedResiduals(*form, self.measured, self.gain, self.criterion, self.whitening)
+        known = self.compressed
+        return NormalEquations(columns, known if known is not None and known.has_data_of(own) else own)
+
+    @property
+    def n_residuals(self) -> int:
+        """Real residuals, two an element."""
+        return 2 * int(np.count_nonzero(self.gain))
+
+    @property
+    def for_sums(self) -> Part:
+        """The part for `normal` alone, without the covariances of its lines, most of its numbers."""
+        residuals = self.normal.residuals.worked_out
+        return replace(self, whitening=residuals.whitening, compressed=residuals)
+
+    def with_residuals_of(self, other: Part) -> Part:
+        """Part with data and weights of another one, and what has been worked out of them."""
+        known = other.normal.residuals
+        return replace(self, measured=other.measured, gain=other.gain, whitening=other.whitening, compressed=known)
+
+    def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
+        """r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
+
+        mixing: that of the part.
+        """
+        e, used = RESIDUALS[self.criterion](self.measured, G)[0], self.gain > 0
+        return mixed(mixing, np.where(used, self.gain * np.where(used, e, 0.0), 0.0))
+
+    def slopes(self, G: ComplexArray, dG: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
+        """dr (n, F, n_y, n_u) by changes dG of a response G."""
+        # A logarithm of an element that is left out because it is zero has no slope.
+        slope = np.where(self.gain > 0, RESIDUALS[self.criterion](self.measured, G)[1], 0.0)
+        return mixed(mixing, -self.gain * slope * dG)
+
+
+def mixed(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
+    """mixing, if there is any, applied to the elements of each line of values (..., F, n_y, n_u)."""
+    if mixing is None:
+        return values
+    flat = values.reshape(-1, len(mixing), mixing.shape[1])
+    return np.asarray((mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,17 +241,6 @@ class ElasticFit:
         V, g, A = float(r @ r) + float(distance @ distance), J.T @ r + slope * distance, J.T @ J + np.diag(slope**2)
         return Evaluation(V + b, 2 * g + b_slope, 2 * A + b_curvature)
 
-    def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """r (n_residuals + priors,) and J (n_residuals + priors, n_x) stacked: responses, static loads, priors."""
-        rows = []
-        for part, (r, J) in zip(self.parts, self.blocks(x), strict=True):
-            used = np.repeat((part.gain > 0).ravel(), 2)
-            rows.append((as_real(r).ravel()[used], as_real(J).reshape(len(J), -1)[:, used].T))
-        rows.append(self.static(x))
-        distance, slope = self.priors(x)
-        rows.append((distance[slope > 0], np.diag(slope)[slope > 0]))
-        return np.concatenate([r for r, _ in rows]), np.concatenate([J for _, J in rows])
-
     def static(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """r (n,) and dr/dx (n, n_x) of the static load tests; LinAlgError where the robot finds no rest under them."""
         if self.loads is None:
@@ -214,42 +292,36 @@ def elastic_fit(
     weights: Sequence[Weights],
     parameters: Parameters,
     criterion: ResidualKind,
-    correlated: bool = True,
 ) -> ElasticFit:
     """The fit of `models` to `responses`, inputs and outputs matched by name.
 
     The logarithmic criterion leaves out what is below twice its sigma, and elements for which the model has no response
-    at all (an axis that does not couple).  correlated: whether elements that err together weigh together, where the
-    weights know how.  StudyError where a response has an input or output that the model has not.
+    at all (an axis that does not couple), and weighs element by element; the complex one weighs those that err together
+    jointly, where the weights know how.  StudyError where a response has an input or output that the model has not.
     """
     each = zip(responses, models, weights, strict=True)
-    return ElasticFit(parameters, tuple(part_of(*own, parameters, criterion, correlated) for own in each))
+    return ElasticFit(parameters, tuple(part_of(*own, parameters, criterion) for own in each))
 
 
 def part_of(
-    response: Response,
-    model: LinearModel,
-    weights: Weights,
-    parameters: Parameters,
-    criterion: ResidualKind,
-    correlated: bool,
+    response: Response, model: LinearModel, weights: Weights, parameters: Parameters, criterion: ResidualKind
 ) -> Part:
     """The part of one configuration; arguments as `elastic_fit`."""
     kernel = kernel_of(at_measured_places(model, response), parameters, response.freq_hz)
-    return _part(response, kernel, weights if correlated else replace(weights, is_correlated=False), criterion)
+    return _part(response, kernel, weights, criterion)
 
 
 def by_criterion(
     fit: ElasticFit, responses: Sequence[Response], weights: Sequence[Weights], criterion: ResidualKind
 ) -> ElasticFit:
-    """The fit with the same models by another criterion, element by element."""
+    """The fit with the same models by another criterion."""
     each = list(zip(fit.parts, responses, weights, strict=True))
     return replace(fit, parts=tuple(each_at_home(partial(_by_criterion, criterion), each, fit.home)))
 
 
 def _by_criterion(criterion: ResidualKind, own: tuple[Part, Response, Weights]) -> Part:
     part, response, weights = own
-    return _part(response, part.kernel, replace(weights, is_correlated=False), criterion)
+    return _part(response, part.kernel, weights, criterion)
 
 
 def at_measured_places(model: LinearModel, response: Response | LinearModel) -> LinearModel:
@@ -308,10 +380,7 @@ def _part(response: Response, kernel: Kernel, weights: Weights, criterion: Resid
         slope = np.where(used, error_gain(criterion, response.G), 1.0)
     gain = np.sqrt(2 * weights.factor) / np.where(used, np.abs(slope) * weights.sigma, np.inf)
     whitening = None
-    if weights.correlated is not None:
-        # Of the complex criterion one array for both, and one number: there may be a thousand configurations.
-        sigma = weights.sigma if criterion == "complex" else np.where(used, weights.sigma, np.inf)
-        phase = np.ones((1, 1, 1)) if criterion == "complex" else np.conj(slope) / np.abs(slope)
-        whitening = Whitening(weights.correlated, weights.floor, response.G, sigma, phase)
+    if weights.correlated is not None and criterion == "complex":
+        whitening = Whitening(weights.correlated, weights.floor, response.G, weights.sigma)
     part = Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, whitening)
     return replace(part, compressed=part.normal.residuals)

@@ -20,9 +20,8 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, Part, mixed
 from elastid.fit.problem.least_squares import as_real
-from elastid.fit.problem.part import Part, mixed
 from elastid.response import Response
 
 Factor: TypeAlias = tuple[str, int, str]  # input, index and configuration, "" for all configurations

@@ -134,7 +134,7 @@ class SmoothedNoise(Kept):
 
     Both in the same form: matrices of all elements are worked out where they are needed and not kept.
     own_variance, own_matrix (F,): kappa, how much of variance and matrix is the line's own (`smooth_covariance`).
-    G (F, n_y, n_u), width: of the response, and asked for.
+    G (F, n_y, n_u): of the response.
     """
 
     measured: Covariance
@@ -142,12 +142,12 @@ class SmoothedNoise(Kept):
     own_variance: FloatArray
     own_matrix: FloatArray
     G: ComplexArray
-    width: int
 
-    def is_of(self, response: Response, width: int) -> bool:
+    def is_of(self, response: Response) -> bool:
         """True if this is what `smooth_noise` finds, the numbers of the response being the very same."""
-        is_noise = self.measured is response.total or self.measured is response.noise
-        return is_noise and self.width == width and np.array_equal(self.G, response.G)
+        return any(self.measured is own for own in (response.total, response.noise)) and np.array_equal(
+            self.G, response.G
+        )
 
     @property
     def variance(self) -> FloatArray:
@@ -171,10 +171,10 @@ class SmoothedNoise(Kept):
         return n_u / self.measured.dof
 
 
-def smooth_noise(response: Response, width: int = 0) -> SmoothedNoise | None:
+def smooth_noise(response: Response) -> SmoothedNoise | None:
     """The smooth noise of a response: of the total covariance, or of the noise where the total lies below it.
 
-    width: lines; 0 chooses it from the degrees of freedom.  None where no uncertainty is known.
+    None where no uncertainty is known.
     """
     known = larger(response)
     if known is None:
@@ -183,14 +183,14 @@ def smooth_noise(response: Response, width: int = 0) -> SmoothedNoise | None:
     if known.form == "diagonal":
         variance, own = np.zeros(response.G.shape), np.zeros(F)
         for i, j in np.ndindex(n_y, n_u):
-            variance[:, i, j], _, w = smooth_variance(known.variance[:, i, j], response.G[:, i, j], known.dof, width)
-            own = np.full(F, 1 / w)
-        return SmoothedNoise(known, Covariance(variance, known.dof), own, own, response.G, width)
+            variance[:, i, j], kappa = smooth_variance(known.variance[:, i, j], response.G[:, i, j], known.dof)
+            own = np.maximum(own, kappa)
+        return SmoothedNoise(known, Covariance(variance, known.dof), own, own, response.G)
     S = known.matrix if known.left is None or known.right is None else known.right
     assert S is not None
     if math.isinf(known.dof):
-        return SmoothedNoise(known, known, np.zeros(F), np.zeros(F), response.G, width)
-    covariance, own_matrix, own_variance = smooth_covariance(S, _model(response, known, S), known.dof, width)
+        return SmoothedNoise(known, known, np.zeros(F), np.zeros(F), response.G)
+    covariance, own_matrix, own_variance = smooth_covariance(S, _model(response, known, S), known.dof)
     power = np.einsum("faa->fa", covariance).real
     covariance = kept_beside(S, covariance)
     if known.left is None:
@@ -198,7 +198,7 @@ def smooth_noise(response: Response, width: int = 0) -> SmoothedNoise | None:
     else:
         variance = power[:, :, None] * np.einsum("faa->fa", known.left).real[:, None, :]
         smooth = Covariance(variance, known.dof, known.left, covariance)
-    return SmoothedNoise(known, smooth, own_variance, own_matrix, response.G, width)
+    return SmoothedNoise(known, smooth, own_variance, own_matrix, response.G)
 
 
 def _model(response: Response, known: Covariance, S: ComplexArray) -> ComplexArray:
@@ -235,17 +235,15 @@ def larger(response: Response) -> Covariance | None:
 SHRINKAGES = (1.0, 0.7, 0.4, 0.2, 0.1, 0.03, 0.01, 0.003)
 
 
-def smooth_covariance(
-    S: ComplexArray, model: ComplexArray, dof: float, width: int = 0
-) -> tuple[ComplexArray, FloatArray, FloatArray]:
+def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple[ComplexArray, FloatArray, FloatArray]:
     """C~ (F, n, n) of sample covariances S (F, n, n) of `dof` degrees of freedom each, and kappa (F,).
 
     kappa: how much of C~, and of its diagonal, is the line's own; tr(C~^-1 S) is 1 - kappa / nu of what a line's S
     independent of C~ would leave, to first order.
-    model (F, n, n): of the noise.  width: lines; 0 takes as many as the degrees of freedom ask for.
+    model (F, n, n): of the noise.
     """
     F, n = S.shape[:2]
-    width = min((width or _width(n, dof)) // 2 * 2 + 1, F)
+    width = min(_width(n, dof), F)
     L = np.asarray(np.linalg.cholesky(model), np.complex128)
     whiten = np.asarray(np.linalg.inv(L), np.complex128)
     X = whiten @ S @ hermitian(whiten)
@@ -269,11 +267,12 @@ def smooth_covariance(
 
 
 def _width(n: int, dof: float) -> int:
-    """Lines with 10 degrees of freedom for each of n correlated elements and 24 for their level.
+    """Lines with 10 degrees of freedom for each of n correlated elements and 24 for their level, an odd number.
 
-    A line of 30 for each element needs no neighbours: its weights cost 2 % of standard deviation.
+    Inverse-variance weights from nu of them make the estimate's standard deviation sqrt((nu - 1) / (nu - 2)) too large,
+    2 % for 24: a line of 30 for each element needs no neighbours.
     """
-    return 1 if dof >= 30 * n else max(math.ceil(max(10 * n, 24 / n) / dof), 3)
+    return 1 if dof >= 30 * n else max(math.ceil(max(10 * n, 24 / n) / dof), 3) // 2 * 2 + 1
 
 
 def _shrinkage(X: ComplexArray, width: int) -> float:
@@ -307,47 +306,23 @@ def hermitian(A: ComplexArray) -> ComplexArray:
     return np.asarray(np.swapaxes(A, -1, -2).conj())
 
 
-# Degrees of freedom behind each weight. Inverse-variance weights from nu of them make the estimate's standard deviation
-# sqrt((nu - 1) / (nu - 2)) too large: 2 % for 24.
-MIN_DOF = 24
+def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[FloatArray, FloatArray]:
+    r"""Sample variances (F,) of one element as `smooth_covariance` smooths them, and kappa (F,); zeros if all are zero.
 
-
-def smooth_variance(
-    variance: FloatArray, G: ComplexArray, dof: float, width: int = 0
-) -> tuple[FloatArray, FloatArray, int]:
-    r"""Sample variances (F,) of one element, each from few degrees of freedom, smoothed over `width` lines.
-
-    .. math:: \ln \tilde v_k = s_k + \text{mean}_{|l - k| \le w/2} (\ln v_l - s_l) + \ln c, \qquad
-              s_k = a \ln |G_k|^2
-
-    The exponent a in [0, 1] is found by regression: 0 where noise ignores the resonances, 1 where it follows them. The
-    mean of logarithms follows a variance that changes by decades. c makes the weight 1 / v~ unbiased, E[1/v~] = 1/v,
-    for v_l distributed as v chi^2_{2 dof} / (2 dof). width 0: as many lines as give MIN_DOF degrees of freedom.
-    A line that is noisier than chance allows keeps its own variance; one of zero variance takes its neighbours'.
-
-    Returns v~, the same with c such that E[v~] = v (F,), and over how many lines; zeros where no line has a variance.
+    The model of the noise is |G|^{2 a}, its exponent a in [0, 1] found by regression: 0 where noise ignores the
+    resonances, 1 where it follows them.  A line of zero variance takes its neighbours'.
     """
     known = variance > 0
-    n = int(known.sum())
-    if n == 0:
-        return np.zeros_like(variance), np.zeros_like(variance), 1
-    width = min((width or math.ceil(MIN_DOF / dof)) // 2 * 2 + 1, n)
-    log_v = np.log(variance[known])
-    power = np.abs(G[known]) ** 2
+    if not known.any():
+        return np.zeros_like(variance), np.zeros_like(variance)
+    power = np.abs(G) ** 2
     followed = np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300)))
-    rough = followed - moving_mean(followed, width)
-    a = 0.0
-    if np.abs(rough).max() > 1e-9:
-        a = float(np.linalg.lstsq(rough[:, None], log_v - moving_mean(log_v, width), rcond=1e-9)[0][0])
-    shape = min(max(a, 0.0), 1.0) * followed
-    geometric = np.exp(shape + moving_mean(log_v - shape, width))
-    unbiased = geometric / math.exp(log_moment(1, dof, width))
-    for_weights = geometric * math.exp(log_moment(-1, dof, width))
-    if width > 1:
-        loud = variance[known] > unbiased * largest_by_chance(dof)
-        for_weights, unbiased = (np.where(loud, variance[known], v) for v in (for_weights, unbiased))
-    lines = np.arange(len(variance))
-    return np.interp(lines, lines[known], for_weights), np.interp(lines, lines[known], unbiased), width
+    width = min(_width(1, dof), int(known.sum()))
+    rough, wanted = (own - moving_mean(own, width) for own in (followed[known], np.log(variance[known])))
+    a = float(rough @ wanted / max(rough @ rough, 1e-300)) if np.abs(rough).max() > 1e-9 else 0.0
+    model = np.exp(min(max(a, 0.0), 1.0) * (followed - followed.mean()))
+    smooth, _, own = smooth_covariance(variance[:, None, None].astype(complex), model[:, None, None], dof)
+    return smooth[:, 0, 0].real, own
 
 
 def moving_mean(values: Any, width: int) -> Any:

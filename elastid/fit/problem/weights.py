@@ -23,28 +23,17 @@ from elastid.response import Covariance, Response
 class Whitening(Kept):
     """Whitens errors relative to sigma (F, n_y, n_u), inf where an element is left out; small, since not worked out.
 
-    noise: C~.  floor: alpha, of |G| (F, n_y, n_u).  phase (F, n_y, n_u), or (1, 1, 1): factors of modulus one between
-    the residual and the error of G.
+    noise: C~.  floor: alpha, of |G| (F, n_y, n_u).
     """
 
     noise: Covariance
     floor: float
     G: ComplexArray
     sigma: FloatArray
-    phase: ComplexArray | FloatArray
 
     @property
     def matrix(self) -> ComplexArray:
-        """L^-1 diag(sigma phase) (F, n_y n_u, n_y n_u), elements in the order of G; computed at every call."""
-        return np.asarray(np.linalg.inv(self._lower) * self._turns[:, None])
-
-    @property
-    def _turns(self) -> ComplexArray | FloatArray:
-        return self.phase.reshape(len(self.phase), -1)
-
-    @property
-    def _lower(self) -> ComplexArray:
-        """L (F, n_y n_u, n_y n_u) of C~ relative to sigma."""
+        """L^-1 (F, n_y n_u, n_y n_u) of C~ relative to sigma, elements in the order of G; computed at every call."""
         F, n_y, n_u = self.sigma.shape
         row_by_row = np.arange(n_y * n_u).reshape(n_u, n_y).T.ravel()
         C = self.noise.full()[:, row_by_row[:, None], row_by_row]
@@ -56,16 +45,15 @@ class Whitening(Kept):
         both = used[:, :, None] & used[:, None, :]
         relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
         relative[:, diagonal, diagonal] += ~used
-        return np.asarray(np.linalg.cholesky(relative))
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(relative)))
 
     def lines(self, keep: BoolArray | slice) -> Whitening:
         """Whitening on some lines."""
         mask = np.zeros(len(self.sigma), dtype=np.bool_)
         mask[keep] = True
-        phase = self.phase if len(self.phase) == 1 else self.phase[keep]
         noise = self.noise.lines(mask)
         self.noise.release()
-        return Whitening(noise, self.floor, self.G[keep], self.sigma[keep], phase)
+        return Whitening(noise, self.floor, self.G[keep], self.sigma[keep])
 
 
 # The floor of a search, and of responses whose noise was not measured, where the study leaves it to the data: the
@@ -85,24 +73,10 @@ def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma:
     """True if C~ weighs the elements of a line jointly, False if each element counts by itself.
 
     smooth: the noise.  sigma (F, n_y, n_u): what elements weigh, inf where they are left out.
-    Raises DataError where `full` is asked for and no covariance is known, or it is singular and no floor makes it
-    regular.
     """
-    asked, where = spec.covariance == "full", f"configuration {response.configuration.name}"
-    if spec.covariance == "diagonal" or (not asked and (smooth is None or smooth.is_diagonal)):
+    if spec.covariance == "diagonal" or smooth is None or smooth.is_diagonal:
         return False
-    if smooth is None or smooth.is_diagonal:
-        raise DataError(
-            "fit/weights",
-            f"fit.weights.covariance is full, but only {'variances are' if smooth else 'nothing is'} known of "
-            "its noise; take auto or diagonal, or measure more periods or realisations",
-            where,
-        )
-    is_singular = floor_of(response, spec) == 0 and _is_singular(smooth.covariance, sigma)
-    if is_singular and asked:
-        text = "its elements have a singular covariance; take fit.weights.covariance: diagonal, or a floor above zero"
-        raise DataError("fit/weights", text, where)
-    return not is_singular
+    return floor_of(response, spec) > 0 or not _is_singular(smooth.covariance, sigma)
 
 
 def _is_singular(C: ComplexArray, sigma: FloatArray) -> bool:
@@ -158,8 +132,7 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
     """The weights of one measured response under the study's band, floor, smoothing and factors.
 
     known: smooth noise of it or of another response, which is smoothed again if it is not of the same numbers.
-    Raises DataError where neither a variance nor a floor gives its lines a weight, and where a full covariance is
-    asked for that is not there or singular.
+    Raises DataError where neither a variance nor a floor gives its lines a weight.
     """
     where = response.configuration.name
     floor = floor_of(response, spec.weights)
@@ -170,8 +143,7 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
             "fit.weights.floor is 0; set the floor, for example 0.01",
             f"configuration {where}",
         )
-    is_known = known is not None and known.is_of(response, spec.weights.smooth)
-    noise = known if is_known else smooth_noise(response, spec.weights.smooth)
+    noise = known if known is not None and known.is_of(response) else smooth_noise(response)
     variance = np.zeros(response.G.shape) if noise is None else noise.variance
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
@@ -187,7 +159,7 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
     if silent := int((used & (sigma == 0)).sum()):
         texts.append(("fit/weights", f"left out, {silent} elements of zero variance and no floor"))
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
-    correlated = weighs_correlations(response, noise, sigma, spec.weights)
+    correlated = spec.criterion == "complex" and weighs_correlations(response, noise, sigma, spec.weights)
     if noise is not None:
         noise.measured.release()
     scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated)

@@ -12,10 +12,10 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares, distance_to_optimum, held_by_bounds
+from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares
 
-# The return status of an iteration callback that ends it, and that of an exception none of IPOPT's own, such as Ctrl-C.
-_STOPPED, _FOREIGN_EXCEPTION = "User_Requested_Stop", "NonIpopt_Exception_Thrown"
+# The return status of success, and that of an exception none of IPOPT's own, such as Ctrl-C.
+_SUCCESS, _FOREIGN_EXCEPTION = "Solve_Succeeded", "NonIpopt_Exception_Thrown"
 _OPTIONS: dict[str, Any] = {
     "print_time": False,
     "no_nlp_grad": True,  # would need the gradient of the multipliers, which is not read
@@ -38,17 +38,15 @@ def ipopt(
 
     Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.
     """
-    scaled, n = _ScaledProblem(problem, x0, beginning, tolerance), len(x0)
+    scaled, n = _ScaledProblem(problem, x0, beginning), len(x0)
     x, number, none, no_rows = (ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, 1), ca.Sparsity(0, 0), ca.Sparsity(0, 1))
     point = [("x", x), ("p", none)]
     at_multipliers = [*point, ("lam_f", number), ("lam_g", no_rows)]
-    iteration = [("x", x), ("f", number), ("g", none), ("lam_x", x), ("lam_g", none), ("lam_p", none)]
     objective = _Callback("objective", point, [("f", number), ("g", no_rows)], scaled.objective)
     gradient = _Callback("nlp_grad_f", point, [("f", number), ("grad_f_x", x)], scaled.gradient)
     hessian = _Callback("nlp_hess_l", at_multipliers, [("hess_gamma_x_x", ca.Sparsity.upper(n))], scaled.hessian)
-    stop = _Callback("stop", iteration, [("ret", number)], scaled.stop)
-    options = _OPTIONS | {"grad_f": gradient, "hess_lag": hessian, "iteration_callback": stop}
-    options |= {"ipopt.max_iter": max_iterations, "ipopt.tol": 1e-3 * tolerance * scaled.weight}
+    options = _OPTIONS | {"grad_f": gradient, "hess_lag": hessian}
+    options |= {"ipopt.max_iter": max_iterations, "ipopt.tol": tolerance * scaled.weight}
     solver = ca.nlpsol("fit", "ipopt", objective, options)
     lower, upper = map(scaled.to_z, problem.parameters.x_bounds)
     solution = solver(x0=scaled.to_z(x0), lbx=lower, ubx=upper)
@@ -59,7 +57,7 @@ def ipopt(
     if stats["return_status"] == _FOREIGN_EXCEPTION:
         raise KeyboardInterrupt
     end = np.clip(scaled.to_x(solution["x"]), *problem.parameters.x_bounds)
-    status = "" if stats["return_status"] == _STOPPED else str(stats["return_status"])
+    status = "" if stats["return_status"] == _SUCCESS else str(stats["return_status"])
     return Ending(end, scaled.at(end), status, int(stats["iter_count"]))
 
 
@@ -69,10 +67,10 @@ class _ScaledProblem:
     Bounded variables are scaled to unit range, so that a delay in seconds and ln k have the same size for a solver.
     """
 
-    def __init__(self, problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float) -> None:
+    def __init__(self, problem: LeastSquares, x0: FloatArray, beginning: Evaluation) -> None:
         lower, upper = problem.parameters.x_bounds
         bounded = np.isfinite(upper - lower)
-        self.problem, self.tolerance = problem, tolerance
+        self.problem = problem
         self.origin = np.where(bounded, lower, 0.0)
         self.scale = np.where(bounded, upper - lower, np.maximum(np.abs(x0), 1.0))
         self.weight = 1.0 / max(1, problem.n_residuals)
@@ -120,16 +118,6 @@ class _ScaledProblem:
         hessian = float(arguments[2]) * weights * self.guarded(arguments[0]).hessian
         # The upper triangle column by column is the lower one row by row.
         return [ca.DM(ca.Sparsity.upper(n), hessian[np.tril_indices(n)])]
-
-    def stop(self, arguments: Sequence[ca.DM]) -> _Outputs:
-        """True to end: after an error, or nearer to the stationary point than the tolerance."""
-        self.guarded(arguments[0])
-        if self.error is not None:
-            return [ca.DM(True)]
-        x = self.to_x(arguments[0])
-        ending = self.at(x)
-        held = held_by_bounds(self.problem, x, ending)
-        return [ca.DM(distance_to_optimum(ending, self.problem.dof, held) < self.tolerance)]
 
 
 _Outputs: TypeAlias = list[ca.DM]

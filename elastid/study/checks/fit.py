@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.base.names import SEPARATOR, is_match, matching
+from elastid.base.names import is_match, matching
 from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
@@ -36,7 +36,7 @@ def check_fit(study: Study) -> Iterator[Problem]:
     # The start of a body's inertias is one that a body can have.
     for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
         entries = {parameters.names[place] for place in body.places}
-        keys = [key for key in study.fit.parameters if any(is_match(e, key.partition(SEPARATOR)[0]) for e in entries)]
+        keys = [key for key in study.fit.parameters if any(is_match(entry, key) for entry in entries)]
         yield Problem((*_PARAMETERS, *keys[-1:]), body.refusal)
 
 
@@ -46,10 +46,6 @@ def _check_groups(study: Study) -> Iterator[Problem]:
     for key, spec in fit.parameters.items():
         per = spec.per if isinstance(spec.per, dict) else {}
         given += [((*_PARAMETERS, key, "per", group), names) for group, names in per.items()]
-        base, _, name = key.partition(SEPARATOR)
-        is_split = any(p.per == "configuration" for k, p in fit.parameters.items() if is_match(k, base))
-        if name and is_split and not any(is_match(known, name) for known in configurations):
-            yield unknown((*_PARAMETERS, key), "configuration", name, configurations)
     for path, names in given:
         yield from check_names(path, "configuration", names, configurations)
     measured = {name for names in fit.robots.values() for name in names}

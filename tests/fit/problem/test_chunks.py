@@ -71,7 +71,7 @@ def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(
     """The smoothed covariance as well; of a response that cannot be weighed the first in order is named."""
     here, there = (each_at_home(partial(weigh, spec=NO_FLOOR), responses, home) for home in (HERE, Execution(2)))
     for one, other, response in zip(here, there, responses, strict=True):
-        assert other.noise.is_of(response, 0)
+        assert other.noise.is_of(response)
         assert (other.noise.smooth is other.noise.measured) == (one.noise.smooth is one.noise.measured)
         for name in ("sigma", "scale", "factor"):
             assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
