@@ -290,15 +290,11 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
         if (above := excess(tried[-1])) <= 0:
             break
         limit_db -= min(above + 0.01, 1.5)
-    found = None
-    for best in reversed(tried):  # slowing may cost one of them half its bandwidth, and another nothing
-        ahead = np.inf if found is None else best.on(scene).reached - found.on(scene).reached
-        steps = int(min(max(ahead, 0.0) / -np.log(_SLOWER), _SLOWEST))
-        own = slowed(best, lambda each: excess(each) <= 0, steps)
-        if own is not None and (found is None or own.on(scene).reached > found.on(scene).reached):
-            found = own
-    if found is None:
+    # Slowing may cost one of them half its bandwidth, and another nothing.
+    kept = [own for each in tried if (own := slowed(each, lambda one: excess(one) <= 0)) is not None]
+    if not kept:
         raise FitError(
             "use/gains", "no gains keep the sensitivity below 6 dB on 95 % of the draws: the fit knows too little"
         )
-    return found, peaks(found)
+    best = max(kept, key=lambda own: own.on(scene).reached)
+    return best, peaks(best)
