@@ -106,15 +106,7 @@ def summary(
         "friction": _friction_section(robot, friction),
         "correlations_above_0.9": [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above],
         "modification_indices": [
-            section(index, "name group place share drop members alike effects")
-            | {
-                "members": [
-                    dict(zip(("name", "unit", "value", "changed"), member, strict=True))
-                    for member in zip(index.members, index.units, index.values.tolist(), index.changed, strict=True)
-                ],
-                "effects": dict(zip(names, json_value(index.effects), strict=True)),
-            }
-            for index in result.indices
+            section(index, "name group place share drop members alike") for index in result.indices
         ],
         "rigid_parts": [
             section(part, "name stiffness hidden_from")

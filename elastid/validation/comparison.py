@@ -32,7 +32,7 @@ the 2^n models.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -40,12 +40,11 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import ElastidError, StudyError
-from elastid.base.names import SEPARATOR, is_match, matching, posture_of
+from elastid.base.names import SEPARATOR, matching, posture_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
-from elastid.fit.parameter_choice import choose, is_group_key
 from elastid.fit.problem.weights import weigh
-from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec
+from elastid.fit.spec import FactorSpec, FitSpec
 from elastid.model.spec import ModelSpec
 from elastid.response import Response
 from elastid.robot import Robot
@@ -288,24 +287,6 @@ def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
             "stiffnesses of the gears",
         )
     return replace(spec, parameters=left)
-
-
-def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
-    """A study's fit with these parameters fixed at their starts, for a model without them."""
-    free = {parameter.name for parameter in choose(spec, robot).free}
-    still = {
-        name: replace(spec.parameters.get(name, ParameterSpec()), fixed=True, tie=None, prior=None, per=None)
-        for name in names
-        if name in free
-    }
-    patterns = spec.parameters or {parameter.name: ParameterSpec() for parameter in choose(spec, robot).free}
-    left = free - still.keys()
-    remaining = {
-        key: each
-        for key, each in patterns.items()
-        if not is_group_key(key) or any(is_match(name, key.partition(SEPARATOR)[0]) for name in left)
-    }
-    return replace(spec, parameters={**remaining, **still})
 
 
 def _factors(factors: Sequence[FactorSpec], names: Sequence[str]) -> tuple[FactorSpec, ...]:

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from plants.measured_robots import responses_of
 from plants.two_axes import ROBOT
 
-from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.model.formulation import EXACT
 from elastid.response import Response
@@ -27,7 +26,6 @@ from elastid.validation.comparison import (
     describe_search,
     divide,
     final_model,
-    held,
     rank,
     refit,
     search,
@@ -160,14 +158,6 @@ def test_failed_fits_are_last_and_their_reason_is_noted(robot: Robot) -> None:
     assert notes["some"] == "1 of 4 fits failed: every start failed"
     assert (notes["slow"], notes["fine"]) == ("not converged", "")
     assert rank(CONFIGURATIONS, variants[:1], [[failed] * 5]).verdict.startswith("No model could be fitted")
-
-
-def test_parameters_that_a_model_lacks_are_fixed_at_their_starts(robot: Robot) -> None:
-    """The others stay free, also without a list of parameters in the study."""
-    for spec in (FitSpec(parameters={"k_*": ParameterSpec()}), FitSpec()):
-        before, after = choose(spec, robot).free_names, choose(held(spec, robot, ["k_2x", "k_9"]), robot).free_names
-        assert set(before) - set(after) == {"k_2x"}
-    assert held(FitSpec(), robot, ["k_9"]).parameters.keys() == {p.name for p in choose(FitSpec(), robot).free}
 
 
 @pytest.fixture(scope="module")
