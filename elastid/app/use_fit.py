@@ -33,14 +33,13 @@ from elastid.store.results import write_loops, write_map, write_map_table, write
 from elastid.study.robots import yaml_text
 from elastid.targets.fmu import write_move_fmu
 from elastid.targets.move import write_move
-from elastid.use.command.moves import read_move
-from elastid.use.command.tune import Given, TunedMove, tune_move
-from elastid.use.compliance import Cut
+from elastid.use.closed_loops import PostureFamily
 from elastid.use.draws import draw_robots, estimated_robot
-from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import Loops, Today, design_loops
-from elastid.use.map import map_workspace
+from elastid.use.loops import Loops, Today, design_loops
+from elastid.use.map import Cut, map_workspace
+from elastid.use.moves import read_move
 from elastid.use.postures import grid_postures, random_postures, read_path
+from elastid.use.tune import Given, TunedMove, tune_move
 
 Vector: TypeAlias = tuple[float, float, float]
 

@@ -7,11 +7,11 @@ import numpy as np
 from elastid.base.display import Display, degrees, number, percent
 from elastid.report.answer import Answer
 from elastid.report.figures.use import SHOWN
-from elastid.use.command.moves import KINDS
-from elastid.use.command.tune import TunedMove
-from elastid.use.loops.result import Loops, LoopState
-from elastid.use.loops.sensitivity import LIMIT_DB
+from elastid.use.closed_loops import LIMIT_DB
+from elastid.use.loops import Loops, LoopState
 from elastid.use.map import WorkspaceMap
+from elastid.use.moves import KINDS
+from elastid.use.tune import TunedMove
 
 # Of the softest postures in a table.
 LISTED = 10

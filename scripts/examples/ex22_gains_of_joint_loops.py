@@ -12,9 +12,8 @@ from __future__ import annotations
 import elastid as ei
 from elastid.robot import Placement
 from elastid.simulation.controller import Gains
-from elastid.use.loops.design import robust
-from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import assess
+from elastid.use.closed_loops import PostureFamily
+from elastid.use.loops import assess, robust
 
 rate_hz, delay = 500.0, 1
 motor = ei.Motor(inertia=2e-3, ratio=100, viscous=1e-3)

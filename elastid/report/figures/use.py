@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from elastid.base.arrays import FloatArray
 from elastid.report.figures import style
 from elastid.report.figures.style import Curve, Panel
-from elastid.use.command.tune import TunedMove
-from elastid.use.loops.result import Loops
-from elastid.use.loops.sensitivity import LIMIT_DB
+from elastid.use.closed_loops import LIMIT_DB
+from elastid.use.loops import Loops
 from elastid.use.map import WorkspaceMap
+from elastid.use.tune import TunedMove
 
 # Unit of a figure and factor, by the SI unit of a quantity.
 SHOWN = {"m/N": ("µm/N", 1e6), "m": ("mm", 1e3), "Hz": ("Hz", 1.0)}

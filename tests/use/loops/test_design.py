@@ -12,10 +12,8 @@ from plants.refusals import refused
 
 from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec
 from elastid.record import Configuration
-from elastid.use.loops.design import Cascade, design, robust, room
-from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import Today, design_loops
-from elastid.use.loops.sensitivity import LIMIT_DB, Scene
+from elastid.use.closed_loops import LIMIT_DB, PostureFamily, Scene
+from elastid.use.loops import Cascade, Today, design, design_loops, robust, room
 
 RATE_HZ = 250.0
 
@@ -56,7 +54,7 @@ def test_the_design_keeps_its_limit_on_postures_and_draws_and_is_at_it(family: P
 def test_todays_loops_keep_their_own_rate(family: PostureFamily, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the rate of the loops that are designed."""
     spec = ControllerSpec(kind="cascade", gains=GainsSpec(4.5, tuple((8.0 * family.inertia[0]).tolist())))
-    monkeypatch.setattr("elastid.use.loops.result.robust", lambda *_: (start(family), None))
+    monkeypatch.setattr("elastid.use.loops.robust", lambda *_: (start(family), None))
     slow = replace(family, rate_hz=100.0)
     loops = design_loops("arm", result(), slow, 1, 0, 1, Today(RATE_HZ, spec))
     assert loops.today is not None
