@@ -291,7 +291,7 @@ def tune(study: Path, **options: Any) -> None:
     help="Robots drawn from the fit, of which 95 % keep the limit.")  # fmt: skip
 @stage_options
 def loops(study: Path, **options: Any) -> None:
-    """Sensitivity of the joint controllers, and gains for the fitted robot: loops.html, loops.csv, a section to paste.
+    """Sensitivity of the joint controllers, and gains for the fitted robot: loops.html, a section to paste.
 
     Of today's controller, as the study states it, sensitivity peak and bandwidths; and gains of position and velocity,
     notches and low passes with the largest bandwidth whose sensitivity stays below 6 dB in all postures of the study,

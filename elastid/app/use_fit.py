@@ -23,7 +23,7 @@ from elastid.fit import posture
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.answer import Answer
-from elastid.report.answers import answer_of_loops, answer_of_map, answer_of_move, gain_rows, unstable
+from elastid.report.answers import answer_of_loops, answer_of_map, answer_of_move, unstable
 from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
 from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.robot import Robot
@@ -191,7 +191,6 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
         files = {
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
             "loops.yml": lambda path: write_text(path, loops_section(loops)),
-            "loops.csv": lambda path: write_rows(path, gain_rows(loops)),
         }
         lost = unstable(loops.today) if loops.today is not None else ()
         warning = (

@@ -15,7 +15,6 @@ from elastid.use.tune import TunedMove
 
 # Of the softest postures in a table.
 LISTED = 10
-_GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")
 
 
 def answer_of_map(m: WorkspaceMap) -> Answer:
@@ -134,13 +133,23 @@ def answer_of_loops(loops: Loops) -> Answer:
     if loops.count:
         kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
         lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures.")
-    rows, bandwidth = gain_rows(loops), designed.bandwidth_hz.min(axis=0)
+    peaks = [
+        (each.name, posture, number(peak, 3), f"{number(low, 3)} to {number(high, 3)}" if loops.count else "–", cause)
+        for each in loops.states
+        for posture, peak, low, high, cause in zip(
+            each.postures, *(part.tolist() for part in (each.peak_db, each.peak_low, each.peak_high)), each.limited_by,
+            strict=True,
+        )
+    ]  # fmt: skip
+    own, notched = loops.gains, np.array(loops.gains.axes, int)
+    columns = own.position_gain, own.velocity_gain, 1 / own.position_gain, own.low_pass_hz
     gains = [
         (
-            str(row[0]), *(number(float(each), 4) for each in row[1:5]),
-            ", ".join(number(float(each), 3) for each in row[5::3] if each != ""), number(float(f_B), 3),
+            joint, *(number(float(column[i]), 4) for column in columns),
+            ", ".join(number(freq_hz, 3) for freq_hz in own.notches[notched == i, 0].tolist()),
+            number(float(designed.bandwidth_hz[:, i].min()), 3),
         )
-        for row, f_B in zip(rows[1:], bandwidth, strict=True)
+        for i, joint in enumerate(loops.joints)
     ]  # fmt: skip
     return Answer(
         f"Joint loops of {loops.name}",
@@ -152,28 +161,15 @@ def answer_of_loops(loops: Loops) -> Answer:
         (
             Display(
                 "Sensitivity", ("controller", "posture", "peak in dB", "95 % of draws", "limited by"),
-                [tuple(row) for row in loops.peak_cells],
+                peaks,
             ),
             Display("Gains", ("axis", "K_p 1/s", "K_v", "T_i s", "low pass Hz", "notches Hz", "bandwidth Hz"), gains),
         ),
         (
-            f"Bands: 95 % of {loops.count} robots drawn from the fit, over all postures. Sensitivity: largest singular "
-            "value, torques of the axes compared by their inertias. Below: the section of a study, link side, SI.",
+            f"Draws: {loops.count} robots drawn from the fit. Sensitivity: largest singular value, torques of the axes "
+            "compared by their inertias. Below: the section of a study, link side, SI.",
         ),
     )  # fmt: skip
-
-
-def gain_rows(loops: Loops) -> list[list[str | float]]:
-    """loops.csv: a row for each axis, link side, SI."""
-    own, axes = loops.gains, np.array(loops.gains.axes, int)
-    notches = [own.notches[axes == i].ravel().tolist() for i in range(len(loops.joints))]
-    most = max(map(len, notches))
-    parts = (f"notch {i // 3 + 1} {('freq_hz', 'width', 'depth')[i % 3]}" for i in range(most))
-    columns = own.position_gain, own.velocity_gain, 1 / own.position_gain, own.low_pass_hz
-    rows: list[list[str | float]] = [["joint", *_GAINS, *parts]]
-    for joint, numbers, further in zip(loops.joints, np.transpose(columns).tolist(), notches, strict=True):
-        rows.append([joint, *numbers, *further, *[""] * (most - len(further))])
-    return rows
 
 
 def unstable(state: LoopState) -> list[str]:

@@ -173,19 +173,12 @@ def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[Fl
     system = state_space(linear, theta)
     n, n_u = system.B.shape
     samples, part = divmod(max(system.delay, 0.0) * rate_hz, 1.0)
-
-    def over(share: float) -> tuple[FloatArray, FloatArray]:
-        wide = np.zeros((n + n_u, n + n_u))
-        wide[:n] = np.hstack([system.A, system.B])
-        moved = expm(wide * share / rate_hz)
-        return moved[:n, :n], moved[:n, n:]
-
-    A, B = over(1.0)
+    wide = np.zeros((n + n_u, n + n_u))
+    wide[:n] = np.hstack([system.A, system.B])
+    (A, B), (_, now) = (np.split(expm(wide * share / rate_hz)[:n], [n], axis=1) for share in (1.0, 1 - part))
     C = system.C
     if part > 0:  # u_(k - 1) acts for the first part of the sample
-        end, now = over(1 - part)
-        before = end @ over(part)[1]
-        A, B, C = _with_input_states(A, before, now, C)
+        A, B, C = _with_input_states(A, B - now, now, C)
     for _ in range(int(samples)):
         A, B, C = _with_input_states(A, B, np.zeros_like(B), C)
     return A, B, C
@@ -287,11 +280,6 @@ class Closed:
     def bandwidth_hz(self) -> FloatArray:
         """Bandwidth of each axis (N, n_u)."""
         return bandwidths(self.E, self.scene.freq_hz)
-
-    @property
-    def reached(self) -> float:
-        """Mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""
-        return float(np.log(self.bandwidth_hz.min(axis=0)).mean())
 
 
 def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:

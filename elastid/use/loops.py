@@ -39,7 +39,6 @@ import numpy as np
 from scipy.optimize import minimize
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
-from elastid.base.display import number
 from elastid.base.errors import FitError
 from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
 from elastid.fit.result import Result
@@ -63,6 +62,7 @@ CORNER = 0.4  # largest of a low pass over the rate
 MAX_NOTCHES = 2  # of an axis
 _BANDS = 10  # parts of the grid whose peaks are limited each by itself
 _ROUNDS, _STEPS, _REACH = 8, 12, 0.5  # of the search: each within e^0.5 of where it starts
+_NEAR, _MOVED = 1 / 3, 5e-3  # of a frequency within which, and of the motor's motion by which, a mode makes a peak
 _SLOWER, _SLOWEST = 0.98, 200  # factor and most steps of slowing down
 
 
@@ -145,6 +145,10 @@ class Cascade:
         """The loops that it closes."""
         return scene.closed(self.gains, self.filters(scene.plants.rate_hz))
 
+    def reached(self, scene: Scene) -> float:
+        """Mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""
+        return float(np.log(self.on(scene).bandwidth_hz.min(axis=0)).mean())
+
     def to_spec(self, joints: Sequence[str]) -> ControllerSpec:
         """Controller as a study has it, to six digits."""
 
@@ -191,12 +195,8 @@ def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]
 
 def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:
     """Better and better controllers that keep the limit on all plants; FitError where no gain does."""
-
-    def reached(own: Cascade) -> float:
-        return own.on(scene).reached
-
     kept = [own for own in rules(scene.plants, first_mode_hz, delay) if _keeps(scene, own, limit_db)]
-    best = max(kept, key=reached, default=None)
+    best = max(kept, key=lambda own: own.reached(scene), default=None)
     if best is None:
         raise FitError(
             "use/gains",
@@ -208,9 +208,9 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
     yield best
     for _ in range(MAX_NOTCHES * len(best.velocity_gain)):
         tried = [searched(scene, own, limit_db, rounds=2) for own in _with_notch(scene, best)]
-        start = max(filter(None, tried), key=reached, default=best)
+        start = max(filter(None, tried), key=lambda own: own.reached(scene), default=best)
         gained = searched(scene, start, limit_db) or best
-        if reached(gained) < reached(best) + 0.02:  # a notch is kept for 2 % of bandwidth
+        if gained.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
             return
         best = gained
         yield best
@@ -244,7 +244,6 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
     best, reach = slowed(start, is_kept), _REACH
     if best is None:
         return None
-    reached = best.on(scene).reached
     for _ in range(rounds):
         low, high = best.bounds(reach, scene.plants.rate_hz)
         solved = minimize(
@@ -255,11 +254,9 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
             },
         )  # fmt: skip
         found = slowed(best.at(np.clip(solved.x, low, high)), is_kept, 20) if np.isfinite(solved.x).all() else None
-        gained = -np.inf if found is None else found.on(scene).reached - reached
-        if found is not None and gained > 0:
-            best, reached = found, reached + gained
-        if gained < 0.005:
-            reach /= 3
+        gained = -np.inf if found is None else found.reached(scene) - best.reached(scene)
+        best = found if found is not None and gained > 0 else best
+        reach /= 3 if gained < 0.005 else 1
         if reach < 0.05:
             break
     return best
@@ -286,8 +283,8 @@ def room(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, Floa
     return left_db, np.asarray(-20 / np.log(10) * moved)
 
 
-def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> tuple[Cascade, FloatArray]:
-    """The design that keeps the limit on the estimate and on 95 % of D draws, and M_S of these in dB (D,).
+def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:
+    """The design that keeps the limit on the estimate and on 95 % of D draws.
 
     draws: D times as many plants as the estimate has, or none.  FitError where no gains do.
     """
@@ -295,14 +292,13 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
     fine = Scene.of(estimate, lines=600, per_mode=41)
     drawn = None if draws is None else Scene.of(draws, lines=120, per_mode=9)
 
-    def peaks(own: Cascade) -> FloatArray:
-        return np.zeros(0) if drawn is None else own.on(drawn).peaks_db.reshape(-1, Q).max(axis=1)
-
     def excess(own: Cascade) -> float:
         """dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
-        # 95 % of the draws keep the limit.
-        of_draws = float(np.quantile(peaks(own), 0.95, method="higher")) if drawn else -np.inf
-        return max(float(own.on(fine).peaks_db.max()), of_draws) - LIMIT_DB
+        peaks = [float(own.on(fine).peaks_db.max())]
+        if drawn is not None:
+            of_draws = own.on(drawn).peaks_db.reshape(-1, Q).max(axis=1)
+            peaks.append(float(np.quantile(of_draws, 0.95, method="higher")))
+        return max(peaks) - LIMIT_DB
 
     tried: list[Cascade] = []
     for turn in range(3):  # designs with limits that are lowered by what the draws exceed
@@ -317,11 +313,7 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
         raise FitError(
             "use/gains", "no gains keep the sensitivity below 6 dB on 95 % of the draws: the fit knows too little"
         )
-    best = max(kept, key=lambda own: own.on(scene).reached)
-    return best, peaks(best)
-
-
-_NEAR, _MOVED = 1 / 3, 5e-3  # of a frequency within which, and of the motor's motion by which, a mode makes a peak
+    return max(kept, key=lambda own: own.reached(scene))
 
 
 @frozen_value
@@ -329,7 +321,7 @@ class LoopState:
     """A controller in Q postures of n_u axes, with the ends of 95 % of the draws (NaN without draws).
 
     peak_db (Q,): M_S, infinite where a loop is unstable.  limited_by (Q,): what makes it.  bandwidth_hz (Q, n_u).
-    drawn_peaks_db (D,): of each draw over all postures.  freq_hz (K,), sensitivity_db (Q, K): of a figure.
+    drawn_peaks_db (D,): of each draw over all postures.  freq_hz, sensitivity_db (Q, K): of a figure.
     """
 
     name: str
@@ -341,44 +333,28 @@ class LoopState:
     limited_by: tuple[str, ...] = labelled("cause of the peak", axes="postures")
     bandwidth_hz: FloatArray = labelled("bandwidth of each axis", "Hz", "postures axes")
     drawn_peaks_db: FloatArray = labelled("sensitivity peak of each draw over all postures", "dB", "draw")
-    freq_hz: FloatArray = labelled("frequency", "Hz")
-    sensitivity_db: FloatArray = labelled("largest sensitivity", "dB", "postures freq_hz")
-    sensitivity_low: FloatArray = labelled("lower end of 95 % of draws", "dB", "postures freq_hz")
-    sensitivity_high: FloatArray = labelled("upper end of 95 % of draws", "dB", "postures freq_hz")
+    freq_hz: FloatArray = labelled("frequency", "Hz", "postures line")
+    sensitivity_db: FloatArray = labelled("largest sensitivity", "dB", "postures line")
 
 
 def assess(name: str, family: PostureFamily, drawn: Plants | None, gains: Gains, filters: Filters | None) -> LoopState:
     """A controller of gains (n_u,) or (Q, n_u) in the Q postures of a family; drawn: D times as many plants."""
     plants, axes = family.estimate, family.axes
     own = Scene.of(plants, 600, 41).closed(gains, filters)
-    ends = own.scene.freq_hz[:, 0].max(), own.scene.freq_hz[:, -1].min()
-    freq_hz = np.geomspace(*ends, 240)  # lines of the curves that are kept
     causes = tuple("; ".join(_causes(own, q, modes, axes)) for q, modes in enumerate(family.modes))
-    peaks, S_db, bandwidth = own.peaks_db, _shown(own, freq_hz), own.bandwidth_hz
-    peak_ends, drawn_peaks, S_ends = np.full((2, *peaks.shape), np.nan), np.zeros(0), np.full((2, *S_db.shape), np.nan)
+    peaks, bandwidth = own.peaks_db, own.bandwidth_hz
+    ends, drawn_peaks = np.full((2, *peaks.shape), np.nan), np.zeros(0)
     if drawn is not None:
         D = len(drawn) // len(plants)
         tiled = (np.tile(np.broadcast_to(part, bandwidth.shape), (D, 1)) for part in (gains.kp, gains.kd, gains.ki))
-        robots = Scene.of(drawn, 120, 9).closed(Gains(*tiled), filters)
-        of_draws = robots.peaks_db
-        peak_ends, drawn_peaks = _ends(of_draws, D), of_draws.reshape(D, -1).max(axis=1)
-        S_ends = _ends(_shown(robots, freq_hz), D)
+        of_draws = Scene.of(drawn, 120, 9).closed(Gains(*tiled), filters).peaks_db.reshape(D, -1)
+        # Sorted: quantiles of infinities would be NaN.
+        ends = np.sort(of_draws, axis=0)[[int(0.025 * (D - 1)), int(np.ceil(0.975 * (D - 1)))]]
+        drawn_peaks = of_draws.max(axis=1)
+    size_db = 20 * np.log10(own.size)
     return LoopState(
-        name, family.names, axes, peaks, peak_ends[0], peak_ends[1], causes, bandwidth, drawn_peaks,
-        freq_hz, S_db, S_ends[0], S_ends[1],
-    )  # fmt: skip
-
-
-def _shown(loops: Closed, freq_hz: FloatArray) -> FloatArray:
-    """Largest sensitivity (N, K) in dB at lines freq_hz (K,)."""
-    pairs = zip(loops.scene.freq_hz, 20 * np.log10(loops.size), strict=True)
-    return np.array([np.interp(np.log(freq_hz), np.log(f), size) for f, size in pairs])
-
-
-def _ends(values: FloatArray, D: int) -> FloatArray:
-    """Quantiles (2, Q, ...) of values (D Q, ...) over the draws, which are there with infinities."""
-    sorted_ = np.sort(values.reshape(D, -1, *values.shape[1:]), axis=0)
-    return sorted_[[int(0.025 * (D - 1)), int(np.ceil(0.975 * (D - 1)))]]
+        name, family.names, axes, peaks, ends[0], ends[1], causes, bandwidth, drawn_peaks, own.scene.freq_hz, size_db
+    )
 
 
 def _causes(own: Closed, q: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> Iterator[str]:
@@ -428,16 +404,6 @@ class Loops:
         """Today's controller where it is known, and the designed one."""
         return tuple(state for state in (self.today, self.designed) if state is not None)
 
-    @property
-    def peak_cells(self) -> list[list[str]]:
-        """Controller, posture, peak in dB, 95 % and cause of each posture of each controller."""
-        rows = []
-        for own in self.states:
-            columns = zip(own.postures, own.peak_db, own.peak_low, own.peak_high, own.limited_by, strict=True)
-            for posture, peak, low, high, cause in columns:
-                rows.append([own.name, posture, _cell(peak), _range(low, high), cause])
-        return rows
-
 
 @dataclass(frozen=True)
 class Today:
@@ -465,22 +431,11 @@ def design_loops(
     def drawn_of(family: PostureFamily) -> Plants | None:
         return family.draws(result, draws, seed) if draws else None
 
-    drawn, state = drawn_of(family), None
+    state = None
     if today is not None:
-        is_other = today.rate_hz != family.rate_hz
-        own = replace(family, rate_hz=today.rate_hz) if is_other else family
-        state = today.state(own, drawn_of(own) if is_other else drawn)
-    plants, first_hz = family.estimate, min(mode.freq_hz for own in family.modes for mode in own)
-    found, _ = robust(plants, drawn, first_hz, delay_samples)
-    spec, model = found.to_spec(family.axes), family.family.model
-    gains, filters = gains_of(model, np.zeros(model.n_q), spec), filters_of(family.axes, spec, family.rate_hz)
-    designed = assess(DESIGNED, family, drawn, gains, filters)
+        own = replace(family, rate_hz=today.rate_hz)
+        state = today.state(own, drawn_of(own))
+    drawn, first_hz = drawn_of(family), min(mode.freq_hz for own in family.modes for mode in own)
+    found = robust(family.estimate, drawn, first_hz, delay_samples)
+    designed = assess(DESIGNED, family, drawn, found.gains, found.filters(family.rate_hz))
     return Loops(name, family.axes, family.rate_hz, draws, state, designed, found)
-
-
-def _cell(peak: float) -> str:
-    return number(float(peak), 3) if np.isfinite(peak) else "unstable"
-
-
-def _range(low: float, high: float) -> str:
-    return f"{number(float(low), 3)} to {number(float(high), 3)}" if np.isfinite(low + high) else ""
