@@ -285,7 +285,7 @@ def tune(study: Path, **options: Any) -> None:
 @cli.command()
 @study_argument
 @click.option("--rate", "rate_hz", type=RATE, metavar="HZ", help="Of the controller (default: the study's).")
-@click.option("--delay", type=click.IntRange(min=0), metavar="N",
+@click.option("--delay", type=click.IntRange(0, 20), metavar="N",
     help="Samples from reading to torque (default: the study's, else 0).")  # fmt: skip
 @click.option("--draws", type=click.IntRange(0, 5000), default=200, show_default=True, metavar="N",
     help="Robots drawn from the fit, of which 95 % keep the limit.")  # fmt: skip

@@ -18,12 +18,11 @@ from elastid.app.stages.fit import current_fit, warn_of_distrust
 from elastid.base.errors import StudyError
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
-from elastid.experiment.specs.simulated import MAX_DELAY_SAMPLES
 from elastid.fit import posture
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.answer import Answer
-from elastid.report.answers import answer_of_loops, answer_of_map, answer_of_move, unstable
+from elastid.report.answers import answer_of_loops, answer_of_map, answer_of_move
 from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
 from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.robot import Robot
@@ -52,7 +51,6 @@ class Used:
     files: Mapping[str, Callable[[Path], Any]]
     figure: Callable[[], Figure]
     data: str = ""
-    warnings: tuple[str, ...] = ()
 
 
 def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
@@ -69,8 +67,6 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
             run.console.detail(table.text)
         for sentence in (*used.answer.sentences, ", ".join(str(run.folder / each) for each in names)):
             run.console.say(f"{name}: {sentence}")
-        for words in used.warnings:
-            run.console.warn(f"{name}: {words}")
         warn_of_distrust(run, name, result)
 
 
@@ -130,8 +126,9 @@ def tune_study(
             "tune.csv": lambda path: write_table(path, tuned),
             "tune": lambda _: (write_move(folder, tuned), write_move_fmu(folder, given.identified, tuned)),
         }
-        warnings = (tuned.advice,) if tuned.advice else ()
-        return Used(answer_of_move(tuned), files, partial(move_figure, tuned), warnings=warnings)
+        if tuned.advice:
+            run.console.warn(f"tune: {tuned.advice}")
+        return Used(answer_of_move(tuned), files, partial(move_figure, tuned))
 
     use_fit(run, "tune", work)
 
@@ -173,8 +170,6 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
 
     rate_hz, delay: None for those of the study.
     """
-    if delay is not None and delay > MAX_DELAY_SAMPLES:
-        raise StudyError("options/invalid", f"a controller answers within {MAX_DELAY_SAMPLES} samples", "--delay")
     own_hz = _own_rate(run)
     hz = rate_hz or own_hz
     if hz is None:
@@ -192,13 +187,8 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
             "loops.yml": lambda path: write_text(path, loops_section(loops)),
         }
-        lost = unstable(loops.today) if loops.today is not None else ()
-        warning = (
-            f"today's controller is unstable at {own_hz or hz:g} Hz in posture {', '.join(lost)}; take the gains of "
-            f"{run.folder / 'loops.yml'}"
-        )
         answer, figure = replace(answer_of_loops(loops), text=loops_section(loops)), partial(loops_figure, loops)
-        return Used(answer, files, figure, warnings=(warning,) if lost else ())
+        return Used(answer, files, figure)
 
     use_fit(run, "loops", work)
 
@@ -212,18 +202,12 @@ def _own_rate(run: Run) -> float | None:
 
 
 def _today(run: Run, rate_hz: float) -> Today | None:
-    """Controller that the study states; a warning where it states none."""
+    """Controller that the study states; None where it states none."""
     experiment = run.study.experiment
     if experiment.simulated is not None:
         return Today(rate_hz, experiment.simulated.controller)
     spec = None if experiment.recorded is None else experiment.recorded.controller
-    if spec is None:
-        run.console.warn(
-            "experiment.recorded.controller: the study states none, so that today's loops are not known; gains are "
-            "designed all the same"
-        )
-        return None
-    return Today(rate_hz, spec.spec)
+    return None if spec is None else Today(rate_hz, spec.spec)
 
 
 def loops_section(loops: Loops) -> str:

@@ -172,14 +172,9 @@ def answer_of_loops(loops: Loops) -> Answer:
     )  # fmt: skip
 
 
-def unstable(state: LoopState) -> list[str]:
-    """The postures in which a loop is unstable."""
-    return [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]
-
-
 def _state_words(state: LoopState) -> str:
     """Stability, bandwidths and peak over all postures."""
-    if lost := unstable(state):
+    if lost := [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]:
         return f"unstable in posture {', '.join(lost)}"
     least = state.bandwidth_hz.min(axis=0)
     each = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))

@@ -34,7 +34,7 @@ def test_a_fitted_study_gets_loops(fitted_arm: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--delay", "21"), "answers within 20 samples"),
+        (("--delay", "21"), "--delay"),
         (("--rate", "0"), "--rate"),
         (("--rate", "nan"), "--rate"),
         (("--draws", "-1"), "--draws"),
