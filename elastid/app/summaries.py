@@ -295,25 +295,18 @@ def _tolerated(result: Result) -> dict[str, dict[str, Any]]:
 def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[dict[str, Any]] | None:
     """The section `friction` of summary.json, an entry a motor; None where the study asked for none.
 
-    Torques in the motor's unit on the link side, thresholds in rad (m) there, of a sign in rad/s (m/s).  before, after:
-    amplitude of the torque that no response explains, by configuration.  coulomb: F_c on the motor side, as the robot's
-    file has it under `motor`.
+    Torques in the motor's unit on the link side.  before, after: amplitude of the torque that no response explains, by
+    configuration.  coulomb: F_c on the motor side, as the robot's file has it under `motor`.
     """
     if friction is None:
         return None
     ratio = {f"motor {j.name}": abs(j.motor.ratio) for j in robot.driven if j.motor is not None}
-    fitted = list(zip(friction.shapes, friction.levels.tolist(), friction.std.tolist(), strict=True))
     return [
         {
             "motor": row.place,
             "taken_out": row.level is not None,
             **section(row, "F_c=level std interval95=interval unit"),
             "coulomb": None if row.level is None else row.level / ratio[row.place],
-            "shapes": [
-                section(shape, "kind threshold") | {"level": level, "std": std}
-                for shape, level, std in fitted
-                if shape.place == row.place and level > 0
-            ],
             "before": dict(zip(friction.configurations, friction.before[:, i].tolist(), strict=True)),
             "after": dict(zip(friction.configurations, friction.after[:, i].tolist(), strict=True)),
             "kept_share": row.kept_share,

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from plants.artefacts import some_fit
-from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
+from plants.taken_friction import STDS, taken_friction
 
 from elastid.app.summaries import summary
 from elastid.base.statistics import QUANTILE_95
@@ -41,9 +41,5 @@ def test_the_summary_has_levels_shapes_and_what_they_explain() -> None:
     assert first["interval95"] == pytest.approx([4.5 - QUANTILE_95 * std, 4.5 + QUANTILE_95 * std])
     assert first["coulomb"] == pytest.approx(4.5 / 50)
     assert second["coulomb"] is None
-    assert first["shapes"] == [
-        {"kind": "sign", "threshold": 0.0, "level": LEVELS[0], "std": pytest.approx(STDS[0])},
-        {"kind": "stop", "threshold": THRESHOLD, "level": LEVELS[1], "std": pytest.approx(STDS[1])},
-    ]
     assert (first["before"], first["after"]) == ({"c1": 0.41, "c2": 0.43}, {"c1": 0.11, "c2": 0.13})
-    assert (second["taken_out"], second["F_c"], second["shapes"]) == (False, None, [])
+    assert (second["taken_out"], second["F_c"]) == (False, None)
