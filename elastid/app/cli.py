@@ -217,9 +217,9 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
     Of friction, with the rigid body, or of elasticity: the torque that each part of the model explains and leaves, by
     axis and octave, and the motion of the robot simulated along the logs. The logs are those of STUDY, or those given.
     """
-    from elastid.app import predict as predicting
+    from elastid.app import use_fit
 
-    predicting.predict(run_of(study, predicting.on_logs(study, logs, options)), source)
+    use_fit.predict(run_of(study, use_fit.on_logs(study, logs, options)), source)
 
 
 @cli.command(name="map")
