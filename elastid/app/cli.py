@@ -216,9 +216,9 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
     Of friction, with the rigid body, or of elasticity: the torque that each part of the model explains and leaves, by
     axis and octave, and the motion of the robot simulated along the logs. The logs are those of STUDY, or those given.
     """
-    from elastid.app import predict as predicting
+    from elastid.app import use_fit
 
-    predicting.predict(run_of(study, predicting.on_logs(study, logs, options)), source)
+    use_fit.predict(run_of(study, use_fit.on_logs(study, logs, options)), source)
 
 
 @cli.command(name="map")
@@ -284,13 +284,13 @@ def tune(study: Path, **options: Any) -> None:
 @cli.command()
 @study_argument
 @click.option("--rate", "rate_hz", type=RATE, metavar="HZ", help="Of the controller (default: the study's).")
-@click.option("--delay", type=click.IntRange(min=0), metavar="N",
+@click.option("--delay", type=click.IntRange(0, 20), metavar="N",
     help="Samples from reading to torque (default: the study's, else 0).")  # fmt: skip
 @click.option("--draws", type=click.IntRange(0, 5000), default=200, show_default=True, metavar="N",
     help="Robots drawn from the fit, of which 95 % keep the limit.")  # fmt: skip
 @stage_options
 def loops(study: Path, **options: Any) -> None:
-    """Sensitivity of the joint controllers, and gains for the fitted robot: loops.html, loops.csv, a section to paste.
+    """Sensitivity of the joint controllers, and gains for the fitted robot: loops.html, a section to paste.
 
     Of today's controller, as the study states it, sensitivity peak and bandwidths; and gains of position and velocity,
     notches and low passes with the largest bandwidth whose sensitivity stays below 6 dB in all postures of the study,

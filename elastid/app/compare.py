@@ -248,7 +248,7 @@ def _fitted(
     made: dict[Elastic, ComparedVariant] = {}
     cannot: _Fits = {}
     for model in models:
-        name = _model_name(run.study, coordinates, start, model)
+        name = run.study.name if len(model) == len(coordinates) else f"{', '.join(model) or 'nothing'} elastic"
         rigid = tuple(coordinate for label, coordinate in coordinates.items() if label not in model)
         try:
             made[model] = variant(run.loaded, VariantSpec(name, rigid=rigid))
@@ -259,15 +259,6 @@ def _fitted(
             cannot[model] = own, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
     fits = refitted(run, list(made.values()), responses)
     return dict(zip(made, zip(made.values(), fits, strict=True), strict=True)) | cannot
-
-
-def _model_name(study: Study, coordinates: Mapping[str, str], start: Elastic, model: Elastic) -> str:
-    """The elastic coordinates of a model beyond the gears, and the gears that are rigid."""
-    if len(model) == len(coordinates):
-        return study.name
-    further, rigid = [c for c in model if c not in start], [c for c in start if c not in model]
-    words = [f"{', '.join(further)} elastic"] if further else ["driven joints alone"]
-    return ", ".join([*words, *([f"{', '.join(rigid)} rigid"] if rigid else [])])
 
 
 def _errors(trial: Trial) -> str:

@@ -78,8 +78,6 @@ def _rise(start: NDArray[Any]) -> str:
 
 
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest", "")
-# Files of a run folder that hold no signals.
-_WITHOUT_SIGNALS = (".html", ".png", ".svg", ".yml")
 _OBJECTS = (
     "timetables, timeseries and Simulink outputs are objects, which cannot be read outside MATLAB; save their "
     "arrays: t = seconds(T.Time); x = T.Variables; save('log.mat', 't', 'x', '-v7')"
@@ -105,8 +103,6 @@ def _lines(path: Path) -> list[str]:
         return [described_artefact(path)]
     if path.suffix.lower() == ".json":
         return [f"{path}:", *_json_lines(path)]
-    if path.suffix.lower() in _WITHOUT_SIGNALS and is_as_written(path):
-        return [f"{path}: written by elastid, and unchanged since"]
     responses, lines = contents_of(path), []
     if responses:
         lines = [f"{path}: {len(responses)} frequency responses; list the file under experiment.responses.files"]

@@ -259,7 +259,7 @@ class Session:
         step, problem, logs = len(before) + 1, self._at(result), self.folder.path / "logs"
         logs.mkdir(exist_ok=True)
         missing = [run for run in plan.experiments if self.folder.log(run) is None]
-        if not missing and any(run.is_current("fit") for run in self._runs([*before, plan])):
+        if not missing and self._run([*before, plan]).is_current("fit"):
             return  # they were checked before that
         with self._execution(f"rehearsal of x{step}") as execution:
             rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
@@ -296,26 +296,19 @@ class Session:
             last = size
             time.sleep(POLL_S)
 
-    def _runs(self, plans: Sequence[Plan]) -> Iterator[Run]:
-        """Runs of all logs so far, from one start of the fit and, since that may end in a false valley, from all."""
+    def _run(self, plans: Sequence[Plan]) -> Run:
+        """The run of all logs so far."""
         study = self.folder.write_study(study_data(self.run.loaded.path, self.run.loaded.overrides), plans)
-        for starts in dict.fromkeys((1, self.problem.fit.starts)):
-            loaded = load(study, (f"fit.starts={starts}", "fit.profile=[]", "fit.bootstrap=0"))
-            yield replace(self.run, loaded=loaded, folder=self.folder.results(len(plans)))
+        loaded = load(study, ("fit.profile=[]", "fit.bootstrap=0"))
+        return replace(self.run, loaded=loaded, folder=self.folder.results(len(plans)))
 
     def _fitted(self, plans: Sequence[Plan]) -> Result:
         """The fit of all logs so far, kept until one of them changes."""
-        for run in self._runs(plans):
-            if run.is_current("fit"):
-                return read_fit(run.path("fit"))
-        for run in self._runs(plans):
-            for name in ("measure", "estimate", "fit"):
-                if not run.is_current(name):
-                    carry_out(run, name)
-            result = read_fit(run.path("fit"))
-            if result.status in TRUSTED:
-                break
-        return result
+        run = self._run(plans)
+        for name in ("measure", "estimate", "fit"):
+            if not run.is_current(name):
+                carry_out(run, name)
+        return read_fit(run.path("fit"))
 
     def worst(self, used: Mapping[str, float]) -> str:
         """The parameter that uses most of the goal, in words."""

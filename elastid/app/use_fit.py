@@ -1,8 +1,14 @@
-"""Commands that use a fit, by one runner: read it, compute, write h5, csv, page and figure, and say the answer."""
+"""Commands that use a fit, by one runner: read it, compute, write h5, csv, page and figure, and say the answer.
+
+predict: the numbers that one study has identified, judged on the logs of another: prediction.json and a figure. Of a
+study of friction these are rigid body and friction; of a study of elasticity the fitted robot, whose responses, torques
+and motion are compared with those of the logs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,35 +18,45 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.app.export import gears_of
-from elastid.app.identified_robot import with_findings
-from elastid.app.run import Run, logged_in
+from elastid.app.identified_robot import with_findings, with_identified_friction
+from elastid.app.run import Run, carry_out, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
+from elastid.app.stages.validate import Validated, in_time
+from elastid.app.summaries import prediction_summary, validation_summary
 from elastid.base.errors import StudyError
+from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
-from elastid.experiment.specs.simulated import MAX_DELAY_SAMPLES
 from elastid.fit import posture
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.answer import Answer
-from elastid.report.answers import answer_of_loops, answer_of_map, answer_of_move, gain_rows, unstable
+from elastid.report.answers import answer_of_loops, answer_of_map, answer_of_move
+from elastid.report.figures.fit import octaves_figure
 from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
 from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.robot import Robot
 from elastid.store.files import keep_checksums, write_rows, write_text
-from elastid.store.measured import read_friction
-from elastid.store.results import write_loops, write_map, write_map_table, write_tune
+from elastid.store.friction_study import read_friction_records, read_friction_result
+from elastid.store.measured import read_friction, read_responses
+from elastid.store.results import read_fit, read_gears, write_loops, write_map, write_map_table, write_tune
+from elastid.store.values import json_value
 from elastid.study.robots import yaml_text
+from elastid.study.source import read_source
 from elastid.targets.fmu import write_move_fmu
 from elastid.targets.move import write_move
-from elastid.use.command.moves import read_move
-from elastid.use.command.tune import Given, TunedMove, tune_move
-from elastid.use.compliance import Cut
+from elastid.use.closed_loops import PostureFamily
 from elastid.use.draws import draw_robots, estimated_robot
-from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import Loops, Today, design_loops
-from elastid.use.map import map_workspace
+from elastid.use.loops import Loops, Today, design_loops
+from elastid.use.map import Cut, map_workspace
+from elastid.use.moves import read_move
 from elastid.use.postures import grid_postures, random_postures, read_path
+from elastid.use.tune import Given, TunedMove, tune_move
+from elastid.validation.agreement import validate
+from elastid.validation.friction_twin import predict_logs
+from elastid.validation.spec import ValidationSpec
+from elastid.validation.twin import TwinFindings
 
 Vector: TypeAlias = tuple[float, float, float]
 
@@ -53,7 +69,6 @@ class Used:
     files: Mapping[str, Callable[[Path], Any]]
     figure: Callable[[], Figure]
     data: str = ""
-    warnings: tuple[str, ...] = ()
 
 
 def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
@@ -70,8 +85,6 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
             run.console.detail(table.text)
         for sentence in (*used.answer.sentences, ", ".join(str(run.folder / each) for each in names)):
             run.console.say(f"{name}: {sentence}")
-        for words in used.warnings:
-            run.console.warn(f"{name}: {words}")
         warn_of_distrust(run, name, result)
 
 
@@ -131,8 +144,9 @@ def tune_study(
             "tune.csv": lambda path: write_table(path, tuned),
             "tune": lambda _: (write_move(folder, tuned), write_move_fmu(folder, given.identified, tuned)),
         }
-        warnings = (tuned.advice,) if tuned.advice else ()
-        return Used(answer_of_move(tuned), files, partial(move_figure, tuned), warnings=warnings)
+        if tuned.advice:
+            run.console.warn(f"tune: {tuned.advice}")
+        return Used(answer_of_move(tuned), files, partial(move_figure, tuned))
 
     use_fit(run, "tune", work)
 
@@ -174,8 +188,6 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
 
     rate_hz, delay: None for those of the study.
     """
-    if delay is not None and delay > MAX_DELAY_SAMPLES:
-        raise StudyError("options/invalid", f"a controller answers within {MAX_DELAY_SAMPLES} samples", "--delay")
     own_hz = _own_rate(run)
     hz = rate_hz or own_hz
     if hz is None:
@@ -192,15 +204,9 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
         files = {
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
             "loops.yml": lambda path: write_text(path, loops_section(loops)),
-            "loops.csv": lambda path: write_rows(path, gain_rows(loops)),
         }
-        lost = unstable(loops.today) if loops.today is not None else ()
-        warning = (
-            f"today's controller is unstable at {own_hz or hz:g} Hz in posture {', '.join(lost)}; take the gains of "
-            f"{run.folder / 'loops.yml'}"
-        )
         answer, figure = replace(answer_of_loops(loops), text=loops_section(loops)), partial(loops_figure, loops)
-        return Used(answer, files, figure, warnings=(warning,) if lost else ())
+        return Used(answer, files, figure)
 
     use_fit(run, "loops", work)
 
@@ -214,18 +220,12 @@ def _own_rate(run: Run) -> float | None:
 
 
 def _today(run: Run, rate_hz: float) -> Today | None:
-    """Controller that the study states; a warning where it states none."""
+    """Controller that the study states; None where it states none."""
     experiment = run.study.experiment
     if experiment.simulated is not None:
         return Today(rate_hz, experiment.simulated.controller)
     spec = None if experiment.recorded is None else experiment.recorded.controller
-    if spec is None:
-        run.console.warn(
-            "experiment.recorded.controller: the study states none, so that today's loops are not known; gains are "
-            "designed all the same"
-        )
-        return None
-    return Today(rate_hz, spec.spec)
+    return None if spec is None else Today(rate_hz, spec.spec)
 
 
 def loops_section(loops: Loops) -> str:
@@ -235,3 +235,111 @@ def loops_section(loops: Loops) -> str:
         "experiment.simulated.controller of a study whose excitation.rate_hz is that rate.",
     )
     return yaml_text({"controller": loops.controller}, head)
+
+
+# Keys of a file of a study that are of that file alone, and not of another log with the same channels.
+_OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")
+
+
+def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of the command line under which a study has these logs in place of its own, and another run folder.
+
+    A log has the other keys (configuration, realisation ...) of the file that it stands in for, the last of the first.
+    """
+    if not logs:
+        return dict(options)
+    data = read_source(study, str(study)).data or {}
+    recorded = (data.get("experiment") or {}).get("recorded") or {}
+    if not recorded:
+        raise StudyError(
+            "predict/mismatch", "--log takes the channels of experiment.recorded, which the study has not", study
+        )
+    files = recorded.get("files") or [{}]
+    entries = [
+        {key: value for key, value in files[min(i, len(files) - 1)].items() if key not in _OF_ONE_LOG}
+        | {"path": str(log.absolute())}
+        for i, log in enumerate(logs)
+    ]
+    overrides = [f"experiment.recorded.files={json.dumps(entries)}"]
+    if (data.get("validation") or {}).get("left_out") and "friction" in data:
+        overrides.append("validation.left_out=[]")
+    folder = options["folder"] or Path("runs") / f"{data.get('name', 'study')}_{logs[0].stem}"
+    return {**options, "overrides": (*options["overrides"], *overrides), "folder": folder}
+
+
+def predict(run: Run, source: Path) -> None:
+    """prediction.json and prediction.png: the logs of a study judged by the numbers of `source`.
+
+    source: a friction.h5 or fit.h5, or the folder that holds it.  Stages that read the logs are run where they are out
+    of date.  StudyError for a study of the other kind, and where nothing can be predicted.
+    """
+    of_friction = run.study.friction is not None
+    path = _result_of(run, source, "friction.h5" if of_friction else "fit.h5")
+    with logged_in(run.folder, run.jobs, run.console):
+        for name in ("design", "measure", *(() if of_friction else ("estimate",))):
+            if name in run.stages and not run.is_current(name):
+                carry_out(run, name)
+        judged, content, words = (_friction if of_friction else _elasticity)(run, path)
+        write_text(run.folder / "prediction.json", json.dumps(json_value(content), indent=1, allow_nan=False) + "\n")
+        if judged.balances:
+            octaves_figure(judged.balances).savefig(run.folder / "prediction.png")
+        keep_checksums(run.folder, ["prediction.json"])
+        for each in (*words, str(run.folder / "prediction.json")):
+            run.console.say(f"predict: {each}")
+
+
+def _result_of(run: Run, source: Path, name: str) -> Path:
+    path = source / name if source.is_dir() else source
+    if not path.is_file():
+        kind = "friction" if run.study.friction is not None else "elasticity"
+        raise StudyError(
+            "files/missing",
+            f"{path.name} is not there; the study identifies {kind}: name the run folder of another study of {kind}",
+            f"--with {source}",
+        )
+    if path.resolve().parent == run.folder.resolve() and not run.is_current(name.removesuffix(".h5")):
+        raise StudyError(
+            "options/invalid",
+            "its own run folder, where other logs would replace its own; give --run",
+            f"--with {source}",
+        )
+    run.study.as_robot()
+    return path
+
+
+def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
+    result, measured = read_friction_result(path), read_friction_records(run.path("measure"))
+    recorded = run.study.experiment.recorded
+    robot, controller = run.study.as_robot(), None if recorded is None else recorded.controller
+    identified = with_identified_friction(robot, result)
+    prediction = predict_logs(identified, result.joints, measured, controller, Execution(run.jobs))
+    for joint, reason in prediction.missing.items():
+        run.console.warn(f"joint {joint} is not predicted: {reason}")
+    if not prediction.balances:
+        raise StudyError(
+            "predict/mismatch",
+            "none of its joints can be predicted on these logs; the reasons are above",
+            f"--with {path}",
+        )
+    return prediction, prediction_summary(run.study.name, str(path), prediction), prediction.words
+
+
+def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
+    study, responses, result = run.study, read_responses(run.path("estimate")), read_fit(path)
+    robot = study.as_robot()
+    lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
+    if lacking:
+        raise StudyError(
+            "predict/mismatch", f"it is of another robot, without {', '.join(lacking[:3])}", f"--with {path}"
+        )
+    taken_out, laid_open = path.with_name("frf.h5"), path.with_name("gears.h5")
+    friction = read_friction(taken_out) if taken_out.is_file() else None
+    gears = read_gears(laid_open if laid_open.is_file() else None)
+    fitted = FittedRobot.of(result, robot, responses, study.model)
+    records = run.path("measure") if "measure" in run.stages else None
+    own = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
+    twin = in_time(own, records, run.console, Execution(run.jobs))
+    shifts = {G.configuration.name: fitted.at(G.configuration.name).response_shifts(G.freq_hz) for G in responses}
+    judged = validate(responses, fitted.responses, [*shifts], shifts=shifts)
+    content = {**validation_summary(study.name, judged, twin), "with": str(path)}
+    return twin, content, [words for words in (judged.verdict, *twin.words) if words]

@@ -29,13 +29,12 @@ import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.optimize import nnls
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError, Note, check_kind
 from elastid.modal.fitted_mode import (
     LIMITS,
     FittedMode,
     Influences,
-    background_notes,
     damping_notes,
     line_notes,
     lost_notes,
@@ -173,14 +172,14 @@ def estimate_modes(
     orders = poles_over_orders(
         response.freq_hz, weighted(response, data), data.weight, max_order or int(np.clip(response.n_lines // 6, 8, 60))
     )
-    stable, counts = clusters(orders)
+    stable = clusters(orders)
     fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz)
     if not has_variance(response):
         for _ in range(2):  # by the residuals, which follow a resonance where differences of lines do not
             data = modal_data(response, _residual_variance(response, fit))
             fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz, fit.poles)
     shift = 0.0 if exponential_s is None else 1 / exponential_s
-    return _modes(response, fit, (stable, counts), stabilisation(orders), shift, poles_hz)
+    return _modes(response, fit, stabilisation(orders), shift, poles_hz)
 
 
 def modes_of_responses(responses: Sequence[Response], spec: ModalSpec) -> tuple[Modes, ...]:
@@ -294,7 +293,6 @@ def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) ->
 def _modes(
     response: Response,
     fit: ModalFit,
-    stable: tuple[ComplexArray, IntArray],
     diagram: StabilisationDiagram,
     shift: float,
     poles_hz: Sequence[float] | None,
@@ -303,19 +301,15 @@ def _modes(
     influences, scale = Influences(fit, response.correlated_lines), fit.data.basis.scale
     fitted = []
     for r in np.argsort(np.abs(fit.poles)).tolist():
-        pole = complex(fit.poles[r] * scale)
-        orders = int(np.max(np.where(np.abs(stable[0] - pole) < -pole.real, stable[1], 0), initial=0))
-        fitted.append(FittedMode.of(response, influences, r, pole + shift, orders))
+        fitted.append(FittedMode.of(response, influences, r, complex(fit.poles[r] * scale) + shift))
     if poles_hz is None:
         within = without_twins([mode for mode in fitted if mode.is_within(response)])
         found = [mode for mode in within if not mode.is_background(response)]
     else:
-        within = []
         found = [mode for mode in fitted if mode.is_near(poles_hz)]
     modes = _gathered(response, fit, found, diagram)
-    background = [mode for mode in within if mode not in found]
     notes = (*lost_notes(found, response, poles_hz), *window_notes(fitted, shift, response))
-    return replace(modes, notes=(*modes.notes, *notes, *background_notes(background, response)))
+    return replace(modes, notes=(*modes.notes, *notes))
 
 
 def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], diagram: StabilisationDiagram) -> Modes:
@@ -326,7 +320,7 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
         count = 1 + int(len(s) > 1 and s[1] > _second_singular_value(s, std))
         for k in range(count):
             shape, participation = U[:, k] / U[np.argmax(np.abs(U[:, k])), k], Vh[k] / Vh[k, np.argmax(np.abs(Vh[k]))]
-            numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std, mode.orders))
+            numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std))
             shapes.append(shape)
             participations.append(Vh[k] * s[k] * U[np.argmax(np.abs(U[:, k])), k])
             # By the entries of a residue along the input, or output, that goes with it.
@@ -334,7 +328,7 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
             noise = np.sqrt(np.abs(U[:, k]) ** 2 @ std**2) / (s[k] * np.abs(Vh[k]).max())
             participation_stds.append(_relative_std(participation, noise))
     n_y, n_u = response.G.shape[1:]
-    f, f_std, zeta, zeta_std, orders = np.array(numbers).reshape(-1, 5).T
+    f, f_std, zeta, zeta_std = np.array(numbers).reshape(-1, 4).T
     synthesis = fit.synthesis().reshape(response.G.shape)
     power = np.maximum(np.mean(np.abs(response.G) ** 2, axis=(1, 2)), np.finfo(float).tiny)
     stated = np.sqrt(np.mean(line_variance(response), axis=(1, 2)) / power)
@@ -343,7 +337,6 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
         response.rate_is_known, f, f_std, zeta, zeta_std, shape_matrix, np.array(stds).reshape(-1, n_y).T,
         drive, phase_collinearity(drive if n_u > n_y else shape_matrix) if shapes else np.empty(0),
-        orders.astype(int),
         response.freq_hz, synthesis,
         stated, mode_indicators(response.G), diagram, (*damping_notes(modes, response), *line_notes(modes, response)),
         np.array(participation_stds).reshape(-1, n_u).T,

@@ -70,10 +70,9 @@ class FittedMode:
     zeta_std: float
     residue: ComplexArray
     residue_std: FloatArray
-    orders: int
 
     @classmethod
-    def of(cls, response: Response, influences: Influences, r: int, pole: complex, orders: int) -> FittedMode:
+    def of(cls, response: Response, influences: Influences, r: int, pole: complex) -> FittedMode:
         """The pole r of a fit; pole: the same in 1/s, without windows."""
         fit, size, scale = influences.fit, abs(pole), influences.fit.data.basis.scale
         C = influences.pole_covariances[r] * scale**2
@@ -84,7 +83,7 @@ class FittedMode:
         shape = response.G.shape[1:]
         residue = (fit.residues[r] * scale).reshape(shape)
         std = (influences.residue_std(r) * fit.data.scale * scale).reshape(shape)
-        return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, orders)
+        return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std)
 
     def is_within(self, response: Response) -> bool:
         """True within the band, with a frequency and a damping that are known."""
@@ -133,19 +132,6 @@ def lost_notes(modes: Sequence[FittedMode], response: Response, poles_hz: Sequen
     return (Note("modal/poles", text, response.configuration.name),)
 
 
-def background_notes(poles: Sequence[FittedMode], response: Response) -> tuple[Note, ...]:
-    """A note on broad poles that are not called modes."""
-    if not poles:
-        return ()
-    unit = "Hz" if response.rate_is_known else "of the sampling rate"
-    where = ", ".join(f"{mode.freq_hz:.4g} {unit} (damping {percent(mode.zeta, 2)})" for mode in poles)
-    text = (
-        f"poles at {where} are background of the modes within their width: less than "
-        f"{percent(LIMITS.visible_share, 2)} of the response there, or of uncertain shape; poles_hz can name them"
-    )
-    return (Note("modal/poles", text, response.configuration.name, severity="information"),)
-
-
 def window_notes(modes: Sequence[FittedMode], shift: float, response: Response) -> tuple[Note, ...]:
     """A note on poles with clearly less damping than the window that is taken out."""
     count = sum(mode.zeta < -LIMITS.undamped_std * mode.zeta_std for mode in modes) if shift else 0
@@ -185,10 +171,9 @@ def line_notes(modes: Sequence[FittedMode], response: Response) -> tuple[Note, .
     mode = modes[worst]
     unit, per_line = ("Hz", " s") if response.rate_is_known else ("of the sampling rate", " samples")
     text = (
-        f"the resonances of {count} of {len(modes)} modes are narrower than {LIMITS.lines_in_width:g} lines, that at "
-        f"{mode.freq_hz:.4g} {unit} has {lines[worst]:.2g}: too few for its damping of {percent(mode.zeta, 2)}; lines "
-        f"{mode.zeta * mode.freq_hz / 2:.2g} {unit} apart, of {2 / (mode.zeta * mode.freq_hz):.3g}{per_line} and more "
-        "of record or period, hold four; of a long record resolution_hz brings them closer"
+        f"the resonances of {count} of {len(modes)} modes are narrower than {LIMITS.lines_in_width:g} lines, too few "
+        f"for their damping; at {mode.freq_hz:.4g} {unit} records or periods of {2 / (mode.zeta * mode.freq_hz):.3g}"
+        f"{per_line} hold four; of a long record resolution_hz brings lines closer"
     )
     return (Note("modal/damping", text, response.configuration.name),)
 

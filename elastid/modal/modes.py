@@ -16,7 +16,7 @@ from dataclasses import field
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, digits, number, percent
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
@@ -30,7 +30,6 @@ class Modes:
 
     freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation
     (n_u, n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC at `places`.
-    orders (n,): of the estimator that have the pole.
     at_hz (F,), synthesis (F, n_y, n_u): of the model; stated (F,): standard deviation of G over |G|, both RMS over
     elements.  indicators (F, n): CMIF.  diagram: of stabilisation.
     """
@@ -49,7 +48,6 @@ class Modes:
     shape_std: FloatArray = labelled("standard deviation of shapes", "", "outputs mode")
     participation: ComplexArray = labelled("participation of inputs", "", "inputs mode")
     collinearity: FloatArray = labelled("modal phase collinearity")
-    orders: IntArray
     at_hz: FloatArray = labelled("lines", "Hz")
     synthesis: ComplexArray = labelled("response of the modal model", "{unit}", "at_hz outputs inputs")
     stated: FloatArray = labelled("relative standard deviation of the response")
@@ -129,7 +127,7 @@ def without_modes(response: Response, note: Note) -> Modes:
     return Modes(
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
         response.rate_is_known, none, none, none, none, np.empty((n_y, 0), complex), np.empty((n_y, 0)),
-        np.empty((n_u, 0), complex), none, np.empty(0, int), no_lines.freq_hz, no_lines.G, none,
+        np.empty((n_u, 0), complex), none, no_lines.freq_hz, no_lines.G, none,
         np.empty((0, min(n_y, n_u))), diagram, (note,),
     )  # fmt: skip
 

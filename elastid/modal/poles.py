@@ -149,8 +149,8 @@ def stabilisation(orders: tuple[tuple[int, ComplexArray], ...]) -> Stabilisation
     return StabilisationDiagram(*(np.concatenate(each) for each in (order, f, zeta, stable)))
 
 
-def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> tuple[ComplexArray, IntArray]:
-    """Poles (n,) that orders have in common, the median of each cluster, and the number of orders (n,) that have it."""
+def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
+    """Poles (n,) that orders have in common, the median of each cluster."""
     members: list[list[complex]] = []
     for _, poles in reversed(orders):
         last = np.array([cluster[-1] for cluster in members]) if members else np.empty(0, complex)
@@ -164,7 +164,7 @@ def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> tuple[ComplexArray
                 members.append([complex(pole)])
     kept = [cluster for cluster in members if len(cluster) >= LIMITS.runs]
     middle = [np.median(np.real(each)) + 1j * np.median(np.imag(each)) for each in kept]
-    return np.array(middle, complex), np.array([len(each) for each in kept], int)
+    return np.array(middle, complex)
 
 
 def p_value(drops: FloatArray, levels: FloatArray, lines: FloatArray, trials: float) -> FloatArray:

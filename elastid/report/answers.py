@@ -7,15 +7,14 @@ import numpy as np
 from elastid.base.display import Display, degrees, number, percent
 from elastid.report.answer import Answer
 from elastid.report.figures.use import SHOWN
-from elastid.use.command.moves import KINDS
-from elastid.use.command.tune import TunedMove
-from elastid.use.loops.result import Loops, LoopState
-from elastid.use.loops.sensitivity import LIMIT_DB
+from elastid.use.closed_loops import LIMIT_DB
+from elastid.use.loops import Loops, LoopState
 from elastid.use.map import WorkspaceMap
+from elastid.use.moves import KINDS
+from elastid.use.tune import TunedMove
 
 # Of the softest postures in a table.
 LISTED = 10
-_GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")
 
 
 def answer_of_map(m: WorkspaceMap) -> Answer:
@@ -135,13 +134,23 @@ def answer_of_loops(loops: Loops) -> Answer:
         kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
         lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures.")
     of_today = f"{today.name}: {_state_words(today)}." if today else "The study states no controller."
-    rows, bandwidth = gain_rows(loops), designed.bandwidth_hz.min(axis=0)
+    peaks = [
+        (each.name, posture, number(peak, 3), f"{number(low, 3)} to {number(high, 3)}" if loops.count else "–", cause)
+        for each in loops.states
+        for posture, peak, low, high, cause in zip(
+            each.postures, *(part.tolist() for part in (each.peak_db, each.peak_low, each.peak_high)), each.limited_by,
+            strict=True,
+        )
+    ]  # fmt: skip
+    own, notched = loops.gains, np.array(loops.gains.axes, int)
+    columns = own.position_gain, own.velocity_gain, 1 / own.position_gain, own.low_pass_hz
     gains = [
         (
-            str(row[0]), *(number(float(each), 4) for each in row[1:5]),
-            ", ".join(number(float(each), 3) for each in row[5::3] if each != ""), number(float(f_B), 3),
+            joint, *(number(float(column[i]), 4) for column in columns),
+            ", ".join(number(freq_hz, 3) for freq_hz in own.notches[notched == i, 0].tolist()),
+            number(float(designed.bandwidth_hz[:, i].min()), 3),
         )
-        for row, f_B in zip(rows[1:], bandwidth, strict=True)
+        for i, joint in enumerate(loops.joints)
     ]  # fmt: skip
     return Answer(
         f"Joint loops of {loops.name}",
@@ -153,38 +162,20 @@ def answer_of_loops(loops: Loops) -> Answer:
         (
             Display(
                 "Sensitivity", ("controller", "posture", "peak in dB", "95 % of draws", "limited by"),
-                [tuple(row) for row in loops.peak_cells],
+                peaks,
             ),
             Display("Gains", ("axis", "K_p 1/s", "K_v", "T_i s", "low pass Hz", "notches Hz", "bandwidth Hz"), gains),
         ),
         (
-            f"Bands: 95 % of {loops.count} robots drawn from the fit, over all postures. Sensitivity: largest singular "
-            "value, torques of the axes compared by their inertias. Below: the section of a study, link side, SI.",
+            f"Draws: {loops.count} robots drawn from the fit. Sensitivity: largest singular value, torques of the axes "
+            "compared by their inertias. Below: the section of a study, link side, SI.",
         ),
     )  # fmt: skip
 
 
-def gain_rows(loops: Loops) -> list[list[str | float]]:
-    """loops.csv: a row for each axis, link side, SI."""
-    own, axes = loops.gains, np.array(loops.gains.axes, int)
-    notches = [own.notches[axes == i].ravel().tolist() for i in range(len(loops.joints))]
-    most = max(map(len, notches))
-    parts = (f"notch {i // 3 + 1} {('freq_hz', 'width', 'depth')[i % 3]}" for i in range(most))
-    columns = own.position_gain, own.velocity_gain, 1 / own.position_gain, own.low_pass_hz
-    rows: list[list[str | float]] = [["joint", *_GAINS, *parts]]
-    for joint, numbers, further in zip(loops.joints, np.transpose(columns).tolist(), notches, strict=True):
-        rows.append([joint, *numbers, *further, *[""] * (most - len(further))])
-    return rows
-
-
-def unstable(state: LoopState) -> list[str]:
-    """The postures in which a loop is unstable."""
-    return [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]
-
-
 def _state_words(state: LoopState) -> str:
     """Stability, bandwidths and peak over all postures."""
-    if lost := unstable(state):
+    if lost := [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]:
         return f"unstable in posture {', '.join(lost)}"
     least = state.bandwidth_hz.min(axis=0)
     each = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))

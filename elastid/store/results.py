@@ -24,8 +24,8 @@ from elastid.validation.comparison import Comparison
 from elastid.validation.twin import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
-    from elastid.use.command.tune import TunedMove
-    from elastid.use.loops.result import Loops
+    from elastid.use.loops import Loops
+    from elastid.use.tune import TunedMove
 
 FIT, GEARS, VALIDATION, MAP = "fit", "gears", "validation", "map"
 # Version of the form of compare.json.
@@ -39,8 +39,8 @@ write_tune, write_loops = writer("tune", tune=(None, None)), writer("loops", loo
 write_validation = writer(VALIDATION, validation=(Validation, None), twin=(TwinFindings, NO_TWIN))
 read_map = reader(MAP, "map", WorkspaceMap)
 # These bring the simulation, which a fit does without.
-read_tune: Callable[[Path | str], TunedMove] = reader("tune", "tune", "elastid.use.command.tune:TunedMove")
-read_loops: Callable[[Path | str], Loops] = reader("loops", "loops", "elastid.use.loops.result:Loops")
+read_tune: Callable[[Path | str], TunedMove] = reader("tune", "tune", "elastid.use.tune:TunedMove")
+read_loops: Callable[[Path | str], Loops] = reader("loops", "loops", "elastid.use.loops:Loops")
 
 
 def read_gears(path: Path | str | None) -> GearResult | None:

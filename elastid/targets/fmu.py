@@ -48,7 +48,7 @@ from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, free_
 from elastid.targets.code import c_sources, dense
 from elastid.targets.move import move_sources
 from elastid.targets.numbers import HELD, c_row, known_numbers
-from elastid.use.command.tune import DAMPING_RATIO, TunedMove
+from elastid.use.tune import DAMPING_RATIO, TunedMove
 
 Causality: TypeAlias = Literal["independent", "input", "output", "parameter"]
 Variability: TypeAlias = Literal["continuous", "discrete", "tunable", "fixed"]

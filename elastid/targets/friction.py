@@ -29,7 +29,7 @@ from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
 from elastid.targets.code import c_sources, dense
 from elastid.targets.numbers import c_row
-from elastid.use.command.equations import SLIDING
+from elastid.use.plans import SLIDING
 
 
 @dataclass(frozen=True)

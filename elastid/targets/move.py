@@ -17,7 +17,7 @@ from elastid.base.files import from_template, write_whole
 from elastid.store.files import write_text
 from elastid.targets.matlab import HEADING
 from elastid.targets.numbers import c_row
-from elastid.use.command.tune import TunedMove
+from elastid.use.tune import TunedMove
 
 
 def write_move_c(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:

@@ -9,23 +9,29 @@ are judged on the lines where |Ghat| is at least 2 sigma; the statistical tests 
 
 1/|G|^2 of a single mode is a parabola in f^2, however sharp its peak between two lines; one through log |G| is not.
 Antiresonances are the resonances of 1/G.
+"
+
+Responses measured at the tool, by a hammer or an accelerometer, stand next to the prediction of `Result.at` with its
+band, which has the errors of parameters, of the robot's file and of a misfit.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
+from elastid.base.statistics import LEVEL
+from elastid.fit.posture import Asked, as_configuration
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.problem.weights import vec
+from elastid.fit.result import Result
 from elastid.response import Response
-from elastid.validation.predicted import PredictedResponse
 from elastid.validation.residual_tests import (
     FALSE_ALARM,
     above_2sigma,
@@ -37,6 +43,75 @@ from elastid.validation.residual_tests import (
     whitening,
     without_shifts,
 )
+
+# 95 % of a circular complex error are within so many times its std, sqrt(E|e|^2).
+CIRCULAR_95 = float(np.sqrt(-np.log(0.05)))
+
+
+@frozen_value(eq=False)
+class PredictedResponse:
+    """A measured response and the prediction of the fitted robot, on the same lines.
+
+    pointwise, simultaneous (F, n_y, n_u): distances from the prediction within which the truth is with 95 %, at each
+    line and at all lines of an element.  std: E|dG|^2 ^ 1/2.  motors: held, free or controlled.
+    is_fitted: the response was fitted, together with those of the motors.
+    """
+
+    measured: Response
+    predicted: Response
+    std: FloatArray = labelled("standard deviation of the prediction")
+    pointwise: FloatArray = labelled("95 % of the truth, line by line")
+    simultaneous: FloatArray = labelled("95 % of the truth, all lines")
+    motors: str
+    by: str
+    is_fitted: bool = False
+
+    @property
+    def configuration(self) -> str:
+        """The name of the configuration."""
+        return self.measured.configuration.name
+
+    @property
+    def measured_std(self) -> FloatArray:
+        """Standard deviation (F, n_y, n_u) of the measured response, 0 where it is not known."""
+        return sigma_of(self.measured)
+
+    @property
+    def inside(self) -> float:
+        """Share of the lines of all elements on which both agree within their 95 % bands together."""
+        radius = np.hypot(self.pointwise, CIRCULAR_95 * self.measured_std)
+        return float(np.mean(np.abs(self.measured.G - self.predicted.G) <= radius))
+
+    @property
+    def rms_log_db(self) -> float:
+        """Root mean square of 20 log10 of measured over predicted magnitude, of lines well above the noise."""
+        return agreement(self.measured, self.predicted, peaks=False).overall_rms_log_db
+
+    @property
+    def words(self) -> str:
+        """The comparison in a sentence."""
+        places = f"{', '.join(self.measured.outputs)} by {', '.join(self.measured.inputs)}"
+        return (
+            f"{self.configuration}, motors {self.motors}: {places}: {self.rms_log_db:.2g} dB rms between measurement "
+            f"and prediction; {100 * self.inside:.0f} % of the lines agree within both 95 % bands"
+        )
+
+
+def predict_response(result: Result, measured: Response, is_fitted: bool = False) -> PredictedResponse:
+    """The prediction of a response, its motors as they were.
+
+    StudyError for places that the robot lacks, and where it finds no rest.
+    """
+    motors, drives = measured.motors, measured.loop
+    asked = Asked(measured.inputs, measured.outputs, motors, quantity=measured.quantity, controller=drives)
+    family = result.family(asked, measured.configuration.name)
+    where = as_configuration(measured.configuration, family.robot, ())
+    band = family.at(where).response_band(measured.freq_hz, LEVEL)
+    predicted = replace(band.response, configuration=measured.configuration)
+    return PredictedResponse(
+        measured, predicted, band.std, band.pointwise, band.simultaneous, motors, band.by, is_fitted
+    )  # fmt: skip
+
 
 PeakKind: TypeAlias = Literal["resonance", "antiresonance"]
 

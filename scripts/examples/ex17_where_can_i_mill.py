@@ -12,8 +12,7 @@ from exact_responses import measured
 
 import elastid as ei
 from elastid.robot import Frame, Placement
-from elastid.use.compliance import Cut
-from elastid.use.map import map_workspace
+from elastid.use.map import Cut, map_workspace
 
 joints = [
     ei.Joint("1", "z", ei.Spring(3e5, 500), ei.Motor(2.4e-3, 121, 1.5e-3)),

@@ -12,8 +12,8 @@ import numpy as np
 
 import elastid as ei
 from elastid.robot import Frame, Limits, Placement
-from elastid.use.command.moves import point_to_point
-from elastid.use.command.tune import CATALOGUE, IDENTIFIED, RIGID, Given, tune_move
+from elastid.use.moves import point_to_point
+from elastid.use.tune import CATALOGUE, IDENTIFIED, RIGID, Given, tune_move
 
 limits = Limits(velocity=3.0, torque=900.0)
 motor = ei.Motor(inertia=2e-3, ratio=100, viscous=1e-3, coulomb=0.05)

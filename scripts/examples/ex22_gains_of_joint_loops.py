@@ -12,9 +12,8 @@ from __future__ import annotations
 import elastid as ei
 from elastid.robot import Placement
 from elastid.simulation.controller import Gains
-from elastid.use.loops.design import robust
-from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import assess
+from elastid.use.closed_loops import PostureFamily
+from elastid.use.loops import assess, robust
 
 rate_hz, delay = 500.0, 1
 motor = ei.Motor(inertia=2e-3, ratio=100, viscous=1e-3)
@@ -34,7 +33,7 @@ fit = ei.identify(ei.estimate(records, friction="none"), robot, ei.choose(robot,
 family = PostureFamily.of(fit, [linear.configuration for linear in fit.linear], rate_hz)
 draws = family.draws(fit, 20, seed=1)
 first_hz = min(mode.freq_hz for own in family.modes for mode in own)
-cascade, peaks_db = robust(family.estimate, draws, first_hz, delay)
+cascade = robust(family.estimate, draws, first_hz, delay)
 designed = assess("designed", family, draws, cascade.gains, cascade.filters(rate_hz))
 
 # The same numbers without notches and low pass, at three times the gain.
@@ -48,6 +47,6 @@ if __name__ == "__main__":
     figure = Figure()
     axes = figure.subplots()
     for state in (designed, wild):
-        axes.semilogx(state.freq_hz, state.sensitivity_db[0], label=state.name)
+        axes.semilogx(state.freq_hz[0], state.sensitivity_db[0], label=state.name)
     axes.legend(title="sensitivity in dB over Hz")
     figure.savefig("ex20.png")

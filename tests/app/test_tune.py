@@ -11,7 +11,7 @@ import pytest
 from plants.arm_study import command
 
 from elastid.store.results import read_tune
-from elastid.use.command.tune import IDENTIFIED, RIGID
+from elastid.use.tune import IDENTIFIED, RIGID
 
 
 @pytest.mark.slow

@@ -62,7 +62,7 @@ def _finds_the_bearing(v: dict[str, Any]) -> list[bool]:
     models = {model["name"]: sum(model["misfit"]) for model in v["comparison"]["models"]}
     best = models[v["comparison"]["models"][0]["name"]]
     tilts = "1x" in v["comparison"]["verdict"].split(".")[0]
-    return [v["codes"] == [0, 0], tilts, models["driven joints alone"] > 100 * best]
+    return [v["codes"] == [0, 0], tilts, models["gear 1 elastic"] > 100 * best]
 
 
 FAST: dict[str, Check] = {

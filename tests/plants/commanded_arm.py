@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
-from elastid.use.command.moves import Move, point_to_point
-from elastid.use.command.tune import Given
+from elastid.use.moves import Move, point_to_point
+from elastid.use.tune import Given
 
 START, END = np.radians([0.0, 40.0]), np.radians([35.0, 15.0])
 

@@ -106,15 +106,6 @@ def test_every_flipped_bit_of_a_text_is_noticed(folder: Path, name: str) -> None
         described(folder / name)
 
 
-def test_a_figure_that_is_as_it_was_written_is_said_to_be(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It holds no signals; one that no run left is no file of elastid."""
-    monkeypatch.chdir(folder / "figures")
-    assert described(Path("a.png")) == "a.png: written by elastid, and unchanged since"
-    (folder / "figures" / "b.png").write_text("another")
-    with refused("records/text", place="b.png"):
-        described(Path("b.png"))
-
-
 def test_a_damaged_list_never_vouches_for_a_damaged_text(folder: Path) -> None:
     """It says at worst that an intact file has changed, and is written again."""
     path = folder / CHECKSUMS

@@ -16,7 +16,7 @@ from scipy.io import loadmat
 from elastid.friction.robot_friction import frictions
 from elastid.targets.friction import write_compensation
 from elastid.targets.move import write_move, write_move_c
-from elastid.use.command.tune import Outcome, TunedMove
+from elastid.use.tune import Outcome, TunedMove
 
 C = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
 

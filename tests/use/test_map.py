@@ -18,8 +18,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.spec import ModelSpec
 from elastid.robot import Body, Frame, GearCoupling, Joint, Motor, Placement, Robot, Spring, Tolerances
-from elastid.use.compliance import Cut, linearised
-from elastid.use.map import map_workspace
+from elastid.use.map import Cut, linearised, map_workspace
 
 LINES = np.geomspace(2.0, 80.0, 100)
 CUT = Cut(load=(0.0, 0.0, -50.0), normal=(1.0, 0.0, 1.0))

@@ -8,7 +8,7 @@ from plants.predicted_arm import closed_form, rest, result
 
 from elastid.record import Configuration
 from elastid.response import Covariance, Response
-from elastid.validation.predicted import predict_response
+from elastid.validation.agreement import predict_response
 
 WHERE = Configuration("tapped", np.array([0.4, -0.6]))
 LINES = np.linspace(2, 60, 80)

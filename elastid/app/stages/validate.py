@@ -26,9 +26,8 @@ from elastid.store.measured import read_configurations, read_friction, read_reco
 from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.study import Study
 from elastid.validation import elastic_twin
-from elastid.validation.agreement import Validation
+from elastid.validation.agreement import PredictedResponse, Validation, predict_response
 from elastid.validation.agreement import validate as validate_responses
-from elastid.validation.predicted import PredictedResponse, predict_response
 from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
 
 

@@ -9,25 +9,23 @@ from matplotlib.figure import Figure
 from elastid.base.arrays import FloatArray
 from elastid.report.figures import style
 from elastid.report.figures.style import Curve, Panel
-from elastid.use.command.tune import TunedMove
-from elastid.use.loops.result import Loops
-from elastid.use.loops.sensitivity import LIMIT_DB
+from elastid.use.closed_loops import LIMIT_DB
+from elastid.use.loops import Loops
 from elastid.use.map import WorkspaceMap
+from elastid.use.tune import TunedMove
 
 # Unit of a figure and factor, by the SI unit of a quantity.
 SHOWN = {"m/N": ("µm/N", 1e6), "m": ("mm", 1e3), "Hz": ("Hz", 1.0)}
 
 
 def loops_figure(loops: Loops) -> Figure:
-    """Largest sensitivity of the loops in all postures with 95 % of the draws."""
+    """Largest sensitivity of the loops in all postures."""
     curves = []
     for state, color in zip(loops.states, (style.START, style.FITTED)[-len(loops.states) :], strict=True):
-        ends = state.sensitivity_low.min(axis=0), state.sensitivity_high.max(axis=0)
-        for i, row in enumerate(state.sensitivity_db):
-            band = ends if i == 0 and np.isfinite(ends[0]).all() else None
-            curves.append(Curve(state.freq_hz, row, state.name, color, band=band, looks={"lw": 0.9}))
+        for freq_hz, row in zip(state.freq_hz, state.sensitivity_db, strict=True):
+            curves.append(Curve(freq_hz, row, state.name, color, looks={"lw": 0.9}))
     top = max(10.0, *(float(state.sensitivity_db.max()) + 2 for state in loops.states))
-    lines = np.array([loops.designed.bandwidth_hz.min() / 10, loops.designed.freq_hz[-1]])
+    lines = np.array([loops.designed.bandwidth_hz.min() / 10, loops.designed.freq_hz.max()])
     panel = Panel(curves, "frequency in Hz", "sensitivity in dB", marks=(LIMIT_DB,), frequency=lines, y_ends=(-30, top))
     return style.matrix(f"{loops.name}: joint loops at {loops.rate_hz:g} Hz", [[panel]], 2.6)
 

@@ -9,9 +9,8 @@ import pytest
 from plants.commanded_arm import arm, move, rigid_gears
 
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
-from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.moves import MotionLimits, point_to_point
-from elastid.use.command.plans import SETTINGS, best_plan, plan, planned_error, sampled
+from elastid.use.moves import MotionLimits, point_to_point
+from elastid.use.plans import SETTINGS, CommandedRobot, best_plan, plan, planned_error, sampled
 
 FREE = Limits()
 

@@ -11,9 +11,8 @@ from plants.commanded_arm import arm, move
 from elastid.base.arrays import FloatArray
 from elastid.robot import Robot
 from elastid.simulation.controller import Gains, tune
-from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.moves import MotionLimits, References
-from elastid.use.command.plans import plan, rigid_references, sampled
+from elastid.use.moves import MotionLimits, References
+from elastid.use.plans import CommandedRobot, plan, rigid_references, sampled
 
 mujoco = pytest.importorskip("mujoco")
 

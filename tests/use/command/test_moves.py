@@ -11,7 +11,7 @@ from plants.refusals import refused
 
 from elastid.model.closed_posture import followed
 from elastid.model.kinematics import frame_poses
-from elastid.use.command.moves import point_to_point, read_move
+from elastid.use.moves import point_to_point, read_move
 
 
 def written(folder: Path, text: str) -> Path:

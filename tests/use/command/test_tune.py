@@ -15,10 +15,9 @@ from elastid.fit.posture import default_frame
 from elastid.robot import Frame
 from elastid.simulation.controller import tune
 from elastid.study import load_robot
-from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.moves import MotionLimits, point_to_point
-from elastid.use.command.plans import best_plan, sampled
-from elastid.use.command.tune import DAMPING_RATIO, TwinLoop, tune_move
+from elastid.use.moves import MotionLimits, point_to_point
+from elastid.use.plans import CommandedRobot, best_plan, sampled
+from elastid.use.tune import DAMPING_RATIO, TwinLoop, tune_move
 
 HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it back
 

@@ -7,7 +7,7 @@ import pytest
 from plants.predicted_arm import result
 
 from elastid.record import Configuration
-from elastid.use.loops.plants import PostureFamily
+from elastid.use.closed_loops import PostureFamily
 
 RATE_HZ = 250.0
 POSTURES = (Configuration("a", np.array([0.3, 0.5])), Configuration("b", np.array([0.5, -1.2])))

@@ -10,11 +10,9 @@ from plants.predicted_arm import result
 from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration
 from elastid.simulation.controller import Gains
-from elastid.use.compliance import largest_gain
-from elastid.use.loops.design import Cascade, design
-from elastid.use.loops.plants import Plants, PostureFamily, _sampled
-from elastid.use.loops.result import assess
-from elastid.use.loops.sensitivity import Scene, closed_loop_poles, scaled
+from elastid.use.closed_loops import Plants, PostureFamily, Scene, _sampled, closed_loop_poles, scaled
+from elastid.use.loops import Cascade, assess, design
+from elastid.use.map import largest_gain
 
 RATE_HZ = 400.0
 CASCADE = Cascade(

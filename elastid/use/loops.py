@@ -17,12 +17,22 @@ The controller is, axis by axis, with filters N and L and a delay of d samples,
           \prod N \, L \, z^{-d}, \qquad T_i = 1 / K_p
 
 so that the loop has a double zero at K_p: a disturbance dies out as fast as a reference is followed.
+"
+
+Loops of a study: today's controller, as stated, and the designed one.
+
+A controller on the identified robot: peaks, with 95 % of the draws, and bandwidths in every posture.
+
+Each peak within half a dB of the largest is traced to the axis that has most of it and to the nearest mode of the
+robot, its motors free, that moves the motor of this axis; one that is farther than a third from every mode is left to
+the phase of the loop: to its gains at low frequencies, to delay, sampling and filters at high ones.
+"
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -31,9 +41,19 @@ from scipy.optimize import minimize
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import FitError
 from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
-from elastid.simulation.controller import Filters, Gains, low_pass, notch
-from elastid.use.loops.plants import Plants
-from elastid.use.loops.sensitivity import LIMIT_DB, Closed, Scene, controller_response, scaled
+from elastid.fit.result import Result
+from elastid.linear.equilibrium import equilibrium
+from elastid.simulation.controller import Filters, Gains, filters_of, gains_of, low_pass, notch
+from elastid.use.closed_loops import (
+    LIMIT_DB,
+    Closed,
+    PlantMode,
+    Plants,
+    PostureFamily,
+    Scene,
+    controller_response,
+    scaled,
+)
 
 _STEP = 1e-5  # of a logarithm, for central differences
 WIDTHS, DEPTHS = (0.15, 3.0), (0.05, 1.0)  # of notches
@@ -42,6 +62,7 @@ CORNER = 0.4  # largest of a low pass over the rate
 MAX_NOTCHES = 2  # of an axis
 _BANDS = 10  # parts of the grid whose peaks are limited each by itself
 _ROUNDS, _STEPS, _REACH = 8, 12, 0.5  # of the search: each within e^0.5 of where it starts
+_NEAR, _MOVED = 1 / 3, 5e-3  # of a frequency within which, and of the motor's motion by which, a mode makes a peak
 _SLOWER, _SLOWEST = 0.98, 200  # factor and most steps of slowing down
 
 
@@ -124,6 +145,10 @@ class Cascade:
         """The loops that it closes."""
         return scene.closed(self.gains, self.filters(scene.plants.rate_hz))
 
+    def reached(self, scene: Scene) -> float:
+        """Mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""
+        return float(np.log(self.on(scene).bandwidth_hz.min(axis=0)).mean())
+
     def to_spec(self, joints: Sequence[str]) -> ControllerSpec:
         """Controller as a study has it, to six digits."""
 
@@ -170,12 +195,8 @@ def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]
 
 def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:
     """Better and better controllers that keep the limit on all plants; FitError where no gain does."""
-
-    def reached(own: Cascade) -> float:
-        return own.on(scene).reached
-
     kept = [own for own in rules(scene.plants, first_mode_hz, delay) if _keeps(scene, own, limit_db)]
-    best = max(kept, key=reached, default=None)
+    best = max(kept, key=lambda own: own.reached(scene), default=None)
     if best is None:
         raise FitError(
             "use/gains",
@@ -187,9 +208,9 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
     yield best
     for _ in range(MAX_NOTCHES * len(best.velocity_gain)):
         tried = [searched(scene, own, limit_db, rounds=2) for own in _with_notch(scene, best)]
-        start = max(filter(None, tried), key=reached, default=best)
+        start = max(filter(None, tried), key=lambda own: own.reached(scene), default=best)
         gained = searched(scene, start, limit_db) or best
-        if reached(gained) < reached(best) + 0.02:  # a notch is kept for 2 % of bandwidth
+        if gained.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
             return
         best = gained
         yield best
@@ -223,7 +244,6 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
     best, reach = slowed(start, is_kept), _REACH
     if best is None:
         return None
-    reached = best.on(scene).reached
     for _ in range(rounds):
         low, high = best.bounds(reach, scene.plants.rate_hz)
         solved = minimize(
@@ -234,11 +254,9 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
             },
         )  # fmt: skip
         found = slowed(best.at(np.clip(solved.x, low, high)), is_kept, 20) if np.isfinite(solved.x).all() else None
-        gained = -np.inf if found is None else found.on(scene).reached - reached
-        if found is not None and gained > 0:
-            best, reached = found, reached + gained
-        if gained < 0.005:
-            reach /= 3
+        gained = -np.inf if found is None else found.reached(scene) - best.reached(scene)
+        best = found if found is not None and gained > 0 else best
+        reach /= 3 if gained < 0.005 else 1
         if reach < 0.05:
             break
     return best
@@ -265,8 +283,8 @@ def room(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, Floa
     return left_db, np.asarray(-20 / np.log(10) * moved)
 
 
-def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> tuple[Cascade, FloatArray]:
-    """The design that keeps the limit on the estimate and on 95 % of D draws, and M_S of these in dB (D,).
+def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:
+    """The design that keeps the limit on the estimate and on 95 % of D draws.
 
     draws: D times as many plants as the estimate has, or none.  FitError where no gains do.
     """
@@ -274,14 +292,13 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
     fine = Scene.of(estimate, lines=600, per_mode=41)
     drawn = None if draws is None else Scene.of(draws, lines=120, per_mode=9)
 
-    def peaks(own: Cascade) -> FloatArray:
-        return np.zeros(0) if drawn is None else own.on(drawn).peaks_db.reshape(-1, Q).max(axis=1)
-
     def excess(own: Cascade) -> float:
         """dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
-        # 95 % of the draws keep the limit.
-        of_draws = float(np.quantile(peaks(own), 0.95, method="higher")) if drawn else -np.inf
-        return max(float(own.on(fine).peaks_db.max()), of_draws) - LIMIT_DB
+        peaks = [float(own.on(fine).peaks_db.max())]
+        if drawn is not None:
+            of_draws = own.on(drawn).peaks_db.reshape(-1, Q).max(axis=1)
+            peaks.append(float(np.quantile(of_draws, 0.95, method="higher")))
+        return max(peaks) - LIMIT_DB
 
     tried: list[Cascade] = []
     for turn in range(3):  # designs with limits that are lowered by what the draws exceed
@@ -290,15 +307,135 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
         if (above := excess(tried[-1])) <= 0:
             break
         limit_db -= min(above + 0.01, 1.5)
-    found = None
-    for best in reversed(tried):  # slowing may cost one of them half its bandwidth, and another nothing
-        ahead = np.inf if found is None else best.on(scene).reached - found.on(scene).reached
-        steps = int(min(max(ahead, 0.0) / -np.log(_SLOWER), _SLOWEST))
-        own = slowed(best, lambda each: excess(each) <= 0, steps)
-        if own is not None and (found is None or own.on(scene).reached > found.on(scene).reached):
-            found = own
-    if found is None:
+    # Slowing may cost one of them half its bandwidth, and another nothing.
+    kept = [own for each in tried if (own := slowed(each, lambda one: excess(one) <= 0)) is not None]
+    if not kept:
         raise FitError(
             "use/gains", "no gains keep the sensitivity below 6 dB on 95 % of the draws: the fit knows too little"
         )
-    return found, peaks(found)
+    return max(kept, key=lambda own: own.reached(scene))
+
+
+@frozen_value
+class LoopState:
+    """A controller in Q postures of n_u axes, with the ends of 95 % of the draws (NaN without draws).
+
+    peak_db (Q,): M_S, infinite where a loop is unstable.  limited_by (Q,): what makes it.  bandwidth_hz (Q, n_u).
+    drawn_peaks_db (D,): of each draw over all postures.  freq_hz, sensitivity_db (Q, K): of a figure.
+    """
+
+    name: str
+    postures: tuple[str, ...]
+    axes: tuple[str, ...]
+    peak_db: FloatArray = labelled("sensitivity peak", "dB", "postures")
+    peak_low: FloatArray = labelled("lower end of 95 % of draws", "dB", "postures")
+    peak_high: FloatArray = labelled("upper end of 95 % of draws", "dB", "postures")
+    limited_by: tuple[str, ...] = labelled("cause of the peak", axes="postures")
+    bandwidth_hz: FloatArray = labelled("bandwidth of each axis", "Hz", "postures axes")
+    drawn_peaks_db: FloatArray = labelled("sensitivity peak of each draw over all postures", "dB", "draw")
+    freq_hz: FloatArray = labelled("frequency", "Hz", "postures line")
+    sensitivity_db: FloatArray = labelled("largest sensitivity", "dB", "postures line")
+
+
+def assess(name: str, family: PostureFamily, drawn: Plants | None, gains: Gains, filters: Filters | None) -> LoopState:
+    """A controller of gains (n_u,) or (Q, n_u) in the Q postures of a family; drawn: D times as many plants."""
+    plants, axes = family.estimate, family.axes
+    own = Scene.of(plants, 600, 41).closed(gains, filters)
+    causes = tuple("; ".join(_causes(own, q, modes, axes)) for q, modes in enumerate(family.modes))
+    peaks, bandwidth = own.peaks_db, own.bandwidth_hz
+    ends, drawn_peaks = np.full((2, *peaks.shape), np.nan), np.zeros(0)
+    if drawn is not None:
+        D = len(drawn) // len(plants)
+        tiled = (np.tile(np.broadcast_to(part, bandwidth.shape), (D, 1)) for part in (gains.kp, gains.kd, gains.ki))
+        of_draws = Scene.of(drawn, 120, 9).closed(Gains(*tiled), filters).peaks_db.reshape(D, -1)
+        # Sorted: quantiles of infinities would be NaN.
+        ends = np.sort(of_draws, axis=0)[[int(0.025 * (D - 1)), int(np.ceil(0.975 * (D - 1)))]]
+        drawn_peaks = of_draws.max(axis=1)
+    size_db = 20 * np.log10(own.size)
+    return LoopState(
+        name, family.names, axes, peaks, ends[0], ends[1], causes, bandwidth, drawn_peaks, own.scene.freq_hz, size_db
+    )
+
+
+def _causes(own: Closed, q: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> Iterator[str]:
+    """Axis and mode of each peak that limits, by rising frequency."""
+    size, root = np.pad(own.size[q], 1, constant_values=0.0), np.sqrt(own.scene.plants.inertia[q])
+    peaks = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:]))
+    # A peak within 0.5 dB of the largest one limits the gains as well.
+    binding = peaks[own.size[q, peaks] >= own.size[q].max() * 10 ** (-0.5 / 20)]
+    for line in binding if own.stable[q] else [int(own.size[q].argmax())]:
+        freq_hz = float(own.scene.freq_hz[q, line])
+        left, _, right = np.linalg.svd(own.S[q, line] / root[:, None] * root)
+        i = int(np.abs(left[:, 0] * right[0]).argmax())
+        own_modes = [mode for mode in modes if mode.parts[i] >= _MOVED]
+        near = min(own_modes, key=lambda each: abs(np.log(each.freq_hz / freq_hz)), default=None)
+        if not own.stable[q]:
+            yield f"unstable, at {freq_hz:.3g} Hz in axis {axes[i]}"
+        elif near is not None and abs(near.freq_hz / freq_hz - 1) <= _NEAR:
+            yield f"axis {axes[i]} at {freq_hz:.3g} Hz: mode at {near.freq_hz:.3g} Hz, {near.spring}"
+        else:
+            is_slow = near is not None and freq_hz < near.freq_hz
+            words = "gains and notches below its modes" if is_slow else "delay and filters above its modes"
+            yield f"axis {axes[i]} at {freq_hz:.3g} Hz: {words}"
+
+
+TODAY, DESIGNED = "today's controller", "designed controller"
+
+
+@frozen_value
+class Loops:
+    """today: None where the study does not state it.  designed, with its gains.  count: of draws."""
+
+    name: str
+    joints: tuple[str, ...]
+    rate_hz: float = labelled("rate of the controller", "Hz")
+    count: int
+    today: LoopState | None
+    designed: LoopState
+    gains: Cascade
+
+    @property
+    def controller(self) -> ControllerSpec:
+        """The designed one, as a study has it."""
+        return self.gains.to_spec(self.joints)
+
+    @property
+    def states(self) -> tuple[LoopState, ...]:
+        """Today's controller where it is known, and the designed one."""
+        return tuple(state for state in (self.today, self.designed) if state is not None)
+
+
+@dataclass(frozen=True)
+class Today:
+    """The controller that a study states, and its rate, which may be another than that of the loops designed."""
+
+    rate_hz: float
+    spec: ControllerSpec
+
+    def state(self, family: PostureFamily, drawn: Plants | None) -> LoopState:
+        """The controller in all postures; its gains may follow from a bandwidth, which is another in each."""
+        model, theta = family.family.model, family.family.theta
+        each = [gains_of(model, equilibrium(model, theta, own.configuration).q, self.spec) for own in family.linear]
+        gains = Gains(*(np.array([getattr(own, name) for own in each]) for name in ("kp", "kd", "ki")))
+        return assess(TODAY, family, drawn, gains, filters_of(family.axes, self.spec, self.rate_hz))
+
+
+def design_loops(
+    name: str, result: Result, family: PostureFamily, delay_samples: int, draws: int, seed: int, today: Today | None
+) -> Loops:
+    """Loops at the rate of a family of the fit; FitError where no gains keep the limit in all its postures.
+
+    delay_samples: of the loops that are designed.  draws: of the fit, with their seed.
+    """
+
+    def drawn_of(family: PostureFamily) -> Plants | None:
+        return family.draws(result, draws, seed) if draws else None
+
+    state = None
+    if today is not None:
+        own = replace(family, rate_hz=today.rate_hz)
+        state = today.state(own, drawn_of(own))
+    drawn, first_hz = drawn_of(family), min(mode.freq_hz for own in family.modes for mode in own)
+    found = robust(family.estimate, drawn, first_hz, delay_samples)
+    designed = assess(DESIGNED, family, drawn, found.gains, found.filters(family.rate_hz))
+    return Loops(name, family.axes, family.rate_hz, draws, state, designed, found)

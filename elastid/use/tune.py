@@ -29,9 +29,9 @@ from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop, simulate
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.dynamics import affordable_steps, contacts, poles
-from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.moves import KINDS, MotionLimits, Move, References
-from elastid.use.command.plans import (
+from elastid.use.moves import KINDS, MotionLimits, Move, References
+from elastid.use.plans import (
+    CommandedRobot,
     Planned,
     best_plan,
     first_duration,

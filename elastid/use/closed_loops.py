@@ -1,0 +1,326 @@
+r"""Sensitivity of joint loops that the arm couples: peaks, bandwidths, poles and limits of a controller on N plants.
+
+.. math:: S(z) = [I + F(z) P(z)]^{-1}, \qquad M_S = \max_\omega \bar\sigma\bigl(J^{-1/2} S(e^{j \omega T_s}) J^{1/2}
+          \bigr)
+
+F: the controllers, filters and delay included, a diagonal matrix; P: from torques to the motors' angles. S is what
+motors give of a torque that is injected: u = S r. J, the inertia of each axis, makes torques of all axes comparable,
+and M_S the same at torques and angles for loops that are alike; no axis has a larger peak |S_ii| (Skogestad and
+Postlethwaite, Multivariable Feedback Control, 2005, section 9.2): 6 dB leave each a gain margin of 6 dB and a
+phase margin of 29 degrees. Bandwidth of an axis: lowest frequency at which the error of its motor behind a reference of
+its position,
+
+.. math:: E_{ii} = 1 - [P S]_{ii} F_{r,i}, \qquad F_r = k_p (1 + k_i \textstyle\sum)\, H
+
+is -3 dB; the velocity of the reference is not fed forward.
+"
+
+Robots about postures as a sampled controller sees them: torques held from sample to sample, angles of motors read.
+
+.. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k, \qquad P(z) = C\,[z I - A]^{-1} B
+
+A = exp(A_c T_s) and B = int_0^T exp(A_c s) B_c ds are exact; lags of the drives are states, and a torque delay that the
+fit has found is one of whole samples and one of a part of a sample.
+"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import expm
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.errors import StudyError
+from elastid.fit.posture import Asked, Family
+from elastid.fit.result import Result
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.fitted_model import Estimated
+from elastid.linear.linear_model import LinearModel, state_space, torque_elements
+from elastid.linear.modes import modes, shapes_of_all, strain_energy
+from elastid.record import Configuration
+from elastid.simulation.controller import Filters, Gains, tune
+from elastid.use.draws import draw_robots
+from elastid.use.map import largest_gain
+
+
+@dataclass(frozen=True, eq=False)
+class Plants:
+    """N plants of a robot with n_u motors: A (N, m, m), B (N, m, n_u), C (N, n_u, m); inertia (N, n_u), link side.
+
+    inertia: of the rigid robot at each motor, other motors held.
+    """
+
+    rate_hz: float
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    inertia: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.A)
+
+    def response(self, freq_hz: FloatArray) -> ComplexArray:
+        """P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
+        unit, responses = np.eye(self.A.shape[-1]), []
+        for A, B, C, own in zip(self.A, self.B, self.C, freq_hz, strict=True):  # all at once take gigabytes
+            z = np.exp(2j * np.pi * own / self.rate_hz)[:, None, None]
+            responses.append(C @ np.linalg.solve(z * unit - A, B.astype(complex)))
+        return np.array(responses)
+
+
+@dataclass(frozen=True)
+class PlantMode:
+    """A mode of the robot with motors that are free: freq_hz, and the spring with the most strain energy.
+
+    parts (n_u,): by which it moves each motor, over that of the mode that moves it most.
+    """
+
+    freq_hz: float
+    spring: str
+    parts: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PostureFamily:
+    """A fitted robot linearised in Q postures, from which plants of any numbers follow."""
+
+    family: Family
+    linear: tuple[LinearModel, ...]
+    inertia: FloatArray
+    rate_hz: float
+
+    @classmethod
+    def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> PostureFamily:
+        """StudyError where a posture has no rest."""
+        motors = result.known_robot.motor_locations
+        family = result.family(Asked(inputs=motors, outputs=motors, motors="free"))
+        linear, inertia = [], []
+        for posture in postures:
+            own = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
+            chain = torque_elements(family.robot.chain)
+            linear.append(replace(own, chain=chain, gains=(), hold=None))
+            q = equilibrium(family.model, family.theta, posture).q
+            inertia.append(tune(family.model, q, 1 / (2 * np.pi), 1.0).kp)
+        return cls(family, tuple(linear), np.array(inertia), rate_hz)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the postures."""
+        return tuple(own.configuration.name for own in self.linear)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the driven joints."""
+        return tuple(joint.name for joint in self.family.robot.driven)
+
+    @cached_property
+    def estimate(self) -> Plants:
+        """The Q plants of the fitted numbers."""
+        return self._plants(self.family.estimated.x)
+
+    def draws(self, result: Result, count: int, seed: int) -> Plants:
+        """count times Q plants of robots drawn from the fit (`draw_robots`), the postures of each robot in a row."""
+        pieces = [self._plants(x) for x in draw_robots(result, count, seed).x]
+        parts = (np.concatenate([getattr(own, name) for own in pieces]) for name in ("A", "B", "C", "inertia"))
+        return Plants(self.rate_hz, *parts)
+
+    @cached_property
+    def modes(self) -> tuple[tuple[PlantMode, ...], ...]:
+        """Modes of the fitted robot in each posture, by rising frequency; StudyError where no spring swings."""
+        return tuple(map(self._modes, self.linear))
+
+    def _modes(self, own: LinearModel) -> tuple[PlantMode, ...]:
+        theta = self._theta(own)
+        known = modes(own, theta)
+        point = equilibrium(self.family.model, self.family.theta, own.configuration)
+        energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(own, known.shapes))
+        strained, M = np.nan_to_num(energy.share).argmax(axis=0), own.matrices(theta)[0]
+        parts = (
+            np.abs(own.B.T @ known.shapes) ** 2 / np.einsum("im,ij,jm->m", known.shapes.conj(), M, known.shapes).real
+        )
+        parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
+        # A pendulum under gravity has less than half of its strain energy in springs.
+        sprung = np.flatnonzero(energy.load <= 0.5).tolist()
+        if not sprung:
+            raise StudyError(
+                "use/gains",
+                "no spring of the robot swings behind its motors, so that none limits them",
+                f"posture {own.configuration.name}",
+            )
+        return tuple(
+            PlantMode(float(known.freq_hz[m]), energy.springs[strained[m]], tuple(parts[:, m].tolist())) for m in sprung
+        )
+
+    def _theta(self, own: LinearModel, x: FloatArray | None = None) -> FloatArray:
+        e = self.family.estimated
+        known = Estimated.of(
+            e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, own.configuration.name, e.doubts
+        )  # fmt: skip
+        return known.theta(known.x if x is None else x)
+
+    def _plants(self, x: FloatArray) -> Plants:
+        pieces = [_sampled(own, self._theta(own, x), self.rate_hz) for own in self.linear]
+        A, B, C = (np.array(part) for part in zip(*pieces, strict=True))
+        return Plants(self.rate_hz, A, B, C, self.inertia)
+
+
+def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A, B, C of a robot with the delay of its torque."""
+    system = state_space(linear, theta)
+    n, n_u = system.B.shape
+    samples, part = divmod(max(system.delay, 0.0) * rate_hz, 1.0)
+    wide = np.zeros((n + n_u, n + n_u))
+    wide[:n] = np.hstack([system.A, system.B])
+    (A, B), (_, now) = (np.split(expm(wide * share / rate_hz)[:n], [n], axis=1) for share in (1.0, 1 - part))
+    C = system.C
+    if part > 0:  # u_(k - 1) acts for the first part of the sample
+        A, B, C = _with_input_states(A, B - now, now, C)
+    for _ in range(int(samples)):
+        A, B, C = _with_input_states(A, B, np.zeros_like(B), C)
+    return A, B, C
+
+
+def _with_input_states(
+    A: FloatArray, before: FloatArray, now: FloatArray, C: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """x_(k+1) = A x_k + before u_(k-1) + now u_k as a state space of x and u_(k-1)."""
+    n, n_u = before.shape
+    wide = np.block([[A, before], [np.zeros((n_u, n + n_u))]])
+    return wide, np.vstack([now, np.eye(n_u)]), np.hstack([C, np.zeros((len(C), n_u))])
+
+
+LIMIT_DB = 6.0  # of M_S
+THRESHOLD = 10 ** (-3 / 20)  # of |E_ii| at the bandwidth
+STABLE = 1 - 1e-9  # |z| of a pole, which rounding of an integrator at 1 stays outside of
+
+
+def controller_response(
+    gains: Gains, filters: Filters | None, freq_hz: FloatArray, rate_hz: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """F and F_r (..., n_u) at freq_hz (...)."""
+    H = 1.0 if filters is None else filters.response(freq_hz, rate_hz)
+    of_position = replace(gains, kd=np.zeros_like(gains.kd))
+    return gains.response(freq_hz, rate_hz) * H, of_position.response(freq_hz, rate_hz) * H
+
+
+def grid(plants: Plants, lines: int, per_mode: int) -> FloatArray:
+    """freq_hz (N, F): logarithmic up to half the rate, and denser about each mode of a plant."""
+    poles = np.linalg.eigvals(plants.A)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.log(poles.astype(complex)) * plants.rate_hz
+    freq_hz, zeta = np.abs(s) / (2 * np.pi), -s.real / np.maximum(np.abs(s), 1e-300)
+    top = 0.499 * plants.rate_hz
+    counts = (s.imag > 1e-6 * np.abs(s)) & (zeta < 0.5) & (zeta > 0) & (freq_hz < top)
+    slowest = freq_hz[counts].min(initial=0.2 * top)
+    base = np.geomspace(max(slowest / 300, top / 5000), top, lines)
+    spread = np.sinh(np.linspace(-3, 3, per_mode)) / np.sinh(3)
+    most = int(counts.sum(axis=1).max(initial=0))
+    rows = []
+    for own, z, keep in zip(freq_hz, zeta, counts, strict=True):
+        centres, widths = own[keep], np.clip(8 * z[keep], 0.02, 0.4)
+        near = (centres[:, None] * (1 + widths[:, None] * spread)).ravel()
+        padding = np.geomspace(base[0], top, (most - len(centres)) * per_mode + 2)[1:-1] * (1 + 1e-6)
+        rows.append(np.sort(np.clip(np.concatenate([base, near, padding]), base[0], top)))
+    return np.array(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """N plants, the grid of each freq_hz (N, F), and P (N, F, n_u, n_u) on it."""
+
+    plants: Plants
+    freq_hz: FloatArray
+    P: ComplexArray
+
+    @classmethod
+    def of(cls, plants: Plants, lines: int = 220, per_mode: int = 13) -> Scene:
+        """Scene on a grid with so many lines."""
+        freq_hz = grid(plants, lines, per_mode)
+        return cls(plants, freq_hz, plants.response(freq_hz))
+
+    def closed(self, gains: Gains, filters: Filters | None) -> Closed:
+        """The loops of gains (n_u,) or (N, n_u)."""
+        each = Gains(*(np.atleast_2d(part)[:, None] for part in (gains.kp, gains.kd, gains.ki)))
+        F, F_r = controller_response(each, filters, self.freq_hz, self.plants.rate_hz)
+        S = np.asarray(np.linalg.inv(np.eye(self.P.shape[-1]) + F[..., :, None] * self.P))
+        return Closed(self, gains, filters, S, 1 - np.einsum("...ij,...ji->...i", self.P, S) * F_r)
+
+
+@dataclass(frozen=True, eq=False)
+class Closed:
+    """Loops of N plants closed by a controller: S (N, F, n_u, n_u) and E_ii (N, F, n_u)."""
+
+    scene: Scene
+    gains: Gains
+    filters: Filters | None
+    S: ComplexArray
+    E: ComplexArray
+
+    @cached_property
+    def size(self) -> FloatArray:
+        """Largest singular value (N, F), torques of the axes compared by their inertias."""
+        return largest_gain(scaled(self.S, self.scene.plants.inertia))
+
+    @cached_property
+    def stable(self) -> BoolArray:
+        """True (N,) of loops that are stable."""
+        poles = closed_loop_poles(self.scene.plants, self.gains, self.filters)
+        return np.asarray(np.abs(poles).max(axis=1) < STABLE)
+
+    @property
+    def peaks_db(self) -> FloatArray:
+        """M_S in dB (N,), infinite where a loop is unstable."""
+        return np.where(self.stable, 20 * np.log10(self.size.max(axis=1)), np.inf)
+
+    @property
+    def bandwidth_hz(self) -> FloatArray:
+        """Bandwidth of each axis (N, n_u)."""
+        return bandwidths(self.E, self.scene.freq_hz)
+
+
+def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:
+    """J^-1/2 S J^1/2 of S (N, F, n_u, n_u) with inertia (N, n_u)."""
+    root = np.sqrt(inertia)[:, None]
+    return np.asarray(S / root[..., :, None] * root[..., None, :])
+
+
+def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
+    """Hz (N, n_u) where |E| of E (N, F, n_u) first rises to -3 dB; the ends of the grid where it lies beyond."""
+    size = np.abs(E)
+    above = size >= THRESHOLD
+    last = np.where(above.any(axis=1), above.argmax(axis=1), size.shape[1] - 1)
+    first = np.maximum(last - 1, 0)
+    rows = np.arange(len(E))[:, None]
+    axes = np.arange(size.shape[2])[None]
+    low, high = np.log(size[rows, first, axes]), np.log(size[rows, last, axes])
+    share = np.clip((np.log(THRESHOLD) - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
+    ends = np.log(freq_hz)[rows, first], np.log(freq_hz)[rows, last]
+    return np.asarray(np.exp(ends[0] + share * (ends[1] - ends[0])))
+
+
+def closed_loop_poles(plants: Plants, gains: Gains, filters: Filters | None) -> ComplexArray:
+    """z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
+    N, _, n_u = plants.B.shape
+    T, unit, none = 1 / plants.rate_hz, np.eye(n_u), np.zeros((n_u, n_u))
+    kp, kd, ki = (np.broadcast_to(part, (N, n_u))[:, :, None] * unit for part in (gains.kp, gains.kd, gains.ki))
+    # States y_(k-1) and T sum e of e_k = -(k_p + k_d / T) y_k + k_d / T y_(k-1).
+    A, B = _blocks([[none, none], [kd, unit]]), _blocks([[unit], [-T * kp - kd]])
+    C, D = _blocks([[kd / T, ki]]), -kp - kd / T
+    if not np.any(ki):
+        A, B, C = A[:, :n_u, :n_u], B[:, :n_u], C[:, :, :n_u]
+    if filters is not None:
+        Af, Bf, Cf, Df = filters.matrices
+        A, B = _blocks([[A, np.zeros((A.shape[1], len(Af)))], [Bf @ C, Af]]), _blocks([[B], [Bf @ D]])
+        C, D = _blocks([[Df @ C, Cf]]), Df @ D
+    loop = [[plants.A + plants.B @ D @ plants.C, plants.B @ C], [B @ plants.C, A]]
+    return np.asarray(np.linalg.eigvals(_blocks(loop)))
+
+
+def _blocks(rows: list[list[FloatArray]]) -> FloatArray:
+    """Block matrices (N, m, n) of blocks (N, ., .) or (., .)."""
+    N = np.broadcast_shapes(*((1, *each.shape)[-3:-2] for row in rows for each in row))
+    return np.asarray(np.block([[np.broadcast_to(each, (*N, *each.shape[-2:])) for each in row] for row in rows]))

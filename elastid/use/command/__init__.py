@@ -1,1 +1,0 @@
-"""Commands that keep the tool on its path: motor references, torque feedforward, friction compensation."""

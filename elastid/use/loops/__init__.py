@@ -1,1 +1,0 @@
-"""Control loops of the identified robot: plants, sensitivities, margins, gains, and what records show of them."""
