@@ -70,7 +70,7 @@ UNUSED: tuple[tuple[tuple[Kind, ...], tuple[str, ...]], ...] = (
     (_FRICTION, ("excitation", "design", "estimator", "model", "fit", "compare", "loads", "tool", "validation.tool",
                  "gears", "modal", "experiment.without_payload", "experiment.responses")),
     (("friction",), ("validation.left_out", *(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments")),
-                     *(f"experiment.simulated.{key}" for key in ("outputs", "carrier", "warming")))),
+                     *(f"experiment.simulated.{key}" for key in ("outputs", "carrier")))),
     (("friction-recorded",), ("seed", "friction.rate_hz", "friction.loads.*.configuration",
                               *(f"experiment.recorded.{key}" for key in ("period", "period_samples", "half_wave")),
                               f"{_FILES}.realisation", f"{_FILES}.experiment")),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -100,21 +99,12 @@ def _angle_refusal(angle: float, joint: Joint, swing: float) -> str:
 
 
 def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
-    """Gains, a carrier in units of the joints, temperatures that friction bears; its stage says what else it needs."""
+    """Gains, a carrier in units of the joints; its stage says what else it needs."""
     robot, carrier = study.as_robot(), simulated.carrier
     yield from _check_controller(study, simulated)
     if carrier is not None:
         yield from check_units((*_SIMULATED, "carrier", "amplitude"), carrier.amplitude, robot)
         yield from check_units((*_SIMULATED, "carrier", "velocity"), carrier.velocity, robot)
-    temperatures = simulated.warming.temperature if simulated.warming is not None else None
-    if temperatures is not None:
-        from elastid.friction.robot_friction import frictions  # brings CasADi, which few checks need
-
-        for law, temperature in product(frictions(robot), temperatures):
-            try:
-                law.curve(0.0, temperature)
-            except ValueError as error:
-                yield Problem((*_SIMULATED, "warming", "temperature"), str(error))
 
 
 def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
