@@ -18,7 +18,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.display import Display, as_html, as_text, notebook_package
 from elastid.base.errors import Note, check_kind, index_of
 from elastid.base.escape import control_label
-from elastid.base.kept import Kept
+from elastid.base.workers import Kept
 from elastid.covariance import Covariance, CovarianceForm, scaled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
 

@@ -20,8 +20,7 @@ from typing import Any, TypeAlias, TypeVar
 from uuid import uuid4
 
 from elastid.base.errors import ElastidError
-from elastid.base.kept import End, LostError
-from elastid.base.workers import Outcome, Served, outcomes
+from elastid.base.workers import End, LostError, Outcome, Served, outcomes
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")

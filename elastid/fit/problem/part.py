@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.kept import Kept
+from elastid.base.workers import Kept
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind, error_gain
 from elastid.fit.problem.weights import Whitening
