@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import TypeAlias, TypeVar
@@ -84,17 +83,6 @@ class DesignProblem:
         )
 
     @property
-    def guesses(self) -> FloatArray:
-        """Guesses (S, n_x) of the parameters, the nominal one first; linear parameters keep their number."""
-        parameters, spec = self.parameters, None if self.design is None else self.design.robust
-        if spec is None:
-            return parameters.x[None]
-        draw = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(0x90,)))
-        spread = np.array([math.log(spec.factor) if p.log else 0.0 for p in parameters.free])
-        drawn = parameters.x + spread * draw.standard_normal((spec.guesses - 1, len(spread)))
-        return np.vstack([parameters.x, np.clip(drawn, *parameters.x_bounds)])
-
-    @property
     def criterion(self) -> DesignCriterion:
         """The criterion of the section `design`; without it the volume of the ellipsoid of all parameters."""
         design, names = self.design, self.parameters.free_names
@@ -107,7 +95,7 @@ class DesignProblem:
         if carrier is not None:
             periods = experiment.transient_periods + experiment.periods
             run_s = periods * excitation.period + 2 * experiment.ramp
-            swing = reach(carrier, len(swing), excitation.period, run_s) / (1 - excitation.margin)
+            swing = reach(carrier, len(swing), run_s) / (1 - excitation.margin)
         return draw_candidates(design.candidates, self.robot, self.seed, swing)
 
     def plan(
@@ -191,17 +179,15 @@ class DesignProblem:
         every = [(replace(self.prospect(plan, q), realisations=M), c) for q, (c, M) in measured]
         return [(prospect, c) for prospect, c in every if c.name not in self.left_out]
 
-    def prior_information(self, x: FloatArray) -> FloatArray:
-        """Information (S, n_x, n_x) of priors and earlier measurements at guesses x (S, n_x)."""
-        parameters = self.parameters
-        slopes = [0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free]
-        known = np.repeat(np.diag(np.square(slopes))[None], len(x), axis=0)
+    def prior_information(self) -> FloatArray:
+        """Information (n_x, n_x) of priors and earlier measurements."""
+        parameters, x = self.parameters, self.parameters.x
+        known = np.diag(np.square([0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free]))
         for response in self.measured:
             linearisation = Linearisation.of_robot(self.robot, self.model, parameters.names)
-            for s, guess in enumerate(x):
-                model = linear_model(linearisation, response, parameters.expand(guess))
-                expected = ExpectedResponse(response, model, weigh(response, self.fit), parameters, self.fit)
-                known[s] += expected.information(guess)
+            model = linear_model(linearisation, response, parameters.expand(x))
+            expected = ExpectedResponse(response, model, weigh(response, self.fit), parameters, self.fit)
+            known = known + expected.information(x)
         return known
 
 
@@ -232,8 +218,7 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
 
     def measurement(q: int, configuration: Configuration) -> tuple[_Measurement, FloatArray]:
         prospect = replace(problem.prospect(probe, q), realisations=probe.realisations[q])
-        for x in problem.guesses:
-            prospect.expected(configuration, x)
+        prospect.expected(configuration, problem.parameters.x)
         single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
         return (prospect, configuration), power_costs(problem.rig(single), excitation)
 
@@ -266,7 +251,7 @@ def _best(
 
     cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError where fewer experiments than inputs are run.
     """
-    x, first = problem.guesses, measurements[0][0]
+    x, first = problem.parameters.x, measurements[0][0]
     E, n_u = first.R.shape[1], first.R.shape[3]
     if n_u > E:
         raise StudyError(
@@ -276,12 +261,11 @@ def _best(
             "experiment.experiments out",
             "excitation.flat",
         )
-    sources = [[prospect.source(c, guess) for guess in x] for prospect, c in measurements]
-    even = even_powers(cost)
-    H = [[source.information(P) for source in guesses] for guesses, P in zip(sources, even, strict=True)]
-    known = problem.prior_information(x)
-    criterion, ground = visible(problem.criterion, np.swapaxes(np.array(H), 0, 1), known, first.parameters)
-    groups = [sources] if together else [[guesses] for guesses in sources]
+    sources = [prospect.source(c, x) for prospect, c in measurements]
+    H = [source.information(P) for source, P in zip(sources, even_powers(cost), strict=True)]
+    known = problem.prior_information()
+    criterion, ground = visible(problem.criterion, np.array(H), known, first.parameters)
+    groups = [[[source] for source in sources]] if together else [[[source]] for source in sources]
     cost = cost.mean(axis=0, keepdims=True) if together else cost
-    best = best_powers(groups, cost, criterion, known + ground, problem.excitation.least)
+    best = best_powers(groups, cost, criterion, (known + ground)[None], problem.excitation.least)
     return np.asarray(np.sqrt(best.P / E))

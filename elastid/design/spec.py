@@ -80,23 +80,6 @@ class CandidateSpec:
 
 
 @section
-class GuessSpec:
-    """Robustness against a wrong nominal robot: the choice must be good for other guesses of the parameters as well."""
-
-    # fmt: off
-    guesses: Annotated[int, Key("Number of guesses that are drawn about the nominal one, log-normal; the mean of "
-        "the criterion over them counts.", "more where the time of `design`, which grows with it, does not matter; "
-        "8 know the mean to a third of the spread between guesses.")] = 8
-    factor: Annotated[float, Key("One standard deviation of a guess, as a factor.", "1.2 after an earlier fit, 2 where "
-        "the numbers come from a robot of another type. 1.5 is what stiffnesses of catalogues are off by.")] = 1.5
-    # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.guesses < 1 or not self.factor > 1:
-            raise ValueError("guesses must be at least 1 and factor above 1")
-
-
-@section
 class DesignSpec:
     """Choice of configurations in addition to those of experiment.configurations, for the smallest intervals of the
     parameters.
@@ -113,9 +96,6 @@ class DesignSpec:
     parameters: Annotated[tuple[str, ...], Key("Names or patterns such as k_* of the parameters that count (default: "
         "all that the fit identifies); the volume of their confidence ellipsoid is to be the smallest.", "`k_*` where "
         "dampings and friction do not matter; the others are still unknowns, and cost what they cost.")] = ()
-    robust: Annotated[GuessSpec | None, Key("Robustness against wrong nominal parameters (default: none).", "give {} "
-        "where the robot's numbers may be wrong by half or more; choosing takes as many times longer as there are "
-        "guesses.")] = None
     distortion: Annotated[float, Key("Nonlinear distortion (friction above all) that is expected on top of the "
         "rig's noise, as the standard deviation of G relative to |G| in one realisation.", "0.03 to 0.1 from the "
         "report of an earlier measurement; without it many realisations seem as good as many periods, and predicted "

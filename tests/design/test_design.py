@@ -168,7 +168,7 @@ def test_what_was_measured_before_counts() -> None:
     """Fifty measurements are known before the choice begins, fifty times what one is."""
     measured = tuple(_measured(PROBLEM, design(_with(count=1)).plan, 3))
     problems = (replace(PROBLEM, measured=times * measured) for times in (0, 1, 50))
-    none, one, many = (problem.prior_information(problem.guesses) for problem in problems)
+    none, one, many = (problem.prior_information() for problem in problems)
     assert np.linalg.eigvalsh(one - none).min() > 0
     np.testing.assert_allclose(many - none, 50 * (one - none), rtol=1e-6)
 

@@ -197,37 +197,14 @@ def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[fl
 def filter_motions(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:
     """Motions (n, n_y), at rest before they begin, behind the low-pass filter of the robot's chain.
 
-    The filter is the continuous one between samples joined by a cubic spline: right to 1e-3 at an eighth of the rate,
-    to 2e-2 at a quarter.
+    The filter is the continuous one, by the spectrum of the motion continued smoothly to its mirror image.
     """
     for element in sensor_elements(robot.chain):
         T = robot.chain.sensor_lag
         if isinstance(element, LagElement) and T is not None:
-            y = y[0] + _through(element, T, y - y[0], 1 / rate_hz)
+            there = np.concatenate([y, 2 * y[-1] - y[::-1]])
+            period = np.concatenate([there, there[::-1]]) - y[0]
+            s = (2j * np.pi * np.fft.rfftfreq(len(period), 1 / rate_hz)).astype(np.complex128)
+            spectrum = np.fft.rfft(period, axis=0) * element.response(s, T)[:, None]
+            y = y[0] + np.fft.irfft(spectrum, len(period), axis=0)[: len(y)]
     return y
-
-
-def _through(element: LagElement, T: float, y: FloatArray, h: float) -> FloatArray:
-    r"""1 / P(s T) on the spline through y (n, n_y), samples h apart, from rest: the sum of its modes
-
-    .. math:: x_{k+1} = e^{\lambda h} x_k + \sum_m c_{km} \Gamma_m, \quad
-              \Gamma_m = \int_0^h e^{\lambda (h - \tau)} \tau^m d\tau, \quad r = \frac{1}{T P'(\lambda T)}
-    """
-    from scipy.interpolate import CubicSpline  # slow to import, seldom needed
-    from scipy.signal import lfilter
-
-    P = np.array([1.0, *element.coefficients])
-    c = CubicSpline(np.arange(len(y)) * h, y).c[::-1]  # (4, n - 1, n_y), powers rising
-    out = np.zeros(y.shape, complex)
-    # Gauss-Legendre quadrature on pieces short against the decay of each mode.
-    slopes = np.polynomial.polynomial.polyder(P)
-    for x in np.polynomial.polynomial.polyroots(P):
-        pole = x / T
-        pieces = int(np.ceil(abs(pole) * h)) or 1
-        nodes, weights = np.polynomial.legendre.leggauss(12)
-        tau = ((np.arange(pieces)[:, None] + (nodes + 1) / 2) * (h / pieces)).ravel()
-        weight = np.tile(weights, pieces) * (h / pieces / 2) * np.exp(pole * (h - tau))
-        given = np.tensordot([weight @ tau**m for m in range(4)], c, axes=1)
-        mode = lfilter([1.0], [1.0, -np.exp(pole * h)], given, axis=0)
-        out[1:] += mode / (T * np.polynomial.polynomial.polyval(x, slopes))
-    return np.asarray(out.real)
