@@ -16,7 +16,7 @@ from elastid.design.optimal import DesignCriterion, best_experiments
 from elastid.design.prospect import Prospect
 from elastid.design.spec import CandidateSpec
 from elastid.experiment.plan.plan import ChosenConfiguration
-from elastid.model.kinematics import Skeleton, skeleton, tool_jacobian
+from elastid.model.kinematics import Skeleton, skeleton
 from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.robot import Robot
@@ -48,9 +48,6 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
     reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
     reasons += list(obstacles(spec, robot, angles))
-    if spec.singular > 0 and len(robot.driven) > 1:
-        singular = dexterity(robot, angles) < spec.singular
-        reasons.append((f"are singular (inverse condition below {spec.singular:g})", singular))
     left = np.ones(len(angles), dtype=np.bool_)
     refused: dict[str, int] = {}
     for reason, bad in reasons:
@@ -153,29 +150,6 @@ def _along(skeleton: Skeleton) -> FloatArray:
             part = np.linspace(0, 1, 7)[1:-1, None]
             points.append(skeleton.points[:, [a]] + part * (skeleton.points[:, [b]] - skeleton.points[:, [a]]))
     return np.concatenate(points, axis=1)
-
-
-def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
-    """Inverse condition number (Q,) of the tool's Jacobian, 0 in a singular posture, for angles (Q, n_u), rad or m.
-
-    Up to three driven joints: of the tool's velocity; more: with its angular velocity times the robot's reach. A
-    direction in which the tool can never move (out of the plane of a planar arm) does not count.
-    """
-    # Random postures separate singular values that are zero everywhere (planar arm) from others.
-    typical = np.random.default_rng(0).uniform(-np.pi, np.pi, (64, angles.shape[1]))
-    slides = np.array([joint.slides for joint in robot.driven])
-    typical[:, slides] = angles[np.arange(len(typical)) % len(angles)][:, slides]
-    reach = np.linalg.norm(skeleton(robot, typical).points, axis=2).max()
-
-    def values(q: FloatArray) -> FloatArray:
-        # One metre of a slide is weighted as one radian of a joint that turns times the reach.
-        J = tool_jacobian(robot, q) * np.where(slides, reach, 1.0)
-        J = J[:, :3] if q.shape[1] <= 3 else np.concatenate([J[:, :3], reach * J[:, 3:]], axis=1)
-        s = np.linalg.svd(J, compute_uv=False)
-        return np.asarray(s / np.maximum(s[:, :1], 1e-300))
-
-    rank = int(np.sum(np.median(values(typical), axis=0) > 1e-6))
-    return values(angles)[:, rank - 1]
 
 
 def choose_configurations(

@@ -54,10 +54,6 @@ class CandidateSpec:
     margin: Annotated[JointPosition, Key("Further distance that drawn and grid candidates keep from the limits, room "
         "for the multisine; in m where a joint slides.", "the amplitude of multisine and carrier at the lowest line "
         "and some more; 0.05 rad is 3 deg.", least=0)] = 0.05
-    singular: Annotated[float, Key("Limit of singular postures: refused where the tool's Jacobian (of the frame "
-        "`tool`, else of the last body's centre of mass) has an inverse condition number below this; 0 for none.",
-        "larger keeps away from postures near which small errors of angles make large errors at the tool; 0 where only "
-        "the joints matter.")] = 0.02
     floor: Annotated[Length | None, Key("Height of the floor in the base frame, along gravity, that nothing may reach.",
         "the height of the table, minus the reach of parts below the joints; without it nothing stops an elbow below "
         "the floor.")] = None
@@ -75,8 +71,6 @@ class CandidateSpec:
             raise ValueError("give only one of random, grid and given")
         if self.grid == ():
             raise ValueError("grid: each joint needs at least 1 point")
-        if not 0 <= self.singular < 1:
-            raise ValueError("singular must be in [0, 1)")
 
 
 @section
