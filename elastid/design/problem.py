@@ -13,7 +13,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.design.choice import Candidates, draw_candidates, visible
 from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion, best_powers, even_powers
-from elastid.design.prospect import ExpectedResponse, Prospect
+from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, interest
 from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
@@ -23,16 +23,12 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.parameter_choice import choose
-from elastid.fit.problem.elastic import linear_model
-from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
-from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion
-from elastid.response import Response
 from elastid.robot import Robot
 
 Value = TypeVar("Value")
@@ -42,10 +38,10 @@ _Measurement: TypeAlias = tuple[Prospect, Configuration]
 
 @frozen_value
 class DesignProblem:
-    """The sections of a study that a plan depends on, and earlier measurements.
+    """The sections of a study that a plan depends on, and earlier fits.
 
-    left_out: configurations that the fit does not use.  measured: responses that the choice adds to.  fitted_values:
-    of parameters, from a fit of these.  model: of the fit.  typical (F, n_u): spectrum for all configurations
+    left_out: configurations that the fit does not use.  fitted_values: of parameters, from earlier fits.  model: of the
+    fit.  typical (F, n_u): spectrum for all configurations
     until each has its own.  friction: `none` if the estimator leaves that of the motors in the responses.
     """
 
@@ -57,7 +53,6 @@ class DesignProblem:
     seed: int
     design: DesignSpec | None = None
     left_out: tuple[str, ...] = ()
-    measured: tuple[Response, ...] = ()
     fitted_values: tuple[tuple[str, float], ...] = ()
     model: ModelSpec = EXACT
     typical: FloatArray | None = None
@@ -180,15 +175,8 @@ class DesignProblem:
         return [(prospect, c) for prospect, c in every if c.name not in self.left_out]
 
     def prior_information(self) -> FloatArray:
-        """Information (n_x, n_x) of priors and earlier measurements."""
-        parameters, x = self.parameters, self.parameters.x
-        known = np.diag(np.square([0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free]))
-        for response in self.measured:
-            linearisation = Linearisation.of_robot(self.robot, self.model, parameters.names)
-            model = linear_model(linearisation, response, parameters.expand(x))
-            expected = ExpectedResponse(response, model, weigh(response, self.fit), parameters, self.fit)
-            known = known + expected.information(x)
-        return known
+        """Information (n_x, n_x) of priors."""
+        return np.diag(np.square([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters.free]))
 
 
 def with_torques(problem: DesignProblem) -> DesignProblem:

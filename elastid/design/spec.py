@@ -94,9 +94,6 @@ class DesignSpec:
         "rig's noise, as the standard deviation of G relative to |G| in one realisation.", "0.03 to 0.1 from the "
         "report of an earlier measurement; without it many realisations seem as good as many periods, and predicted "
         "intervals are those of the simulated rig.", least=0)] = 0.0
-    measured: Annotated[tuple[str, ...], Key("Earlier measurements, run folders or frf.h5 files; the choice adds to "
-        "their information about the parameters that their fit found.", "for a robot that is measured once more: "
-        "postures then go to what the first session left uncertain.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:

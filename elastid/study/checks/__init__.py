@@ -47,7 +47,7 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_configurations(study)
     yield from check_payload(study)
     yield from check_excitation(study)
-    yield from check_design(study, base)
+    yield from check_design(study)
     if experiment.simulated is not None:
         yield from check_simulated(study, experiment.simulated)
     yield from check_fit(study)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -159,12 +157,11 @@ def check_excitation(study: Study) -> Iterator[Problem]:
             )
 
 
-_DESIGN: KeyPath = ("design",)
 _CANDIDATES: KeyPath = ("design", "candidates")
 
 
-def check_design(study: Study, base: Path) -> Iterator[Problem]:
-    """Earlier measurements, relative to `base`, exist; candidates are new and in units of the joints."""
+def check_design(study: Study) -> Iterator[Problem]:
+    """Candidates are new and in units of the joints."""
     design = study.design
     if design is None:
         if not study.experiment.configurations:
@@ -177,15 +174,3 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
         if name in study.experiment.configurations:
             text = f"{name} is a configuration of experiment.configurations already; rename one"
             yield Problem((*_CANDIDATES, "given", name), text, True)
-    for i, path in enumerate(design.measured):
-        if not os.path.isfile(responses_file(base, path)):
-            problem = (
-                f"no such measurement (looked for {responses_file(base, path)}); `elastid run STUDY estimate` makes it"
-            )
-            yield Problem((*_DESIGN, "measured", i), problem)
-
-
-def responses_file(base: Path, path: str) -> Path:
-    """The frf.h5 that a run folder or a file stands for."""
-    given = base / path
-    return given / "frf.h5" if os.path.isdir(given) or not given.suffix else given
