@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, release
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.kept import Kept
+from elastid.base.workers import Kept
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 

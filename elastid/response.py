@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
-from elastid.base.display import Display, as_html, as_text, notebook_package
-from elastid.base.errors import Note, check_kind, index_of
+from elastid.base.display import Display, as_html, as_text
+from elastid.base.errors import Note, check_kind, index_of, installed
 from elastid.base.escape import control_label
-from elastid.base.kept import Kept
+from elastid.base.workers import Kept
 from elastid.covariance import Covariance, CovarianceForm, scaled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
 
@@ -335,7 +335,7 @@ class Response(Kept):
         axes = ("freq_hz", "output", "input")
         stds = {"noise_std": self.noise, "total_std": self.total}
         known = {name: np.sqrt(covariance.variance) for name, covariance in stds.items() if covariance is not None}
-        return notebook_package("xarray").Dataset(
+        return installed("xarray", "notebook").Dataset(
             {name: (axes, values) for name, values in {"G": self.G, **known}.items()},
             {"freq_hz": self.freq_hz, "output": list(self.outputs), "input": list(self.inputs)},
             {"unit": self.unit, "quantity": self.quantity, "configuration": self.configuration.name},

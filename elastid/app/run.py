@@ -124,8 +124,7 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     code, results, hash_of_file = code_hash(), dict[str, Stamp](), cache(file_hash)
     for name, stage in stages_of_study(loaded.study).items():
         study, text = stage.sees(loaded.study), loaded.text if "text" in stage.keys.split() else ""
-        named = files_of(study, loaded.base).items()
-        contents = [[path, [[file.name, hash_of_file(file)] for file in behind]] for path, behind in named]
+        contents = [[path, hash_of_file(loaded.base / path)] for path in files_of(study)]
         read = [[source, results[source].inputs] for source in stage.sources if source in results]
         inputs = hash_of([name, study, text, contents, read])
         results[name] = Stamp(inputs, code, __version__, loaded.study.seed, loaded.text, software())

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -74,20 +73,13 @@ def _seen(section: Any, keys: Iterable[str]) -> Any:
     return type(section)(**seen)
 
 
-def files_of(study: Study, folder: Path) -> dict[str, tuple[Path, ...]]:
-    """The files behind each that a study names in its folder: logs, responses, earlier ones each with its fit."""
-    from elastid.study.checks.experiment import responses_file  # brings pydantic, which help does without
-
-    recorded, design = study.experiment.recorded, study.design
+def files_of(study: Study) -> list[str]:
+    """The files that a study names, relative to its folder: logs and responses."""
+    recorded = study.experiment.recorded
     names = [path for file in (() if recorded is None else recorded.files) for path in (file.path, *file.also)]
     of_tool = [tool.responses for tool in (study.tool, study.validation.tool) if tool is not None]
-    names += [file.path for each in (study.experiment.responses, *of_tool) if each is not None for file in each.files]
-    named: dict[str, tuple[Path, ...]] = {path: (folder / path,) for path in names}
-    for path in () if design is None else design.measured:
-        frf = responses_file(folder, path)
-        fit = frf.with_name("fit.h5")
-        named[path] = (frf, fit) if fit.is_file() else (frf,)
-    return named
+    of_responses = (study.experiment.responses, *of_tool)
+    return names + [file.path for each in of_responses if each is not None for file in each.files]
 
 
 # Keys of `experiment` that say where its data come from: the kinds of study with a robot.

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import Field, dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar, cast, dataclass_transform, overload
+from typing import Any, TypeAlias, TypeVar, cast, dataclass_transform
 from weakref import WeakValueDictionary, finalize
 
 import numpy as np
@@ -89,17 +89,8 @@ _DTYPES: dict[str, type] = {
 T = TypeVar("T")
 
 
-@overload
 @dataclass_transform(frozen_default=True, field_specifiers=(field, labelled))
-def frozen_value(cls: type[T], /) -> type[T]: ...
-
-
-@overload
-@dataclass_transform(frozen_default=True, field_specifiers=(field, labelled))
-def frozen_value(*, eq: bool) -> Callable[[type[T]], type[T]]: ...
-
-
-def frozen_value(cls: type[T] | None = None, /, *, eq: bool = True) -> type[T] | Callable[[type[T]], type[T]]:
+def frozen_value(cls: Any = None, /, *, eq: bool = True) -> Any:
     """A frozen dataclass whose array fields are read-only copies of the given arrays, made before its `__post_init__`.
 
     An array field is one annotated FloatArray, ComplexArray, BoolArray or IntArray, alone or with `| None`; the

@@ -6,11 +6,9 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape as escape_html
-from importlib import import_module
 from itertools import zip_longest
-from typing import Any, Protocol
+from typing import Protocol
 
-from elastid.base.errors import ElastidError
 from elastid.base.escape import one_line, printable
 
 # Rows of a table that are shown; of more, so many and a count of the rest.
@@ -145,18 +143,6 @@ def percent(value: float | None, digits: int = 2) -> str:
 
 def _exponent(value: float) -> int:
     return math.floor(math.log10(abs(value)))
-
-
-def notebook_package(name: str) -> Any:
-    """The package; ElastidError that says how it is installed where it is missing."""
-    try:
-        return import_module(name)
-    except ImportError:
-        raise ElastidError(
-            "install/missing-package",
-            f"{name} is not installed; install it with `uv sync --extra notebook` "
-            "(or `pip install 'elastid[notebook]'`)",
-        ) from None
 
 
 def value_cells(value: float, std: float, interval: tuple[float, float]) -> tuple[str, str, str]:

@@ -9,8 +9,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from difflib import get_close_matches
+from importlib import import_module
 from types import UnionType
-from typing import Final, Literal, TypeAlias, TypeVar, get_args
+from typing import Any, Final, Literal, TypeAlias, TypeVar, get_args
 
 T = TypeVar("T")
 
@@ -118,6 +119,17 @@ def did_you_mean(name: str, known: Iterable[str], further: Iterable[str] = ()) -
     names = list(known)
     close = get_close_matches(name, [*names, *further], n=1)
     return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names) or 'none'}"
+
+
+def installed(module: str, extra: str, place: object = "") -> Any:
+    """A module of an extra; StudyError with the command that installs it where it is not there."""
+    try:
+        return import_module(module)
+    except ImportError:
+        text = (
+            f"{module.partition('.')[0]} is not installed; install it with `uv sync --extra {extra}` (or `pip install "
+        )
+        raise StudyError("install/missing-package", f"{text}'elastid[{extra}]'`)", place) from None
 
 
 Severity: TypeAlias = Literal["information", "warning"]

@@ -12,16 +12,14 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from functools import partial
-from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Thread
 from typing import Any, TypeAlias, TypeVar
 from uuid import uuid4
 
-from elastid.base.errors import ElastidError
-from elastid.base.kept import End, LostError
-from elastid.base.workers import Outcome, Served, outcomes
+from elastid.base.errors import ElastidError, installed
+from elastid.base.workers import End, LostError, Outcome, Served, outcomes
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -197,12 +195,8 @@ def on_dask(address: str) -> Iterator[None]:
 
     Raises ElastidError where Dask is not installed or does not answer there.
     """
-    if address and find_spec("distributed") is None:
-        raise ElastidError(
-            "install/missing-package",
-            "Dask is not installed; `uv sync --extra dask` does it, or leave --dask out",
-        )
     if address:
+        installed("distributed", "dask")
         with client_of(address):  # now, not after hours of work
             pass
     token = SCHEDULER.set(address)
@@ -214,18 +208,9 @@ def on_dask(address: str) -> Iterator[None]:
 
 @contextmanager
 def client_of(address: str) -> Iterator[Any]:
-    """A Dask cluster; ElastidError without certificates, where no scheduler answers, and where it gets no worker."""
+    """A Dask cluster; ElastidError where no scheduler answers, and where it gets no worker."""
     from distributed import Client
-    from distributed.security import Security
 
-    # Of an encrypted connection; without, there would be a traceback when the process ends, too.
-    is_encrypted = address.startswith(("tls://", "wss://"))
-    if is_encrypted and not Security().get_connection_args("client").get("ssl_context"):
-        raise ElastidError(
-            "workers/cluster",
-            f"the Dask scheduler at {address} needs certificates, and none are configured; name them in the "
-            "configuration of Dask (distributed.comm.tls), or give the address of a tcp scheduler",
-        )
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except Exception as error:  # of a scheme, too, for which a package is missing

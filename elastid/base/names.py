@@ -15,9 +15,8 @@ from functools import lru_cache
 from typing import Annotated, Any, TypeAlias
 from unicodedata import normalize
 
+# Of a place on a robot, too.
 MAX_NAME_LENGTH = 100
-# Of a place on a robot: kind and name of a part, and an axis.
-MAX_PLACE_LENGTH = MAX_NAME_LENGTH + 20
 # Names of files are those of configurations with a number, a stamp and an ending; systems end at 255 bytes.
 MAX_FILE_NAME_BYTES = 200
 # Between the name of a parameter, which ends in that of a part of the robot, and its group.
@@ -41,7 +40,6 @@ class NameRule:
 
     is_file: bool = False
     without: str = ""
-    max_length: int = MAX_NAME_LENGTH
     is_optional: bool = False
 
     def check(self, name: str) -> str:
@@ -52,14 +50,14 @@ class NameRule:
         ValueError: the name '1\nevil: 1' contains the character U+000A, which cannot be printed; take it out
         """
         if problem := "" if self.is_optional and not name else self._problem(name):
-            shown = f"'{name}'" if name.isprintable() and len(name) <= self.max_length else f"{name[:20]!a}"
+            shown = f"'{name}'" if name.isprintable() and len(name) <= MAX_NAME_LENGTH else f"{name[:20]!a}"
             raise ValueError(f"the name {shown} {problem}")
         return name
 
     def _problem(self, name: str) -> str:
         """Why a text cannot be a name, blank at an end or not one line of printable characters; empty where it can."""
-        if not 0 < len(name) <= self.max_length:
-            return f"has {len(name)} characters; give 1 to {self.max_length}"
+        if not 0 < len(name) <= MAX_NAME_LENGTH:
+            return f"has {len(name)} characters; give 1 to {MAX_NAME_LENGTH}"
         if not name.isprintable():
             code = next(ord(character) for character in name if not character.isprintable())
             return f"contains the character U+{code:04X}, which cannot be printed; take it out"
@@ -86,7 +84,6 @@ class NameRule:
 Name: TypeAlias = Annotated[str, NameRule()]
 # Of a part of the robot: names of parameters end in it.
 PartName: TypeAlias = Annotated[str, NameRule(without=SEPARATOR)]
-PlaceName: TypeAlias = Annotated[str, NameRule(max_length=MAX_PLACE_LENGTH)]
 # Of what has another name unless it is given one.
 OptionalName: TypeAlias = Annotated[str, NameRule(without=SEPARATOR, is_optional=True)]
 FileName: TypeAlias = Annotated[str, NameRule(is_file=True)]

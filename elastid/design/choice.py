@@ -16,7 +16,7 @@ from elastid.design.optimal import DesignCriterion, best_experiments
 from elastid.design.prospect import Prospect
 from elastid.design.spec import CandidateSpec
 from elastid.experiment.plan.plan import ChosenConfiguration
-from elastid.model.kinematics import Skeleton, skeleton, tool_jacobian
+from elastid.model.kinematics import Skeleton, skeleton
 from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.robot import Robot
@@ -48,9 +48,6 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
     reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
     reasons += list(obstacles(spec, robot, angles))
-    if spec.singular > 0 and len(robot.driven) > 1:
-        singular = dexterity(robot, angles) < spec.singular
-        reasons.append((f"are singular (inverse condition below {spec.singular:g})", singular))
     left = np.ones(len(angles), dtype=np.bool_)
     refused: dict[str, int] = {}
     for reason, bad in reasons:
@@ -155,42 +152,18 @@ def _along(skeleton: Skeleton) -> FloatArray:
     return np.concatenate(points, axis=1)
 
 
-def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
-    """Inverse condition number (Q,) of the tool's Jacobian, 0 in a singular posture, for angles (Q, n_u), rad or m.
-
-    Up to three driven joints: of the tool's velocity; more: with its angular velocity times the robot's reach. A
-    direction in which the tool can never move (out of the plane of a planar arm) does not count.
-    """
-    # Random postures separate singular values that are zero everywhere (planar arm) from others.
-    typical = np.random.default_rng(0).uniform(-np.pi, np.pi, (64, angles.shape[1]))
-    slides = np.array([joint.slides for joint in robot.driven])
-    typical[:, slides] = angles[np.arange(len(typical)) % len(angles)][:, slides]
-    reach = np.linalg.norm(skeleton(robot, typical).points, axis=2).max()
-
-    def values(q: FloatArray) -> FloatArray:
-        # One metre of a slide is weighted as one radian of a joint that turns times the reach.
-        J = tool_jacobian(robot, q) * np.where(slides, reach, 1.0)
-        J = J[:, :3] if q.shape[1] <= 3 else np.concatenate([J[:, :3], reach * J[:, 3:]], axis=1)
-        s = np.linalg.svd(J, compute_uv=False)
-        return np.asarray(s / np.maximum(s[:, :1], 1e-300))
-
-    rank = int(np.sum(np.median(values(typical), axis=0) > 1e-6))
-    return values(angles)[:, rank - 1]
-
-
 def choose_configurations(
     criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
-    configurations: Sequence[Configuration], x: FloatArray, taken: Sequence[str], execution: Execution,
+    configurations: Sequence[Configuration], taken: Sequence[str], execution: Execution,
 ) -> tuple[tuple[ChosenConfiguration, ...], str]:  # fmt: skip
     """The best whole experiments, `count` in all, among candidate configurations, and a sentence on them.
 
-    elsewhere (S, n_x, n_x): information without them (given configurations, earlier measurements, priors).  x (S, n_x):
-    guesses of the parameters.  taken: names that other configurations have.  StudyError where no candidate informs any
-    parameter.
+    elsewhere (n_x, n_x): information without them (given configurations, earlier measurements, priors).  taken: names
+    that other configurations have.  StudyError where no candidate informs any parameter.
     """
-    H, rows = informations(prospect, configurations, x, execution)
+    H, rows = informations(prospect, configurations, prospect.parameters.x, execution)
     seen, ground = visible(criterion, H, elsewhere, prospect.parameters)
-    numbers, efficiency = best_experiments(H, count, seen, elsewhere + ground)
+    numbers, efficiency = best_experiments(H[None], count, seen, (elsewhere + ground)[None])
     chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
     names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in chosen)
     best = f"{100 * efficiency:.1f} % of the best possible allocation"
@@ -200,27 +173,21 @@ def choose_configurations(
 def informations(
     prospect: Prospect, configurations: Sequence[Configuration], x: FloatArray, execution: Execution
 ) -> tuple[FloatArray, IntArray]:
-    """H (S, Q, n_x, n_x) for guesses x (S, n_x), and which of the configurations (Q,) have an equilibrium in all.
+    """H (Q, n_x, n_x) at x (n_x,) of the configurations that have an equilibrium, and which these are.
 
     StudyError or DataError of the first where none has.
     """
-    if len(configurations) * len(x) < 400:  # less work than it takes to start other processes
+    if len(configurations) < 400:  # less work than it takes to start other processes
         execution = replace(execution, jobs=1)
     found = execution.ordered(partial(_information, prospect, x), configurations)
     informative = {i: H for i, H in enumerate(found) if H is not None}
     if not informative:
-        prospect.expected(configurations[0], x[0])  # raises with the reason
-        raise StudyError(
-            "design/candidates",
-            "no candidate has an equilibrium for all guesses of the parameters; start nearer to the truth in "
-            "fit.parameters, or take design.robust out",
-            "design",
-        )
-    return np.stack([*informative.values()], axis=1), np.array([*informative])
+        prospect.expected(configurations[0], x)  # raises with the reason
+    return np.stack([*informative.values()]), np.array([*informative])
 
 
 def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
-    """H (S, n_x, n_x); None where there is no equilibrium for one of the guesses."""
+    """H (n_x, n_x); None where there is no equilibrium."""
     try:
         return prospect.information(configuration, x)
     except (StudyError, DataError):
@@ -231,7 +198,7 @@ def visible(
     criterion: DesignCriterion, H: FloatArray, known: FloatArray, parameters: Parameters
 ) -> tuple[DesignCriterion, FloatArray]:
     """The criterion on the parameters that the candidates together inform, and information (n_x, n_x) for the rest."""
-    pooled = (H.mean(axis=1) + known).mean(axis=0)
+    pooled = H.mean(axis=0) + known
     length = np.sqrt(np.maximum(np.diag(pooled), 0.0))
     length[length == 0] = 1.0
     eigenvalues, V = np.linalg.eigh(pooled / np.outer(length, length))

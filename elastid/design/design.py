@@ -125,7 +125,6 @@ def _choose(
     problem: DesignProblem, spec: DesignSpec, execution: Execution
 ) -> tuple[tuple[ChosenConfiguration, ...], str]:
     candidates = problem.candidates(spec)
-    x = problem.guesses
     sections = problem.excitation, problem.experiment, len(problem.robot.driven)
     count = room(spec, *sections)
     if count < 1:
@@ -144,16 +143,16 @@ def _choose(
             + f"; lower count to {n}, give more candidates, or more realisations of each",
         )
     given = tuple(problem.experiment.configurations)
-    prospect, known = _prospect(problem, x)
-    return choose_configurations(criterion, prospect, count, known, candidates.configurations, x, given, execution)
+    prospect, known = _prospect(problem)
+    return choose_configurations(criterion, prospect, count, known, candidates.configurations, given, execution)
 
 
-def _prospect(problem: DesignProblem, x: FloatArray) -> tuple[Prospect, FloatArray]:
-    """The prospect of a candidate, and the information (S, n_x, n_x) of the configurations given."""
+def _prospect(problem: DesignProblem) -> tuple[Prospect, FloatArray]:
+    """The prospect of a candidate, and the information (n_x, n_x) of the configurations given."""
     probe = problem.probe(problem.experiment)
     check_line_count(probe.freq_hz, problem.parameters)
-    known = problem.prior_information(x)
+    known = problem.prior_information()
     for q, configuration in enumerate(probe.configurations):
         if configuration.name in set(problem.experiment.configurations) - set(problem.left_out):
-            known = known + problem.prospect(probe, q).information(configuration, x)
+            known = known + problem.prospect(probe, q).information(configuration, problem.parameters.x)
     return problem.prospect(probe, -1), known

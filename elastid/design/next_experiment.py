@@ -215,10 +215,10 @@ def _ranked(
 
     def at(periods: int, configurations: Sequence[Configuration]) -> list[Option]:
         prospect = _prospect(problem, known, periods)
-        H, rows = informations(prospect, configurations, known.x[None], execution)
+        H, rows = informations(prospect, configurations, known.x, execution)
         n_u = len(problem.robot.driven)
         time_s = unit_time_s(problem.excitation, problem.experiment, n_u, periods)
-        places = zip(H[0], rows.tolist(), strict=True)
+        places = zip(H, rows.tolist(), strict=True)
         return [_option(known, goal, own, configurations[i], periods, time_s) for own, i in places]
 
     options = sorted(at(usual, candidates.configurations), key=lambda option: option.order)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import TypeAlias, TypeVar
@@ -14,7 +13,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.design.choice import Candidates, draw_candidates, visible
 from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion, best_powers, even_powers
-from elastid.design.prospect import ExpectedResponse, Prospect
+from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, interest
 from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
@@ -24,16 +23,12 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.parameter_choice import choose
-from elastid.fit.problem.elastic import linear_model
-from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
-from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion
-from elastid.response import Response
 from elastid.robot import Robot
 
 Value = TypeVar("Value")
@@ -43,10 +38,10 @@ _Measurement: TypeAlias = tuple[Prospect, Configuration]
 
 @frozen_value
 class DesignProblem:
-    """The sections of a study that a plan depends on, and earlier measurements.
+    """The sections of a study that a plan depends on, and earlier fits.
 
-    left_out: configurations that the fit does not use.  measured: responses that the choice adds to.  fitted_values:
-    of parameters, from a fit of these.  model: of the fit.  typical (F, n_u): spectrum for all configurations
+    left_out: configurations that the fit does not use.  fitted_values: of parameters, from earlier fits.  model: of the
+    fit.  typical (F, n_u): spectrum for all configurations
     until each has its own.  friction: `none` if the estimator leaves that of the motors in the responses.
     """
 
@@ -58,7 +53,6 @@ class DesignProblem:
     seed: int
     design: DesignSpec | None = None
     left_out: tuple[str, ...] = ()
-    measured: tuple[Response, ...] = ()
     fitted_values: tuple[tuple[str, float], ...] = ()
     model: ModelSpec = EXACT
     typical: FloatArray | None = None
@@ -84,17 +78,6 @@ class DesignProblem:
         )
 
     @property
-    def guesses(self) -> FloatArray:
-        """Guesses (S, n_x) of the parameters, the nominal one first; linear parameters keep their number."""
-        parameters, spec = self.parameters, None if self.design is None else self.design.robust
-        if spec is None:
-            return parameters.x[None]
-        draw = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(0x90,)))
-        spread = np.array([math.log(spec.factor) if p.log else 0.0 for p in parameters.free])
-        drawn = parameters.x + spread * draw.standard_normal((spec.guesses - 1, len(spread)))
-        return np.vstack([parameters.x, np.clip(drawn, *parameters.x_bounds)])
-
-    @property
     def criterion(self) -> DesignCriterion:
         """The criterion of the section `design`; without it the volume of the ellipsoid of all parameters."""
         design, names = self.design, self.parameters.free_names
@@ -107,7 +90,7 @@ class DesignProblem:
         if carrier is not None:
             periods = experiment.transient_periods + experiment.periods
             run_s = periods * excitation.period + 2 * experiment.ramp
-            swing = reach(carrier, len(swing), excitation.period, run_s) / (1 - excitation.margin)
+            swing = reach(carrier, len(swing), run_s) / (1 - excitation.margin)
         return draw_candidates(design.candidates, self.robot, self.seed, swing)
 
     def plan(
@@ -191,18 +174,9 @@ class DesignProblem:
         every = [(replace(self.prospect(plan, q), realisations=M), c) for q, (c, M) in measured]
         return [(prospect, c) for prospect, c in every if c.name not in self.left_out]
 
-    def prior_information(self, x: FloatArray) -> FloatArray:
-        """Information (S, n_x, n_x) of priors and earlier measurements at guesses x (S, n_x)."""
-        parameters = self.parameters
-        slopes = [0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free]
-        known = np.repeat(np.diag(np.square(slopes))[None], len(x), axis=0)
-        for response in self.measured:
-            linearisation = Linearisation.of_robot(self.robot, self.model, parameters.names)
-            for s, guess in enumerate(x):
-                model = linear_model(linearisation, response, parameters.expand(guess))
-                expected = ExpectedResponse(response, model, weigh(response, self.fit), parameters, self.fit)
-                known[s] += expected.information(guess)
-        return known
+    def prior_information(self) -> FloatArray:
+        """Information (n_x, n_x) of priors."""
+        return np.diag(np.square([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters.free]))
 
 
 def with_torques(problem: DesignProblem) -> DesignProblem:
@@ -232,8 +206,7 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
 
     def measurement(q: int, configuration: Configuration) -> tuple[_Measurement, FloatArray]:
         prospect = replace(problem.prospect(probe, q), realisations=probe.realisations[q])
-        for x in problem.guesses:
-            prospect.expected(configuration, x)
+        prospect.expected(configuration, problem.parameters.x)
         single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
         return (prospect, configuration), power_costs(problem.rig(single), excitation)
 
@@ -266,7 +239,7 @@ def _best(
 
     cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError where fewer experiments than inputs are run.
     """
-    x, first = problem.guesses, measurements[0][0]
+    x, first = problem.parameters.x, measurements[0][0]
     E, n_u = first.R.shape[1], first.R.shape[3]
     if n_u > E:
         raise StudyError(
@@ -276,12 +249,11 @@ def _best(
             "experiment.experiments out",
             "excitation.flat",
         )
-    sources = [[prospect.source(c, guess) for guess in x] for prospect, c in measurements]
-    even = even_powers(cost)
-    H = [[source.information(P) for source in guesses] for guesses, P in zip(sources, even, strict=True)]
-    known = problem.prior_information(x)
-    criterion, ground = visible(problem.criterion, np.swapaxes(np.array(H), 0, 1), known, first.parameters)
-    groups = [sources] if together else [[guesses] for guesses in sources]
+    sources = [prospect.source(c, x) for prospect, c in measurements]
+    H = [source.information(P) for source, P in zip(sources, even_powers(cost), strict=True)]
+    known = problem.prior_information()
+    criterion, ground = visible(problem.criterion, np.array(H), known, first.parameters)
+    groups = [[[source] for source in sources]] if together else [[[source]] for source in sources]
     cost = cost.mean(axis=0, keepdims=True) if together else cost
-    best = best_powers(groups, cost, criterion, known + ground, problem.excitation.least)
+    best = best_powers(groups, cost, criterion, (known + ground)[None], problem.excitation.least)
     return np.asarray(np.sqrt(best.P / E))

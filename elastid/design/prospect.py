@@ -134,8 +134,8 @@ class Prospect:
         return ExpectedResponse(response, model, weigh(response, self.fit), self.parameters, self.fit)
 
     def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
-        """H (S, n_x, n_x) for guesses x (S, n_x)."""
-        return np.stack([self.expected(configuration, guess).information(guess) for guess in x])
+        """H (n_x, n_x) at x (n_x,)."""
+        return self.expected(configuration, x).information(x)
 
     def source(self, configuration: Configuration, x: FloatArray) -> PowerSource:
         """Information by elements one by one, a function of the powers of R; friction scatters as under R.

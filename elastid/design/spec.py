@@ -54,10 +54,6 @@ class CandidateSpec:
     margin: Annotated[JointPosition, Key("Further distance that drawn and grid candidates keep from the limits, room "
         "for the multisine; in m where a joint slides.", "the amplitude of multisine and carrier at the lowest line "
         "and some more; 0.05 rad is 3 deg.", least=0)] = 0.05
-    singular: Annotated[float, Key("Limit of singular postures: refused where the tool's Jacobian (of the frame "
-        "`tool`, else of the last body's centre of mass) has an inverse condition number below this; 0 for none.",
-        "larger keeps away from postures near which small errors of angles make large errors at the tool; 0 where only "
-        "the joints matter.")] = 0.02
     floor: Annotated[Length | None, Key("Height of the floor in the base frame, along gravity, that nothing may reach.",
         "the height of the table, minus the reach of parts below the joints; without it nothing stops an elbow below "
         "the floor.")] = None
@@ -75,25 +71,6 @@ class CandidateSpec:
             raise ValueError("give only one of random, grid and given")
         if self.grid == ():
             raise ValueError("grid: each joint needs at least 1 point")
-        if not 0 <= self.singular < 1:
-            raise ValueError("singular must be in [0, 1)")
-
-
-@section
-class GuessSpec:
-    """Robustness against a wrong nominal robot: the choice must be good for other guesses of the parameters as well."""
-
-    # fmt: off
-    guesses: Annotated[int, Key("Number of guesses that are drawn about the nominal one, log-normal; the mean of "
-        "the criterion over them counts.", "more where the time of `design`, which grows with it, does not matter; "
-        "8 know the mean to a third of the spread between guesses.")] = 8
-    factor: Annotated[float, Key("One standard deviation of a guess, as a factor.", "1.2 after an earlier fit, 2 where "
-        "the numbers come from a robot of another type. 1.5 is what stiffnesses of catalogues are off by.")] = 1.5
-    # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.guesses < 1 or not self.factor > 1:
-            raise ValueError("guesses must be at least 1 and factor above 1")
 
 
 @section
@@ -113,16 +90,10 @@ class DesignSpec:
     parameters: Annotated[tuple[str, ...], Key("Names or patterns such as k_* of the parameters that count (default: "
         "all that the fit identifies); the volume of their confidence ellipsoid is to be the smallest.", "`k_*` where "
         "dampings and friction do not matter; the others are still unknowns, and cost what they cost.")] = ()
-    robust: Annotated[GuessSpec | None, Key("Robustness against wrong nominal parameters (default: none).", "give {} "
-        "where the robot's numbers may be wrong by half or more; choosing takes as many times longer as there are "
-        "guesses.")] = None
     distortion: Annotated[float, Key("Nonlinear distortion (friction above all) that is expected on top of the "
         "rig's noise, as the standard deviation of G relative to |G| in one realisation.", "0.03 to 0.1 from the "
         "report of an earlier measurement; without it many realisations seem as good as many periods, and predicted "
         "intervals are those of the simulated rig.", least=0)] = 0.0
-    measured: Annotated[tuple[str, ...], Key("Earlier measurements, run folders or frf.h5 files; the choice adds to "
-        "their information about the parameters that their fit found.", "for a robot that is measured once more: "
-        "postures then go to what the first session left uncertain.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:

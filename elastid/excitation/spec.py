@@ -58,14 +58,13 @@ class MultisineSpec:
     margin: Annotated[float, Key("Margin to every limit of the robot, the part of it that stays free.", "more where "
         "the robot's file is rough, since the nominal model predicts the movement; 0 uses all of each limit. 0.1 "
         "covers errors of the masses of ten percent.")] = 0.1
-    flat: Annotated[Signal | Literal["precision", "information"], Key("Quantity that has, closed loop and nominal "
-        "robot, the same amplitude at all lines: the injected `torque`, the motor's `position`, `velocity` or "
-        "`acceleration` (less around a resonance, wherever within 10 % it is), the `precision` of its response under "
-        "the noise of the simulated rig, or the `information` that a little more power would bring about the "
-        "parameters of the fit: then no other spectrum of the same torques gives more about them (by the criterion of "
-        "`design`; each configuration has its own).", "`torque` needs no model and is the default; `acceleration` or "
-        "`precision` move power from the resonances to where the response is weak; `information` where the parameters "
-        "are nearly known, for the smallest intervals.")] = "torque"
+    flat: Annotated[Signal | Literal["information"], Key("Quantity that has, closed loop and nominal robot, the same "
+        "amplitude at all lines: the injected `torque`, the motor's `position`, `velocity` or `acceleration` (less "
+        "around a resonance, wherever within 10 % it is), or the `information` that a little more power would bring "
+        "about the parameters of the fit: then no other spectrum of the same torques gives more about them (by the "
+        "criterion of `design`; each configuration has its own).", "`torque` needs no model and is the default; "
+        "`acceleration` moves power from the resonances to where the response is weak; `information` where the "
+        "parameters are nearly known, for the smallest intervals.")] = "torque"
     least: Annotated[float, Key("Part of a flat torque's power that every line keeps under flat: information.",
         "more where the nominal numbers are rough, so that a mode elsewhere than expected is still excited; less gains "
         "some percent of standard deviation. 0.1 keeps a third of the amplitude.")] = 0.1

@@ -11,8 +11,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
-from elastid.base.display import Display, as_html, as_text, digits, interval_of, notebook_package, number
-from elastid.base.errors import Named, Note, StudyError, UnknownNameError, did_you_mean, index_of
+from elastid.base.display import Display, as_html, as_text, digits, interval_of, number
+from elastid.base.errors import Named, Note, StudyError, UnknownNameError, did_you_mean, index_of, installed
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_of
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
@@ -401,7 +401,7 @@ class Result:
             )
             for p in self.parameters
         }  # fmt: skip
-        return notebook_package("pandas").DataFrame.from_dict(rows, orient="index", columns=columns)
+        return installed("pandas", "notebook").DataFrame.from_dict(rows, orient="index", columns=columns)
 
     def model(self, configuration: Configuration | str) -> FittedModel:
         """The fitted model in one configuration that was fitted, by its name: response, modes, state space.

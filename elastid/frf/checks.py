@@ -1,21 +1,24 @@
-r"""Checks of records around an estimate: they fit together, and inputs are separate.
+r"""Checks of records around an estimate: they fit together, inputs are separate, and hits of a hammer are whole.
 
 The weakest combination of inputs, each relative to its noise S = diag(sigma_u), must stand out by `MIN_SNR`:
 
 .. math:: \lambda_{min}(S^{-1} U U^H S^{-1}) / E > 4
 
 Dividing by it biases G by a part exp(-power / noise): 2 % where it stands out least.
+
+A channel without a period is a hammer's where its force is far from 0 in a few samples only.  Pulses are runs of
+samples beyond a tenth of the largest one; two within 0.15 s are one hit that bounced.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, smoothed_noise
@@ -33,6 +36,11 @@ class Limits:
     unlike: float = 4.0
     difference: float = 0.2  # of the inputs of two records, relative, below which they are repeats of each other
     lines: int = 64  # evenly taken, that show phases as well as all
+    beyond: float = 0.1  # of the largest sample, where a pulse begins
+    share: float = 0.02  # of samples of a hammer's force in pulses, at most
+    samples: int = 20_000  # evenly taken, of which twice as many in pulses are another force's
+    bounce_s: float = 0.15  # between two pulses of one hit, at most
+    run: int = 3  # samples at exactly the limit of a channel
 
 
 LIMITS = Limits()
@@ -170,3 +178,65 @@ def _power_unlike(blocks: Sequence[Block], m: int) -> FloatArray:
     inside = np.maximum(np.mean(squared_magnitude(Y - G @ U), axis=2) / (1 - share), 1e-300)
     outside = squared_magnitude(blocks[m].Y[::step] - G @ blocks[m].U[::step]) / (1 + share)
     return np.asarray(np.median(outside / inside[:, :, None], axis=(0, 1)))
+
+
+def hit_notes(records: Sequence[Record]) -> tuple[Note, ...]:
+    """Notes on double hits, cut ones and overloads in records without a period; none where no input is a hammer's."""
+    return tuple(note for record in records for note in _hit_notes(record))
+
+
+def pulses(u: FloatArray) -> tuple[IntArray, IntArray] | None:
+    """First and last sample (n,) of each pulse of a hammer's force (N,); None for another, which some samples show."""
+    few = u[:: -(-len(u) // LIMITS.samples) or 1]
+    middle = np.median(few)
+    largest = max(u.max(initial=0.0) - middle, middle - u.min(initial=0.0))
+    if np.mean(np.abs(few - middle) > LIMITS.beyond * largest) > 2 * LIMITS.share:
+        return None
+    x = np.abs(u - np.median(u))
+    beyond = x > LIMITS.beyond * x.max(initial=0.0)
+    return _runs(beyond) if 0 < beyond.mean() <= LIMITS.share else None
+
+
+def _runs(flags: BoolArray) -> tuple[IntArray, IntArray]:
+    """First and last index (n,) of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return edges[::2], edges[1::2] - 1
+
+
+def _hit_notes(record: Record) -> Iterator[Note]:
+    place, rate_hz = f"configuration {record.configuration.name}, record {record.name}", record.rate_hz
+    overloads = dict[str, int]()
+    for name, u in zip(record.inputs, record.u.T, strict=True):
+        if (found := pulses(u)) is None:
+            continue
+        (first, last), gap = found, np.diff(found[0]) / rate_hz
+        if len(bounces := np.flatnonzero(gap < LIMITS.bounce_s)):
+            i, total = bounces[0], len(first) - len(bounces)
+            text = (
+                f"{len(bounces)} of {total} hits of {name} are double, one {first[i] / rate_hz:.4g} s into the record "
+                f"with a second blow {1000 * gap[i]:.3g} ms later: the force has dips every {1 / gap[i]:.3g} Hz, where "
+                "the response is uncertain; leave that hit out of the record, or hit again with a lighter hammer"
+            )
+            yield Note("frf/hits", text, place)
+        if first[0] == 0 or last[-1] == len(u) - 1:
+            text = (
+                f"begins or ends within a hit of {name}, whose force or answer is cut: set a pretrigger of some "
+                "milliseconds, and record until the answer has died out"
+            )
+            yield Note("frf/hits", text, place)
+        overloads[name] = _visits(np.abs(u), np.abs(u).max())
+    for name, y in zip(record.outputs, record.y.T, strict=True):
+        visits = _visits(y, y.max()) + _visits(y, y.min()) if overloads and np.ptp(y) > 0 else 0
+        overloads |= {name: visits} if visits > 1 else {}  # one alone may be rest
+    if found_at := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
+        text = (
+            f"stays at the end of its range at {', '.join(found_at)}: overloaded, which makes responses too large or "
+            "looks like damping; hit more softly, or take a wider range"
+        )
+        yield Note("frf/overload", text, place)
+
+
+def _visits(x: FloatArray, limit: float) -> int:
+    """Visits of some samples to a limit."""
+    first, last = _runs(x == limit)
+    return int(np.sum(last - first + 1 >= LIMITS.run))

@@ -14,6 +14,7 @@ from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
 from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation
 from elastid.frf.checks import (
+    hit_notes,
     refuse_few,
     refuse_mismatch,
     same_phases_notes,
@@ -32,7 +33,6 @@ from elastid.frf.estimators import (
     total_error,
 )
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
-from elastid.frf.hits import hit_notes
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power

@@ -46,10 +46,10 @@ class PlacedLaw:
             curve = replace(curve, delta_c=numbers[7], delta_v=numbers[8])
         return curve
 
-    def curve(self, load: float = 0.0, temperature: float | None = None, level: float = 1.0) -> FloatArray:
+    def curve(self, load: float = 0.0, temperature: float | None = None) -> FloatArray:
         """The numbers (9,) of `static.CURVE`, link side, under a load in Nm of the link side at a temperature in degC.
 
-        level: a factor on all of the friction's torque.  temperature: the reference unless given.
+        temperature: the reference unless given.
         Raises ValueError where the temperature leaves less stiction than Coulomb friction, none of this, or no Stribeck
         velocity.
         """
@@ -73,8 +73,8 @@ class PlacedLaw:
         self._check(F_c, F_s, nu_s, load, temperature)
         inverse = 0.0 if nu_s is None else n / nu_s
         uneven, turn = spec.directions or Directions(), -1.0 if self.reverses else 1.0
-        sliding = level * n * np.array([F_c, F_s, n**2 * spec.quadratic, n * alpha_T])
-        extra = level * n * np.array([F_l, turn * uneven.coulomb, turn * n * uneven.viscous])
+        sliding = n * np.array([F_c, F_s, n**2 * spec.quadratic, n * alpha_T])
+        extra = n * np.array([F_l, turn * uneven.coulomb, turn * n * uneven.viscous])
         return np.array([*sliding[:2], inverse, *sliding[2:], extra[0], inverse_nu_l, *extra[1:]])
 
     def sliding(self, v: float, load: float = 0.0, temperature: float | None = None) -> float:

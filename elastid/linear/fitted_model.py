@@ -189,16 +189,6 @@ class ResponseBand:
     level: float
     by: By
 
-    @property
-    def freq_hz(self) -> FloatArray:
-        """The lines (F,)."""
-        return self.response.freq_hz
-
-    @property
-    def G(self) -> ComplexArray:
-        """The response (F, n_y, n_u)."""
-        return self.response.G
-
 
 @frozen_value
 class FrameStiffness:
@@ -217,12 +207,6 @@ class FrameStiffness:
     by: By
 
     __repr__, _repr_html_ = as_text, as_html
-
-    @property
-    def principal(self) -> tuple[FloatArray, FloatArray]:
-        """Compliances (3,) to forces along their principal directions (3, 3), columns; the softest first."""
-        values, vectors = np.linalg.eigh(self.compliance[:3, :3])
-        return values[::-1], vectors[:, ::-1]
 
     @property
     def display(self) -> Display:

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import polynomial
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, check_theta, index_of
 from elastid.base.escape import control_label
@@ -261,13 +261,20 @@ class LinearModel:
     def matrices(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """M, D, K (n, n) at theta (n_theta,) in SI; ValueError where theta is not one number for each parameter."""
         check_theta(theta, self.parameters)
-        change = dict(zip(self.parameters, np.asarray(theta) - self.theta_ref, strict=True))
-        M, D, K = self.M.copy(), self.D.copy(), self.K.copy()
-        for name, slope in self.slopes.items():
-            for matrix, gradient in ((M, slope.M), (D, slope.D), (K, slope.K)):
-                if gradient is not None:
-                    matrix += change[name] * gradient
+        change = np.asarray(theta) - self.theta_ref
+        parts = ((getattr(self, letter), *self._moved[letter]) for letter in "MDK")
+        M, D, K = (A + (change[at] @ slopes.reshape(len(at), A.size)).reshape(A.shape) for A, at, slopes in parts)
         return M, D, K
+
+    @cached_property
+    def _moved(self) -> dict[str, tuple[IntArray, FloatArray]]:
+        """Places in theta of the parameters that move M, D, K, and their slopes (n_p, n, n)."""
+        known = {
+            letter: {name: own for name, s in self.slopes.items() if (own := getattr(s, letter)) is not None}
+            for letter in "MDK"
+        }
+        places = {letter: [self.parameters.index(name) for name in own] for letter, own in known.items()}
+        return {x: (np.array(places[x], np.int64), np.array([*own.values()])) for x, own in known.items()}
 
 
 @frozen_value

@@ -19,9 +19,9 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.closed_posture import followed, rates
+from elastid.model.closed_posture import followed
 from elastid.model.frame_tree import ON_BASE, Attachment, Tree, carriers, tree
-from elastid.robot import BASE, TOOL, Robot
+from elastid.robot import BASE, Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,21 +169,6 @@ def _moves(layout: Tree, knot: Knot) -> bool:
     if knot.kind == "joint":
         return layout.frames[knot.frame].parent >= 0 or layout.frames[knot.frame].slides
     return knot.frame >= 0
-
-
-def tool_jacobian(robot: Robot, angles: FloatArray) -> FloatArray:
-    """J (Q, 6, n_u): velocity (m/s) of the tool and its angular velocity per driven joint's.
-
-    The tool: the origin of the frame called `tool`, or, where there is none, the last body's centre of mass.
-    """
-    q = followed(robot, angles)
-    if any(frame.name == TOOL for frame in robot.frames):
-        return frame_jacobians(robot, q, TOOL) @ rates(robot, q)
-    layout = tree(robot)
-    R, p = frames(layout, q)
-    seat = layout.attachments[len(robot.bodies) - 1]
-    local = seat.p + seat.R @ np.array(robot.bodies[-1].center_of_mass)
-    return point_jacobians(layout, R, p, seat.frame, placed(R, p, seat.frame, local, len(q))) @ rates(robot, q)
 
 
 def frames(layout: Tree, q: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:

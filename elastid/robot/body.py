@@ -20,7 +20,7 @@ InertiaTensor: TypeAlias = (
 
 BASE = "base"
 PAYLOAD = "payload"
-# The frame that a payload is fixed to unless said otherwise; its Jacobian shows singular postures.
+# The frame that a payload is fixed to unless said otherwise.
 TOOL = "tool"
 TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
 

@@ -114,7 +114,7 @@ class Robot:
     source: Annotated[str, Key("Source of the robot's numbers, as free text.", "paper and table, date of a "
         "measurement, or the word synthetic; exports carry it on.")] = ""
     frames: Annotated[tuple[Frame, ...], Key("Named frames fixed to bodies, such as the tool.", "one for each sensor, "
-        "and `tool` for singular postures and payload.")] = ()
+        "and `tool` for the payload.")] = ()
     payload: Annotated[Payload | None, Key("Load that the robot carries at one of its frames or bodies.", "change it, "
         "not the last link, for another tool, since its parameters are then apart.")] = None
     loops: Annotated[tuple[Loop, ...], Key("Closed loops: connections between bodies that the tree of bodies lacks.",

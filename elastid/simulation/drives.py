@@ -1,6 +1,6 @@
 r"""Encoders, drives and gears between controller and robot: counts, lag, limits, ripple, transmission error.
 
-.. math:: y = \mathrm{count}(q_m + \textstyle\sum a \sin(N q_m + \phi) + w), \qquad
+.. math:: y = \mathrm{count}(q_m + w), \qquad
           \tau = G_\tau(s)\, \mathrm{clip}(u) + \textstyle\sum b \sin(N q_m + \phi)
 
 All on the link side: N periods per radian of q_m, the motor's angle over its ratio.
@@ -64,7 +64,6 @@ class Drives:
 
     resolution: FloatArray
     torque: FloatArray
-    encoder_ripple: tuple[Ripple, ...] = ()
     torque_ripple: tuple[Ripple, ...] = ()
     lag: Lag | None = None
 
@@ -79,7 +78,7 @@ class Drives:
 
     def reading(self, angle: ca.SX, noise: ca.SX) -> ca.SX:
         """Readings of the encoders (n_u,) at motor angles (n_u,), in whole counts."""
-        read = _summed(self.encoder_ripple, angle, angle + noise)
+        read = angle + noise
         widths = enumerate(self.resolution.tolist())
         return ca.vertcat(*(width * ca.floor(read[i] / width + 0.5) if width > 0 else read[i] for i, width in widths))
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.errors import StudyError
+from elastid.base.errors import installed
 from elastid.base.escape import file_name, uff_text
 from elastid.base.files import replacing
 from elastid.modal.modes import Modes
@@ -46,11 +46,7 @@ def write_uff(
 
     geometry: points and lines of the structure, which each file gets.
     """
-    try:
-        import pyuff
-    except ImportError:
-        missing = "universal files are written by pyuff, which is not installed"
-        raise StudyError("install/missing-package", "pip install 'elastid[uff]', or export to csv", missing) from None
+    pyuff = installed("pyuff", "uff")
     places = dict.fromkeys(place for response in responses for place in (*response.outputs, *response.inputs))
     nodes, points = _located(list(places), geometry)
     folder.mkdir(parents=True, exist_ok=True)

@@ -93,7 +93,7 @@ class TwinLoop:
         q = equilibrium(model, model.theta, Configuration("start", start)).q if robot.loops else q
         substeps = affordable_steps(1.2 * poles(model, placed, q), rate_hz, robot.name)
         clips = clips and any(np.isfinite(joint.limits.torque) for joint in robot.driven)
-        hardware = drives(robot, 0, (), (), clips)
+        hardware = drives(robot, 0, (), clips)
         limits = np.tile([-np.inf, np.inf], (model.n_u, 1))
         loop = closed_loop(model, placed, limits, rate_hz, substeps, hardware, samples, of_numbers=True)
         return cls(robot, model, loop, gains, frame)

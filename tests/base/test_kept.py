@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from elastid.base.execution import Execution
-from elastid.base.kept import _NAMES, End, Kept, LostError
-from elastid.base.workers import lasting_workers
+from elastid.base.workers import _NAMES, End, Kept, LostError, lasting_workers
 
 
 @dataclass(frozen=True, eq=False)

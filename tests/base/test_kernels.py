@@ -15,7 +15,7 @@ from elastid.app.run import software
 from elastid.base import kernels
 from elastid.frf import matrices
 from elastid.friction import operators
-from elastid.linear.response.ldl import Elimination, solved_products
+from elastid.linear.response.kernel import Elimination, solved_products
 
 needs_kernels = pytest.mark.skipif(not kernels.is_compiled(), reason="the kernels in C are not built")
 LEVELS = ("portable", "avx2", "avx512")

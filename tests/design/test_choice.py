@@ -1,4 +1,4 @@
-"""Candidates for a configuration: limits, singular postures, floor, boxes, and what is said where none is left."""
+"""Candidates for a configuration: limits, floor, boxes, and what is said where none is left."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plants.refusals import refused
 
-from elastid.design.choice import dexterity, draw_candidates
+from elastid.design.choice import draw_candidates
 from elastid.design.spec import BoxSpec, CandidateSpec
 from elastid.model.kinematics import skeleton
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot
@@ -31,7 +31,7 @@ def _angles(spec: CandidateSpec, seed: int = 1, swing: float = 0.0) -> np.ndarra
 
 def test_drawn_candidates_fill_the_limits_less_the_swing_and_hang_on_the_seed() -> None:
     """A joint without limits turns within +-180 deg."""
-    spec = CandidateSpec(random=2000, singular=0, margin=0.0)
+    spec = CandidateSpec(random=2000, margin=0.0)
     angles = _angles(spec, swing=0.1)
     assert angles.shape == (2000, 3)
     np.testing.assert_allclose(angles.min(axis=0), [-math.pi, -1.4, -1.4], atol=0.01)
@@ -42,36 +42,19 @@ def test_drawn_candidates_fill_the_limits_less_the_swing_and_hang_on_the_seed() 
 
 def test_a_grid_reaches_from_limit_to_limit() -> None:
     """One number for all joints or one for each."""
-    assert len(_angles(CandidateSpec(grid=3, singular=0))) == 27
-    angles = _angles(CandidateSpec(grid=(1, 2, 3), singular=0, margin=0.0))
+    assert len(_angles(CandidateSpec(grid=3))) == 27
+    angles = _angles(CandidateSpec(grid=(1, 2, 3), margin=0.0))
     assert sorted(set(angles[:, 2].tolist())) == pytest.approx([-1.5, 0.25, 2.0])
     assert set(angles[:, 0].tolist()) == {0.0}
-
-
-def test_planar_arms_are_not_singular_everywhere() -> None:
-    """The direction out of the plane does not count; stretched or folded they are."""
-    planar = Robot(
-        "planar",
-        (
-            Body("a", joints=(Joint("1", motor=MOTOR),), mass=1.0),
-            Body("b", "a", Placement((1, 0, 0)), (Joint("2", motor=MOTOR),), 1.0),
-            Body("c", "b", Placement((1, 0, 0)), (Joint("3", motor=MOTOR),), 1.0, (1, 0, 0)),
-        ),
-    )
-    found = dexterity(planar, np.array([[0.3, 0.0, 0.0], [0.3, 1.0, 1.0]]))
-    assert found[0] < 1e-9
-    assert found[1] > 0.1
 
 
 def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -> None:
     """Joints, centres of mass, a given point, and points on the way between, against the skeleton's own numbers."""
     box = BoxSpec("post", (0.2, -0.3, 0.0), (0.6, 0.3, 0.8))
-    spec = CandidateSpec(
-        random=500, singular=0, floor=0.1, boxes=(box,), clearance=0.05, points={"fore": ((0.7, 0, 0.1),)}
-    )
+    spec = CandidateSpec(random=500, floor=0.1, boxes=(box,), clearance=0.05, points={"fore": ((0.7, 0, 0.1),)})
     found = draw_candidates(spec, ARM, 1)
     kept = np.array([c.angles for c in found.configurations])
-    every = _angles(CandidateSpec(random=500, singular=0))
+    every = _angles(CandidateSpec(random=500))
 
     def is_free(angles: np.ndarray) -> bool:
         drawn = skeleton(ARM, angles[None], spec.points)
@@ -97,7 +80,6 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -
     ("spec", "place"),
     [
         (CandidateSpec(floor=2.0), ""),
-        (CandidateSpec(singular=0.99), ""),
         (CandidateSpec(boxes=(BoxSpec("all", (-9, -9, -9), (9, 9, 9)),)), ""),
         (CandidateSpec(given={"a": (0, 3, 0)}), ""),
         (CandidateSpec(given={"a": (0, 1)}), ".given.a"),

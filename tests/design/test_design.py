@@ -163,16 +163,6 @@ def test_robot_time_is_filled() -> None:
         design(_with(count=None, robot_time=10.0))
 
 
-@pytest.mark.slow
-def test_what_was_measured_before_counts() -> None:
-    """Fifty measurements are known before the choice begins, fifty times what one is."""
-    measured = tuple(_measured(PROBLEM, design(_with(count=1)).plan, 3))
-    problems = (replace(PROBLEM, measured=times * measured) for times in (0, 1, 50))
-    none, one, many = (problem.prior_information(problem.guesses) for problem in problems)
-    assert np.linalg.eigvalsh(one - none).min() > 0
-    np.testing.assert_allclose(many - none, 50 * (one - none), rtol=1e-6)
-
-
 def test_shares_of_information_add_up() -> None:
     """To one for each parameter."""
     found = design(PROBLEM)
@@ -252,10 +242,6 @@ def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[st
     page = (run / "report.html").read_text()
     assert "chosen among" in page
     assert (run / "figures" / "information.png").is_file()
-    # The next design adds to this run.
-    more = path.with_name("more.yml")
-    more.write_text(path.read_text() + f"  measured: [{run.as_posix()}]\n  distortion: 0.02\n")
-    assert run_command(["run", str(more), "design", "--run", str(tmp_path / "next"), "-q", "--jobs", "1"]) == 0
 
 
 @pytest.mark.parametrize(
@@ -264,7 +250,6 @@ def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[st
         "",
         "design: {count: 2, robot_time: 5}\n",
         "design: {count: 2, candidates: {grid: 3, random: 5}}\n",
-        "design: {count: 2, measured: [gone]}\n",
     ],
 )
 def test_wrong_designs_are_refused_by_their_code(

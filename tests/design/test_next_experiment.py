@@ -28,7 +28,7 @@ GIVEN = {"upright": (0.0, 0.0), "level": (0.0, 1.4)}
 
 def problem(robot: Robot | None = None, excitation: MultisineSpec = EXCITATION, **candidates: object) -> DesignProblem:
     spec = FitSpec(parameters={name: ParameterSpec() for name in ("k_*", "d_*")})
-    chosen = DesignSpec(count=1, candidates=CandidateSpec(given=GIVEN, singular=0.0, **candidates))  # type: ignore[arg-type]
+    chosen = DesignSpec(count=1, candidates=CandidateSpec(given=GIVEN, **candidates))  # type: ignore[arg-type]
     own = experiment(CarrierSpec(amplitude=0.01), configurations={}, ramp=0.25)
     return DesignProblem(robot or arm(), excitation, own, spec, "acceleration", 1, chosen)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elastid.frf.hits import Pulses, hit_notes
+from elastid.frf.checks import hit_notes, pulses
 from elastid.record import Configuration, Record
 
 RATE_HZ, WIDTH = 2000.0, 10
@@ -35,8 +35,8 @@ def codes(u: np.ndarray, y: np.ndarray) -> list[str]:
 def test_clean_hits_and_other_forces_have_no_note() -> None:
     u, y = hits()
     assert codes(u, y) == []
-    assert Pulses.of(np.random.default_rng(0).normal(size=5000)) is None
-    assert Pulses.of(np.zeros(100)) is None
+    assert pulses(np.random.default_rng(0).normal(size=5000)) is None
+    assert pulses(np.zeros(100)) is None
 
 
 def test_a_double_hit_is_named_with_its_dips() -> None:

@@ -64,7 +64,6 @@ def test_load_and_temperature_change_the_curve() -> None:
     np.testing.assert_allclose(
         one.curve(0, 45.0)[:5], [54, 80 + 0.24 * n, n / 4.0, 0, n**2 * 0.02 * (math.exp(-1) - 1)], rtol=1e-12
     )
-    np.testing.assert_allclose(one.curve(0, 25.0, level=1.2)[[0, 1, 4]], [60, 96, 0])
     with pytest.raises(ValueError, match=r"friction of motor 1 .* at -20 degC: stiction falls to 0.26 N"):
         one.curve(0, -20.0)
     thawed = replace(spec, temperature=replace(warm, stiction=0.0, coulomb=-0.03))

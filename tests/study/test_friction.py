@@ -34,9 +34,7 @@ MOTOR = "{inertia: 1e-3, ratio: 1, viscous: 1e-3}"
 RIG = """\
     controller: {kind: cascade, bandwidth_hz: 1.5, integral_time: 0.4}
     saturation: true
-    encoder_ripple: [{amplitude: 1e-7, periods: 2}]
     torque_ripple: [{amplitude: 1e-4, periods: 6, phase: 30 deg}]
-    warming: {time_constant: 2 min, amplitude: 0.3, pause: 5 s, temperature: [25, 40 degC]}
     carrier: {amplitude: 5 deg, cycles: 4}
     substeps: 4
 """
@@ -116,13 +114,3 @@ def test_wrong_hardware_is_refused_at_its_line(tiny: Path, key: str, word: str) 
     said = refusal(rewritten(tiny, rig=f"    {key}\n"))
     assert word in said
     assert "study.yml:" in said
-
-
-def test_a_temperature_that_friction_does_not_bear_is_refused_at_its_line(tiny: Path) -> None:
-    """Stiction that falls by 1 mNm a degree is gone at 40 degC."""
-    robot = lugre_robot()
-    law = robot[1].replace("stiction: 1e-5 N*m/K", "stiction: -1e-3 N*m/K")
-    rig = "    warming: {time_constant: 5, temperature: [25, 40 degC]}\n"
-    said = refusal(rewritten(tiny, (robot[0], law), rig))
-    assert "study.yml:" in said
-    assert "friction of motor 1 under a load of 0 N*m at 40 degC: stiction falls to -0.009 N*m" in said

@@ -1,4 +1,4 @@
-"""design: a study and earlier results -> plan.h5 with its forecast, and references/*.csv for a robot controller."""
+"""design: a study -> plan.h5 with its forecast, and references/*.csv for a robot controller."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import shutil
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
@@ -15,34 +14,29 @@ from elastid.app.run import Artefacts, Work
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments
 from elastid.design.problem import DesignProblem
-from elastid.design.spec import DesignSpec
 from elastid.experiment.plan.movement import Reference, reference
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Configuration
-from elastid.response import Response
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp
-from elastid.store.measured import read_responses, write_movement, write_plan, write_torque
-from elastid.store.results import read_fit
+from elastid.store.measured import write_movement, write_plan, write_torque
 from elastid.study import Study
-from elastid.study.checks.experiment import responses_file
 
 
 def design(study: Study, work: Work) -> Artefacts:
     """plan.h5 with its forecast, and references/*.csv for a robot controller, within the robot's limits.
 
     <configuration>-movement.csv: a whole run with its ramps.  <experiment>.csv: one period of torque to inject.
-    Raises StudyError for a design without a solution, DataError for an earlier result that cannot be read.
+    Raises StudyError for a design without a solution.
     """
     robot, excitation, spec = study.as_robot(), study.excitation, study.design
     if excitation is None:
         raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
-    measured, fitted_values = _earlier_measurements(spec, work.base)
     problem = DesignProblem(
         *(robot, excitation, study.experiment, study.fit, study.estimator.quantity, study.seed, spec),
-        *(study.validation.left_out, measured, fitted_values, study.model), friction=study.estimator.friction,
+        left_out=study.validation.left_out, model=study.model, friction=study.estimator.friction,
     )  # fmt: skip
     carrier = study.experiment.as_simulated().carrier
     with work.execution() as execution:
@@ -82,24 +76,6 @@ def design(study: Study, work: Work) -> Artefacts:
 def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
     """The movement in one configuration; a process builds the equations itself, since they do not pickle."""
     return reference(plan, carrier, feed_forward_of(model_of(robot.carrying(configuration.carries))), configuration)
-
-
-_Responses: TypeAlias = tuple[Response, ...]
-
-
-def _earlier_measurements(design: DesignSpec | None, files: Path) -> tuple[_Responses, tuple[tuple[str, float], ...]]:
-    """Responses that a design adds to, and estimates of their fits by name (the last counts)."""
-    if design is None:
-        return (), ()
-    responses: list[Response] = []
-    values: dict[str, float] = {}
-    for name in design.measured:
-        file = responses_file(files, name)
-        responses += read_responses(file)
-        if file.with_name("fit.h5").is_file():
-            result = read_fit(file.with_name("fit.h5"))
-            values |= {name: result.values[name] for name in result.parameters.free_names}
-    return tuple(responses), tuple(values.items())
 
 
 def _write_references(plan: Plan, movements: Sequence[Reference], work: Work, folder: Path, stamp: Stamp) -> None:

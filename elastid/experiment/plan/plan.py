@@ -19,7 +19,6 @@ from elastid.excitation.multisine import amplitudes, experiments, relative_ampli
 from elastid.excitation.spec import MultisineSpec, Signal, planned_lines
 from elastid.experiment.specs.channels import Places
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import NoiseSpec
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 
@@ -48,7 +47,6 @@ PredictClosedLoop: TypeAlias = Callable[[Configuration, FloatArray], ClosedLoopR
 
 def torque_spectra(
     excitation: MultisineSpec,
-    experiment: ExperimentSpec,
     robot: Robot,
     lines: IntArray,
     configuration: Configuration,
@@ -80,10 +78,7 @@ def torque_spectra(
                 "experiment.simulated.controller, excitation.rate_hz), or set flat and compress to torque",
                 "excitation",
             )
-        if excitation.flat == "precision":
-            noise = experiment.as_simulated().noise
-            relative = relative * _precision(closed_loop(configuration, freq_hz), noise, robot)
-        elif not is_found:
+        if not is_found:
             nearby = [getattr(closed_loop(configuration, freq_hz * factor), excitation.flat) for factor in _NEARBY]
             relative = relative / np.max([_own(response) for response in nearby], axis=0)
         responses = closed_loop(configuration, freq_hz).stacked(excitation.compress)
@@ -112,27 +107,6 @@ def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
 def _own(response: ComplexArray) -> FloatArray:
     """|T_ii| (F, n_u): of each motor to its own torque."""
     return np.asarray(np.abs(np.diagonal(response, axis1=1, axis2=2)))
-
-
-def _precision(loop: ClosedLoopResponse, noise: NoiseSpec, robot: Robot) -> FloatArray:
-    r"""Relative amplitude (F, n_u) that makes the expected relative variance of each motor's own response flat.
-
-    .. math:: \mathrm{var}\, G / |G|^2 \approx (\sigma_u^2 + \sigma_d^2 + \sigma_y^2 / |P|^2) / |U|^2
-
-    under noise of torque, disturbance and angle.  P: torque to angle, U: acting torque.
-    """
-    torque, position = _own(loop.torque), _own(loop.position)
-    counts = np.array([noise.encoder_counts * abs(robot.ratio(joint.name)) for joint in robot.driven])
-    step = np.divide(2 * np.pi, counts, out=np.zeros(len(counts)), where=counts > 0)
-    angle = noise.angle_std**2 + step**2 / 12
-    variance = noise.torque_std**2 + noise.disturbance_std**2 + angle * (torque / position) ** 2
-    if not np.all(variance > 0):
-        raise StudyError(
-            "excitation/power",
-            "precision needs the expected noise; set experiment.simulated.noise, or take another flat",
-            "excitation.flat",
-        )
-    return np.asarray(np.sqrt(variance) / torque)
 
 
 @dataclass(frozen=True)
@@ -297,7 +271,7 @@ def make_plan(
         draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(choice.realisations)]
         spectrum = (spectra or {}).get(choice.configuration.name)
         every = torque_spectra(
-            excitation.at_level(level), experiment, robot, lines.excited, choice.configuration, draws, spectrum,
+            excitation.at_level(level), robot, lines.excited, choice.configuration, draws, spectrum,
             closed_loop,
         )  # fmt: skip
         R[q, : len(draws)] = every[:, :E]

@@ -7,13 +7,12 @@ the joint. Motions can be measured in any order and in any process: `heat_of` ha
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.plan.friction import (
     FrictionPlan,
@@ -26,7 +25,7 @@ from elastid.experiment.plan.friction import (
     pass_time,
     planned_pass,
 )
-from elastid.experiment.simulated.hardware import Noise, draw_noise, drifting, loads_of
+from elastid.experiment.simulated.hardware import Noise, draw_noise, loads_of
 from elastid.experiment.simulated.plant import Plant, limit_notes, model_of, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import ControllerSpec, HeatSpec, SimulatedSpec
@@ -82,16 +81,20 @@ class FrictionRun:
         """The friction's numbers (n, 9 n_f) along the path; the temperature is that of the joint that moves."""
         contacts, own = self.plant.loop.contacts, (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
 
-        def curves(moments: IntArray) -> Iterator[list[FloatArray]]:
-            holding = holding_torque(self.plant.model, self.plant.point, self.index, self.path.position[moments])
-            for i, u in zip(moments, holding, strict=True):
-                loads = loads_of(contacts, self.plant.model.robot, replace(self.plant.point, u=u))
-                T = None if self.temperature is None else float(self.temperature[i])
-                pairs = zip(contacts.laws, loads, strict=True)
-                yield [law.curve(load, T if law.place in own else None) for law, load in pairs]
+        n = len(self.path.position)
+        # It changes slowly: straight lines between those of a hundred samples.
+        moments = np.unique(np.linspace(0, n - 1, 100).astype(int))
+        holding = holding_torque(self.plant.model, self.plant.point, self.index, self.path.position[moments])
+
+        def curves(moment: int, u: FloatArray) -> FloatArray:
+            loads = loads_of(contacts, self.plant.model.robot, replace(self.plant.point, u=u))
+            T = None if self.temperature is None else float(self.temperature[moment])
+            pairs = zip(contacts.laws, loads, strict=True)
+            return np.concatenate([np.zeros(0), *(law.curve(x, T if law.place in own else None) for law, x in pairs)])
 
         try:
-            return drifting(curves, len(self.path.position))
+            table = np.array([curves(moment, u) for moment, u in zip(moments.tolist(), holding, strict=True)])
+            return np.array([np.interp(np.arange(n), moments, column) for column in table.T]).reshape(-1, n).T
         except ValueError as error:
             raise StudyError("experiment/simulated", str(error), self.motion.name) from None
 

@@ -12,20 +12,14 @@ quarter.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.experiment.plan.plan import Experiment, Plan
-from elastid.experiment.specs.simulated import (
-    EncoderRippleSpec,
-    NoiseSpec,
-    TorqueRippleSpec,
-    WarmingSpec,
-)
+from elastid.experiment.specs.simulated import NoiseSpec, TorqueRippleSpec
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LagElement, sensor_elements, torque_elements
 from elastid.linear.moving_posture import is_point
@@ -138,7 +132,7 @@ def draw_noise(
     """The noise of a run of n samples; white and colored parts come from the same seed, one after the other."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
     signals = {
-        "torque": spec.torque_offset + spec.torque_std * random.standard_normal((n, n_u)),
+        "torque": spec.torque_std * random.standard_normal((n, n_u)),
         "reading": spec.angle_std * random.standard_normal((n, n_u)),
         "disturbance": spec.disturbance_std * random.standard_normal((n, n_u)),
         "outputs": output_stds(spec, outputs) * random.standard_normal((n, len(outputs))),
@@ -157,13 +151,7 @@ def draw_noise(
     return Noise(**signals)
 
 
-def drives(
-    robot: Robot,
-    encoder_counts: int,
-    encoder_ripple: Sequence[EncoderRippleSpec],
-    torque_ripple: Sequence[TorqueRippleSpec],
-    saturation: bool,
-) -> Drives:
+def drives(robot: Robot, encoder_counts: int, torque_ripple: Sequence[TorqueRippleSpec], saturation: bool) -> Drives:
     """The drives of a robot, link side; StudyError where torques are to be clipped and no joint has a limit."""
     ratio = np.array([robot.ratio(joint.name) for joint in robot.driven])
     limit = np.array([joint.limits.torque if saturation else math.inf for joint in robot.driven])
@@ -176,49 +164,23 @@ def drives(
     resolution = 2 * np.pi / (encoder_counts * np.abs(ratio)) if encoder_counts else np.zeros(len(ratio))
     T = robot.chain.torque_lag
     lags = [Lag(element.coefficients, T) for element in torque_elements(robot.chain) if T is not None]
-    of_encoders = tuple(_ripple(spec, spec.amplitude / np.abs(ratio), ratio) for spec in encoder_ripple)
-    of_torques = tuple(_ripple(spec, spec.amplitude * np.abs(ratio), ratio) for spec in torque_ripple)
-    return Drives(resolution, limit, of_encoders, of_torques, lags[0] if lags else None)
+    ripples = tuple(
+        Ripple(spec.amplitude * np.abs(ratio), spec.periods * ratio, np.full(len(ratio), spec.phase))
+        for spec in torque_ripple
+    )
+    return Drives(resolution, limit, ripples, lags[0] if lags else None)
 
 
-def _ripple(spec: EncoderRippleSpec | TorqueRippleSpec, amplitude: FloatArray, ratio: FloatArray) -> Ripple:
-    return Ripple(amplitude, spec.periods * ratio, np.full(len(ratio), spec.phase))
+def friction_at_rest(contacts: Contacts, robot: Robot, point: OperatingPoint) -> FloatArray:
+    """Friction coefficients (9 n_f,) in a configuration: the load on a joint is the torque that holds it there.
 
-
-def friction_of_a_run(
-    contacts: Contacts, robot: Robot, point: OperatingPoint, warming: WarmingSpec | None, plan: Plan, run: Experiment
-) -> FloatArray:
-    """Friction coefficients (n, 9 n_f) of every sample, or (9 n_f,) without drift, from load, temperature and level.
-
-    The load on a joint is the torque that holds it in its configuration.  StudyError where load or temperature give
-    coefficients that no friction law has.
+    StudyError where the load gives coefficients that no friction law has.
     """
-    pairs = list(zip(contacts.laws, loads_of(contacts, robot, point), strict=True))
+    pairs = zip(contacts.laws, loads_of(contacts, robot, point), strict=True)
     try:
-        if warming is None:
-            return np.concatenate([np.zeros(0), *(law.curve(load) for law, load in pairs)])
-        n = plan.run_samples
-        index = [planned.name for planned in plan.experiments].index(run.name)
-        t = index * (n / plan.rate_hz + warming.pause) + np.arange(n) / plan.rate_hz
-        cold = np.exp(-t / warming.time_constant)
-        level = 1 + warming.amplitude * cold
-        start, end = warming.temperature or (0.0, 0.0)
-        T = None if warming.temperature is None else end + (start - end) * cold
-
-        def curves(moments: IntArray) -> Iterator[list[FloatArray]]:
-            for i in moments:
-                yield [law.curve(load, None if T is None else T[i], level[i]) for law, load in pairs]
-
-        return drifting(curves, n)
+        return np.concatenate([np.zeros(0), *(law.curve(load) for law, load in pairs)])
     except ValueError as error:
-        raise StudyError("experiment/simulated", str(error), f"configuration {run.configuration.name}") from None
-
-
-def drifting(curves: Callable[[IntArray], Iterable[Sequence[FloatArray]]], n: int) -> FloatArray:
-    """Friction coefficients (n, 9 n_f) that change slowly: straight lines between those of a hundred samples."""
-    knots = np.unique(np.linspace(0, n - 1, 100).astype(int))
-    table = np.array([np.concatenate([np.zeros(0), *row]) for row in curves(knots)])
-    return np.array([np.interp(np.arange(n), knots, column) for column in table.T]).reshape(-1, n).T
+        raise StudyError("experiment/simulated", str(error), f"configuration {point.configuration.name}") from None
 
 
 def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[float]:
@@ -235,37 +197,14 @@ def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[fl
 def filter_motions(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:
     """Motions (n, n_y), at rest before they begin, behind the low-pass filter of the robot's chain.
 
-    The filter is the continuous one between samples joined by a cubic spline: right to 1e-3 at an eighth of the rate,
-    to 2e-2 at a quarter.
+    The filter is the continuous one, by the spectrum of the motion continued smoothly to its mirror image.
     """
     for element in sensor_elements(robot.chain):
         T = robot.chain.sensor_lag
         if isinstance(element, LagElement) and T is not None:
-            y = y[0] + _through(element, T, y - y[0], 1 / rate_hz)
+            there = np.concatenate([y, 2 * y[-1] - y[::-1]])
+            period = np.concatenate([there, there[::-1]]) - y[0]
+            s = (2j * np.pi * np.fft.rfftfreq(len(period), 1 / rate_hz)).astype(np.complex128)
+            spectrum = np.fft.rfft(period, axis=0) * element.response(s, T)[:, None]
+            y = y[0] + np.fft.irfft(spectrum, len(period), axis=0)[: len(y)]
     return y
-
-
-def _through(element: LagElement, T: float, y: FloatArray, h: float) -> FloatArray:
-    r"""1 / P(s T) on the spline through y (n, n_y), samples h apart, from rest: the sum of its modes
-
-    .. math:: x_{k+1} = e^{\lambda h} x_k + \sum_m c_{km} \Gamma_m, \quad
-              \Gamma_m = \int_0^h e^{\lambda (h - \tau)} \tau^m d\tau, \quad r = \frac{1}{T P'(\lambda T)}
-    """
-    from scipy.interpolate import CubicSpline  # slow to import, seldom needed
-    from scipy.signal import lfilter
-
-    P = np.array([1.0, *element.coefficients])
-    c = CubicSpline(np.arange(len(y)) * h, y).c[::-1]  # (4, n - 1, n_y), powers rising
-    out = np.zeros(y.shape, complex)
-    # Gauss-Legendre quadrature on pieces short against the decay of each mode.
-    slopes = np.polynomial.polynomial.polyder(P)
-    for x in np.polynomial.polynomial.polyroots(P):
-        pole = x / T
-        pieces = int(np.ceil(abs(pole) * h)) or 1
-        nodes, weights = np.polynomial.legendre.leggauss(12)
-        tau = ((np.arange(pieces)[:, None] + (nodes + 1) / 2) * (h / pieces)).ravel()
-        weight = np.tile(weights, pieces) * (h / pieces / 2) * np.exp(pole * (h - tau))
-        given = np.tensordot([weight @ tau**m for m in range(4)], c, axes=1)
-        mode = lfilter([1.0], [1.0, -np.exp(pole * h)], given, axis=0)
-        out[1:] += mode / (T * np.polynomial.polynomial.polyval(x, slopes))
-    return np.asarray(out.real)

@@ -25,7 +25,7 @@ from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.movement import FeedForward, Movement
 from elastid.experiment.plan.plan import ClosedLoopResponse, PredictClosedLoop
 from elastid.experiment.simulated.hardware import drives
-from elastid.experiment.specs.simulated import ControllerSpec, EncoderRippleSpec, SimulatedSpec, TorqueRippleSpec
+from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec, TorqueRippleSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.linear.linear_model import torque_elements
@@ -85,7 +85,6 @@ def _loop_of(
     rate_hz: float,
     substeps: int,
     encoder_counts: int,
-    encoder_ripple: tuple[EncoderRippleSpec, ...],
     torque_ripple: tuple[TorqueRippleSpec, ...],
     saturation: bool,
     controller: ControllerSpec,
@@ -95,7 +94,7 @@ def _loop_of(
     """The closed loop of a robot, built once in a process: CasADi expressions do not pickle."""
     model = model_of(robot, equations)
     limits = np.array([(-np.inf, np.inf) if is_free else joint.limits.angle for joint in robot.driven])
-    hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
+    hardware = drives(robot, encoder_counts, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
     filters = filters_of([joint.name for joint in robot.driven], controller, rate_hz)
     return closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, filters=filters)
@@ -125,7 +124,7 @@ def true_plant(
             f"at least {needed}, or raise the rate",
             "experiment.simulated.substeps",
         )
-    hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation, spec.controller
+    hardware = spec.noise.encoder_counts, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
     return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free), point)
 

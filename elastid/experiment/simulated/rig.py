@@ -19,7 +19,7 @@ from elastid.experiment.simulated.hardware import (
     Noise,
     draw_noise,
     filter_motions,
-    friction_of_a_run,
+    friction_at_rest,
     logged_quantity,
     sense,
     sense_movement,
@@ -176,15 +176,14 @@ class SimulatedRig:
     def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:
         """The first n samples of a run, the multisine times `factor`, from rest where the reference begins."""
         plant, given, noise, experiment = run.plant, run.given, run.noise, run.experiment
-        robot, warming = plant.model.robot, self.simulated.warming
-        curves = friction_of_a_run(plant.loop.contacts, robot, plant.point, warming, self.plan, experiment)
+        curves = friction_at_rest(plant.loop.contacts, plant.model.robot, plant.point)
         torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
         commands = Commands(
             given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]
         )
         (start,) = rigid_path(plant.model, plant.point.q, experiment.configuration.angles, given.position[:1])
         try:
-            return simulate(plant.loop, run.gains, commands, start, curves[:n] if curves.ndim > 1 else curves)
+            return simulate(plant.loop, run.gains, commands, start, curves)
         except DataError as error:
             raise DataError(
                 "experiment/diverged",

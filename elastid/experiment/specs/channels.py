@@ -9,7 +9,7 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.names import PlaceName
+from elastid.base.names import Name
 from elastid.base.section import Key, section
 from elastid.base.units import TABLE, Frequency, TorqueConstant, factor, of_translation, units_of, usual_spelling
 from elastid.record import MOTION_UNIT, Hold, drive_unit
@@ -42,7 +42,7 @@ class ChannelSpec:
         "motor that the controller was asked for, by which validation moves the model.", "the torque that reaches the "
         "motor is u, be it measured or computed from current; what was added to the controller's output is r; a pulse, "
         "a weight or a hand whose force on the axis was measured is d.")]
-    at: Annotated[PlaceName, Key("Place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; "
+    at: Annotated[Name, Key("Place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; "
         "`accelerometer tool x` for a sensor that feels gravity); without a robot any name, such as `shaker` or `tip "
         "x`.", "where the sensor sits; a motor encoder that the controller shows as joint angle is still at the motor, "
         "with side: link.")]

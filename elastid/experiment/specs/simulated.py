@@ -1,6 +1,6 @@
 """The `simulated` section of an experiment: controller with its gains, carrier, heat and equations.
 
-Disturbances of the simulated rig: noise of its sensors, ripple of its motors, friction that drifts.
+Disturbances of the simulated rig: noise of its sensors, ripple of its motors.
 """
 
 from __future__ import annotations
@@ -54,20 +54,6 @@ class ColoredNoiseSpec:
 
 
 @section
-class EncoderRippleSpec:
-    """An error of the motor encoders that repeats in a motor turn."""
-
-    # fmt: off
-    amplitude: Annotated[Angle, Key("Amplitude of the error on the motor side.", "1e-4 to 1e-3 rad for resolvers; over "
-        "the ratio it is the error on the link side.")]
-    periods: Annotated[int, Key("Periods of the error in a motor turn.", "1 for an eccentric disc, 2 for a resolver "
-        "whose channels differ; a list of entries gives several.", least=1)] = 1
-    phase: Annotated[Angle, Key("Phase of the error at motor angle zero.", "matters only between several entries, "
-        "whose sum it shapes.")] = 0.0
-    # fmt: on
-
-
-@section
 class TorqueRippleSpec:
     """Cogging: a torque on the motors that repeats in a motor turn."""
 
@@ -79,26 +65,6 @@ class TorqueRippleSpec:
         "pass.", least=1)] = 6
     phase: Annotated[Angle, Key("Phase of the torque at motor angle zero.", "another one moves where in a turn the "
         "torque pulls, which matters for swings shorter than a period of the ripple.")] = 0.0
-    # fmt: on
-
-
-@section
-class WarmingSpec:
-    """Drift of the robot's friction from run to run and within each, as it warms.
-
-    Level of dry friction: 1 + amplitude exp(-t / time_constant), t from the start of the first run.
-    """
-
-    # fmt: off
-    time_constant: Annotated[Time, Key("Time constant of the drift.", "30 to 60 minutes for gears of industrial "
-        "robots.", above=0)]
-    amplitude: Annotated[float, Key("Amplitude of the drift, a part of the level.", "0.2 to 0.5 for a robot that "
-        "starts cold; 0 with `temperature`, whose law then says how friction falls.", above=-1)] = 0.0
-    pause: Annotated[Time, Key("Pause between runs.", "the time in which somebody moves to the next configuration; the "
-        "robot goes on warming in it by the clock.", least=0)] = 0.0
-    temperature: Annotated[tuple[Temperature, Temperature] | None, Key("Temperatures [cold, warm] of the gears, "
-        "approached with the same time constant, for friction laws that have a `temperature`.", "for laws with a "
-        "`temperature`; without it their reference holds throughout.")] = None
     # fmt: on
 
 
@@ -124,8 +90,6 @@ class NoiseSpec:
     colored: Annotated[tuple[ColoredNoiseSpec, ...], Key("Further noise of other spectra.", "where a measured spectrum "
         "is far from white, such as drift below 1 Hz or a cable's resonance; the estimate of variance follows it line "
         "by line.")] = ()
-    torque_offset: Annotated[Torque, Key("Constant error of the logged torque.", "to see that a constant error of the "
-        "current sensor does not matter: it lies at 0 Hz for responses, and passes in two directions cancel it.")] = 0.0
     # fmt: on
 
     def variances(
@@ -309,15 +273,13 @@ class CarrierSpec:
         "side, one for all joints or one for each; in m of those that slide.", "so large that 2 pi cycles / period "
         "times it keeps the peak speed above the multisine's own over most of the period; smaller where limits or a "
         "change of posture of some degrees count.", above=0)] = None
-    cycles: Annotated[int, Key("Cycles of a sine or square in a period of the multisine.", "1 keeps the carrier's line "
+    cycles: Annotated[int, Key("Cycles of a sine in a period of the multisine.", "1 keeps the carrier's line "
         "farthest below the band; more for higher speed with the same swing.", least=1)] = 1
-    kind: Annotated[Literal["sine", "square", "offset"], Key("Shape of the movement. `sine`: q(t) = amplitude * sin(2 "
-        "pi cycles t / period). `square`: the velocity is a square wave of `velocity` with so many cycles a period, "
-        "filtered at 1 Hz, without the harmonics that fall on analysed lines. `offset`: constant `velocity` (its "
-        "sign the direction), through the configuration in the middle of the measured periods; the multisine is kept "
-        "so small that no motor turns back. Sine and square are periodic with the multisine, on lines below the "
-        "excited band.", "`sine` reverses twice a cycle and sticks briefly there; `square` turns quickly, for small "
-        "speeds; `offset` never reverses and leaves dry friction out of the response, and takes range: velocity times "
+    kind: Annotated[Literal["sine", "offset"], Key("Shape of the movement. `sine`: q(t) = amplitude * sin(2 "
+        "pi cycles t / period), periodic with the multisine, on a line below the excited band. `offset`: constant "
+        "`velocity` (its sign the direction), through the configuration in the middle of the measured periods; the "
+        "multisine is kept so small that no motor turns back.", "`sine` reverses twice a cycle and sticks briefly "
+        "there; `offset` never reverses and leaves dry friction out of the response, and takes range: velocity times "
         "the whole record.")] = "sine"
     velocity: Annotated[JointVelocity | tuple[JointVelocity, ...] | None, Key("Speed of the movement on the link side, "
         "one for all joints or one for each; in m/s of those that slide.", "above the Stribeck velocity of the gear, "
@@ -371,12 +333,8 @@ class SimulatedSpec:
     saturation: Annotated[bool, Key("Motor torques are clipped at the joints' limits.torque if true; otherwise "
         "exceeding them is reported.", "true shows what a robot whose drives clip does to the responses; a plan within "
         "limits needs it not.")] = False
-    encoder_ripple: Annotated[tuple[EncoderRippleSpec, ...], Key("Errors of the encoders that repeat with the motors' "
-        "turns.", "for gears and encoders whose errors of a turn fall into the band at the speed of the carrier.")] = ()
     torque_ripple: Annotated[tuple[TorqueRippleSpec, ...], Key("Cogging torques that repeat with the motors' turns.",
         "for motors whose cogging is above the noise of the torque; a carrier turns it into lines of its own.")] = ()
-    warming: Annotated[WarmingSpec | None, Key("Drift of friction as the robot warms.", "to try whether a fit, or a "
-        "plan of several hours, survives friction that falls by tens of percent as gears warm.")] = None
     heat: Annotated[HeatSpec | None, Key("Temperature of joints whose friction is identified (default: constant).",
         "in a study of friction whose law has temperature terms; without it warm_up has nothing to show.")] = None
     model: Annotated[ModelSpec, Key("Equations of motion of the rig, independent of those of the fit.", "another "

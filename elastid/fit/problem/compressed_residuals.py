@@ -30,8 +30,8 @@ import numpy as np
 import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, kept_beside, release
-from elastid.base.kept import Kept
 from elastid.base.kernels import call
+from elastid.base.workers import Kept
 from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Whitening

@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
 from elastid.base.execution import HERE, Execution
-from elastid.base.kept import Kept
+from elastid.base.workers import Kept
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, error_gain

@@ -38,7 +38,7 @@ import numpy as np
 from scipy.special import fdtr, gammainc, gammaincinv
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, kept_beside
-from elastid.base.kept import Kept
+from elastid.base.workers import Kept
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, frozen_value
 from elastid.base.errors import DataError, Note, StudyError, did_you_mean
-from elastid.base.kept import Kept
 from elastid.base.names import posture_of
+from elastid.base.workers import Kept
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec, misnamed
 from elastid.response import Covariance, Response

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastid.base.errors import installed
 from elastid.base.files import require_own_data
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files.log import ArrayLog, StoredArray, imported, seconds
+from elastid.recorded.files.log import ArrayLog, StoredArray, seconds
 
 
 def is_matlab(path: Path, head: bytes) -> bool:
@@ -61,7 +62,7 @@ def opened_parquet(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
     Missing values are NaN, time stamps s from the first.
     """
-    parquet = imported("pyarrow.parquet", path, "a Parquet file", "parquet")
+    parquet = installed("pyarrow.parquet", "parquet", path)
     with parquet.ParquetFile(path) as file:
         n = file.metadata.num_rows
         leaves = [leaf for field in file.schema_arrow for leaf in _leaves_of_parquet(field.name, field)]
@@ -107,7 +108,7 @@ def _values(table: Any, name: str) -> NDArray[Any]:
 @contextmanager
 def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first."""
-    nptdms = imported("nptdms", path, "a TDMS file", "tdms")
+    nptdms = installed("nptdms", "tdms", path)
     with nptdms.TdmsFile.open(path) as file:
         channels = [channel for group in file.groups() for channel in group.channels()]
         yield ArrayLog(path, {f"{c.group_name}/{c.name}": _channel(c) for c in channels if len(c) > 0})

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import ChannelSpec
 
 # Values that are in memory at a time.
@@ -180,17 +179,3 @@ def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple
 def seconds(stamps: NDArray[Any], first: Any) -> FloatArray:
     """Dates and times (n,) as s from the first one; missing ones are NaN."""
     return np.asarray((stamps - first) / np.timedelta64(1, "s"), dtype=np.float64)
-
-
-def imported(module: str, path: Path, kind: str, extra: str) -> Any:
-    """A module; StudyError with the command that installs it where it is not there."""
-    try:
-        return import_module(module)
-    except ImportError:
-        package = module.partition(".")[0]
-        raise StudyError(
-            "install/missing-package",
-            f"{kind} is read by {package}, which is not installed; install it with `uv sync --extra {extra}` "
-            f"(or `pip install 'elastid[{extra}]'`)",
-            path,
-        ) from None

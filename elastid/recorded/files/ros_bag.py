@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastid.base.errors import installed
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files.log import ArrayLog, StoredArray, imported
+from elastid.recorded.files.log import ArrayLog, StoredArray
 
 # An MCAP file, a ROS 1 bag, and the database of a ROS 2 bag without its folder.
 _SIGNATURES = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\x00")
@@ -36,8 +37,8 @@ def recognises(path: Path, head: bytes) -> bool:
 @contextmanager
 def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """All numeric topics; the messages of a topic are read once, when its first signal is used."""
-    reading = imported("rosbags.highlevel", path, "a ROS bag", "ros")
-    types = imported("rosbags.typesys", path, "a ROS bag", "ros")
+    reading = installed("rosbags.highlevel", "ros", path)
+    types = installed("rosbags.typesys", "ros", path)
     # Bags of older releases do not hold the definitions of their messages.
     usual = types.get_typestore(types.Stores.ROS2_HUMBLE)
     with reading.AnyReader([path], default_typestore=usual) as bag:

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.errors import DataError, Note, StudyError, installed
 from elastid.base.units import TABLE
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.modal.spec import GeometrySpec
-from elastid.recorded.files.log import StoredArray, imported
+from elastid.recorded.files.log import StoredArray
 from elastid.recorded.files.text import TextLog
 
 # Hz in one of the file's unit; MATLAB's time unit is the second unless the file states another.
@@ -366,7 +366,7 @@ def _in_si(
 
 def _sets(path: Path, *types: int) -> list[dict[str, Any]]:
     """The data sets of some types; StudyError without pyuff, DataError for a damaged file."""
-    pyuff = imported("pyuff", path, "a universal file", "uff")
+    pyuff = installed("pyuff", "uff", path)
     try:
         file = pyuff.UFF(str(path))
         return [file.read_sets(int(i)) for i in np.flatnonzero(np.isin(file.get_set_types(), types))]

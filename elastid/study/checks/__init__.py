@@ -47,7 +47,7 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_configurations(study)
     yield from check_payload(study)
     yield from check_excitation(study)
-    yield from check_design(study, base)
+    yield from check_design(study)
     if experiment.simulated is not None:
         yield from check_simulated(study, experiment.simulated)
     yield from check_fit(study)
@@ -70,7 +70,7 @@ UNUSED: tuple[tuple[tuple[Kind, ...], tuple[str, ...]], ...] = (
     (_FRICTION, ("excitation", "design", "estimator", "model", "fit", "compare", "loads", "tool", "validation.tool",
                  "gears", "modal", "experiment.without_payload", "experiment.responses")),
     (("friction",), ("validation.left_out", *(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments")),
-                     *(f"experiment.simulated.{key}" for key in ("outputs", "carrier", "warming")))),
+                     *(f"experiment.simulated.{key}" for key in ("outputs", "carrier")))),
     (("friction-recorded",), ("seed", "friction.rate_hz", "friction.loads.*.configuration",
                               *(f"experiment.recorded.{key}" for key in ("period", "period_samples", "half_wave")),
                               f"{_FILES}.realisation", f"{_FILES}.experiment")),

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
-from itertools import product
-from pathlib import Path
 
 import numpy as np
 
@@ -100,21 +97,12 @@ def _angle_refusal(angle: float, joint: Joint, swing: float) -> str:
 
 
 def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
-    """Gains, a carrier in units of the joints, temperatures that friction bears; its stage says what else it needs."""
+    """Gains, a carrier in units of the joints; its stage says what else it needs."""
     robot, carrier = study.as_robot(), simulated.carrier
     yield from _check_controller(study, simulated)
     if carrier is not None:
         yield from check_units((*_SIMULATED, "carrier", "amplitude"), carrier.amplitude, robot)
         yield from check_units((*_SIMULATED, "carrier", "velocity"), carrier.velocity, robot)
-    temperatures = simulated.warming.temperature if simulated.warming is not None else None
-    if temperatures is not None:
-        from elastid.friction.robot_friction import frictions  # brings CasADi, which few checks need
-
-        for law, temperature in product(frictions(robot), temperatures):
-            try:
-                law.curve(0.0, temperature)
-            except ValueError as error:
-                yield Problem((*_SIMULATED, "warming", "temperature"), str(error))
 
 
 def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
@@ -169,12 +157,11 @@ def check_excitation(study: Study) -> Iterator[Problem]:
             )
 
 
-_DESIGN: KeyPath = ("design",)
 _CANDIDATES: KeyPath = ("design", "candidates")
 
 
-def check_design(study: Study, base: Path) -> Iterator[Problem]:
-    """Earlier measurements, relative to `base`, exist; candidates are new and in units of the joints."""
+def check_design(study: Study) -> Iterator[Problem]:
+    """Candidates are new and in units of the joints."""
     design = study.design
     if design is None:
         if not study.experiment.configurations:
@@ -187,15 +174,3 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
         if name in study.experiment.configurations:
             text = f"{name} is a configuration of experiment.configurations already; rename one"
             yield Problem((*_CANDIDATES, "given", name), text, True)
-    for i, path in enumerate(design.measured):
-        if not os.path.isfile(responses_file(base, path)):
-            problem = (
-                f"no such measurement (looked for {responses_file(base, path)}); `elastid run STUDY estimate` makes it"
-            )
-            yield Problem((*_DESIGN, "measured", i), problem)
-
-
-def responses_file(base: Path, path: str) -> Path:
-    """The frf.h5 that a run folder or a file stands for."""
-    given = base / path
-    return given / "frf.h5" if os.path.isdir(given) or not given.suffix else given

@@ -32,11 +32,11 @@ def exact(v: float) -> float:
 
 def test_levels_of_the_rig_are_those_of_the_law() -> None:
     """Within 0.4 % under gravity of three times the friction, ripple of 2 % of it, an offset of 5 %, 16-bit encoder."""
-    noise = NoiseSpec(torque_offset=1.25, encoder_counts=65536)
+    noise = NoiseSpec(encoder_counts=65536)
     simulated = rig(SHORT, noise=noise, torque_ripple=(TorqueRippleSpec(5e-3, 2),), substeps=4)
     records = [simulated.measure(motion) for motion in simulated.motions]
     assert all(record.load_torque > 0 for record in records)
-    passes = [one for record in records for one in passes_of(record)]
+    passes = [one for record in records for one in passes_of(replace(record, torque=record.torque + 1.25))]
     found = find_levels(passes, True, simulated.plan.designs[0].limits.turn)
     levels = found
     assert levels.n_levels == 8

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, freqs, welch
 
 from elastid.experiment.plan.plan import Plan
-from elastid.experiment.simulated.hardware import draw_noise, friction_of_a_run
+from elastid.experiment.simulated.hardware import draw_noise
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import (
@@ -22,7 +22,6 @@ from elastid.experiment.specs.simulated import (
     NoiseSpec,
     SimulatedSpec,
     TorqueRippleSpec,
-    WarmingSpec,
 )
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
@@ -37,13 +36,11 @@ from elastid.robot import (
     Friction,
     Joint,
     Limits,
-    LoadDependence,
     LuGre,
     MaxwellSlip,
     Motor,
     Robot,
     Spring,
-    TemperatureDependence,
 )
 from elastid.simulation.dynamics import contacts
 
@@ -224,7 +221,7 @@ def test_a_drive_that_is_always_at_its_limit_is_refused() -> None:
         simulated.measure(simulated.experiments[0])
 
 
-# --- noise and drift ------------------------------------------------------------------------------------------------
+# --- noise ----------------------------------------------------------------------------------------------------------
 
 
 def test_colored_noise_has_its_standard_deviation_and_its_slope() -> None:
@@ -240,26 +237,6 @@ def test_colored_noise_has_its_standard_deviation_and_its_slope() -> None:
     f, power = welch(both.disturbance[:, 0], 1000.0, nperseg=8192)
     level = [10 * np.log10(power[(f > low) & (f < 1.3 * low)].mean()) for low in (30.0, 300.0)]
     np.testing.assert_allclose(level[1] - level[0], -40.0, atol=1.5)
-
-
-def test_friction_drifts_from_run_to_run_and_within_them() -> None:
-    """Level 1 + a exp(-t / T) over all runs and pauses; temperature on the same clock; load from the holding torque."""
-    warm = TemperatureDependence(20.0, stiction=-0.002, stribeck_velocity=0.0, viscous=0.01, decay=20.0)
-    friction = Friction(0.1, 0.3, 1.0, load=LoadDependence(0.02, 0.02), temperature=warm)
-    robot, warming = arm(friction=friction), WarmingSpec(60.0, 0.5, 30.0, (20.0, 60.0))
-    simulated = rig(robot, SimulatedSpec(warming=warming), runs=3)
-    design, model = simulated.plan, serial(robot)
-    point = equilibrium(model, model.theta, design.configurations[0])
-    sliding = contacts(model, frictions(robot))
-    for index, run in enumerate(simulated.experiments):
-        curves = friction_of_a_run(sliding, robot, point, warming, design, run)
-        t = index * (design.run_samples / 1000 + 30.0) + np.arange(design.run_samples) / 1000
-        cold = np.exp(-t / 60.0)
-        level, temperature = 1 + 0.5 * cold, 60 - 40 * cold
-        load = 0.02 * abs(point.u[0]) / 80
-        np.testing.assert_allclose(curves[:, 0], level * 80 * (0.1 + load), rtol=1e-4)
-        np.testing.assert_allclose(curves[:, 1], level * 80 * (0.3 + load - 0.002 * (temperature - 20)), rtol=1e-4)
-        np.testing.assert_allclose(curves[:, 4], level * 6400 * 0.01 * np.expm1(-(temperature - 20) / 20), atol=1e-3)
 
 
 # --- the chain ------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.base.kernels import is_compiled
-from elastid.linear.response.ldl import Elimination, solved_products
+from elastid.linear.response.kernel import Elimination, solved_products
 
 pytestmark = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
 OMEGA = 2 * np.pi * np.linspace(1, 60, 150)
