@@ -90,7 +90,7 @@ class DesignProblem:
         if carrier is not None:
             periods = experiment.transient_periods + experiment.periods
             run_s = periods * excitation.period + 2 * experiment.ramp
-            swing = reach(carrier, len(swing), run_s) / (1 - excitation.margin)
+            swing = reach(carrier, len(swing), excitation.period, run_s) / (1 - excitation.margin)
         return draw_candidates(design.candidates, self.robot, self.seed, swing)
 
     def plan(

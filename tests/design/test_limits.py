@@ -49,7 +49,7 @@ def largest(rig: SimulatedRig) -> np.ndarray:
     return np.max([peaks_of_run(rig, rig.rehearse(e)) for e in rig.experiments], axis=0)
 
 
-@pytest.mark.parametrize("carrier", CARRIERS, ids=["rest", "sine", "offset"])
+@pytest.mark.parametrize("carrier", CARRIERS, ids=["rest", "sine", "square", "offset"])
 def test_amplitudes_fill_the_limits_and_no_peak_is_above_them(carrier: CarrierSpec | None) -> None:
     """Measured with other noise; every motor comes near one of its limits, none beyond, none turns back."""
     _, limit_use, rig = within(carrier)

@@ -16,6 +16,7 @@ EXCITATION = MultisineSpec(rate_hz=500.0, period=1.0, band_hz=(2.0, 60.0), torqu
 CARRIERS = [
     None,
     CarrierSpec(amplitude=0.02),
+    CarrierSpec(kind="square", velocity=0.05),
     CarrierSpec(kind="offset", velocity=0.1),
 ]
 

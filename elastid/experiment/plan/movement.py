@@ -28,6 +28,9 @@ from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 
+# Of the filter of a square carrier; used on a real axis that turned its motor at 20 rad/s.
+SQUARE_CUTOFF_HZ = 1.0
+
 
 @frozen_value
 class Movement:
@@ -51,7 +54,7 @@ def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
         return Movement(still, still, still, s)
     if carrier.kind == "offset":
         return _constant_velocity(carrier.velocities(n_u), s, ds, plan)
-    p, dp, ddp = _sine(carrier, plan)
+    p, dp, ddp = _sine(carrier, plan) if carrier.kind == "sine" else _square(carrier, plan)
     s, ds, dds = s[:, None], ds[:, None], dds[:, None]
     return Movement(s * p, ds * p + s * dp, dds * p + 2 * ds * dp + s * ddp, s[:, 0])
 
@@ -61,9 +64,11 @@ def one_period(carrier: CarrierSpec | None, plan: Plan) -> FloatArray:
     return movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
 
 
-def reach(carrier: CarrierSpec, n_u: int, run_s: float) -> FloatArray:
+def reach(carrier: CarrierSpec, n_u: int, period_s: float, run_s: float) -> FloatArray:
     """Largest excursion (n_u,) of each joint to either side in runs of run_s, rad or m."""
-    return np.asarray(np.abs(carrier.velocities(n_u)) * run_s / 2 + carrier.amplitudes(n_u))
+    v = np.abs(carrier.velocities(n_u))
+    swing = v * run_s / 2 if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
+    return np.asarray(swing + carrier.amplitudes(n_u))
 
 
 def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
@@ -122,6 +127,25 @@ def _sine(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, Flo
     phase, a = (omega * _time(plan))[:, None], carrier.amplitudes(len(plan.inputs))
     sine, cosine = np.sin(phase), np.cos(phase)  # of all motors
     return a * sine, a * omega * cosine, -a * omega**2 * sine
+
+
+def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
+    r"""p, p', p'' (n, n_u) with p' = (4 v / pi) sum_h sin(h omega t) / h / (1 + (h f / f_c)^4)^(1/2), h odd.
+
+    The second-order filter has no phase; harmonics on analysed lines, those of detection too, are left out.
+    """
+    f = carrier.cycles * plan.rate_hz / plan.period_samples
+    h = np.arange(1, (plan.period_samples - 1) // (2 * carrier.cycles) + 1, 2)
+    filtered = 1 / (h * np.sqrt(1 + (h * f / SQUARE_CUTOFF_HZ) ** 4))
+    analysed = np.isin(h * carrier.cycles, np.concatenate([plan.lines, plan.detection]))
+    used = ~analysed & (filtered > 1e-4 * filtered[0])
+    omega = 2 * np.pi * f * h[used]
+    c = 4 / np.pi * filtered[used]
+    phase = np.outer(_time(plan), omega)
+    v = carrier.velocities(len(plan.inputs))
+    shapes = (-np.cos(phase) @ (c / omega), np.sin(phase) @ c, np.cos(phase) @ (c * omega))
+    p, dp, ddp = (np.outer(shape, v) for shape in shapes)
+    return p, dp, ddp
 
 
 def _constant_velocity(v: FloatArray, s: FloatArray, ds: FloatArray, plan: Plan) -> Movement:

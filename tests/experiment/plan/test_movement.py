@@ -1,4 +1,4 @@
-"""Movements under a multisine: sines and constant velocities with their ramps."""
+"""Movements under a multisine: sines, square waves and constant velocities with their ramps."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from elastid.record import Configuration
 
 
 @given(
-    kind=st.sampled_from(["sine", "offset"]),
+    kind=st.sampled_from(["sine", "square", "offset"]),
     ramp=st.sampled_from([0.0, 0.25, 0.6]),
     hold=st.sampled_from([0.0, 0.1]),
     cycles=st.integers(1, 2),
@@ -56,6 +56,7 @@ def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
     [
         None,
         CarrierSpec(cycles=3, kind="sine", amplitude=0.02),
+        CarrierSpec(cycles=2, kind="square", velocity=(0.05, -0.1)),
         CarrierSpec(kind="offset", velocity=(0.05, -0.1)),
     ],
     ids=lambda carrier: "rest" if carrier is None else carrier.kind,
@@ -70,6 +71,20 @@ def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier
     expected = torque(plan.configurations[0], movement(carrier, plan))
     found = reference(plan, carrier, torque, plan.configurations[0]).feed_forward
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+def test_a_square_wave_leaves_the_analysed_lines_free_and_keeps_its_shape() -> None:
+    """No power on excited or detection lines; the velocity is near its amplitude for most of the time."""
+    excitation = replace(EXCITATION, torque_rms=1.0, period=10.0, band_hz=(0.9, 60.0), grid="odd-random")
+    plan = make_plan(excitation, experiment(), arm(), 0)
+    carrier = CarrierSpec(kind="square", velocity=0.1)
+    velocity = movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples, 0]
+    spectrum = np.abs(np.fft.rfft(velocity)) / len(velocity)
+    analysed = np.concatenate([plan.lines, plan.detection])
+    assert len(plan.detection) > 50
+    assert spectrum[analysed].max() < 1e-12
+    assert spectrum[[1, 3, 5, 7]].min() > 1e-3
+    assert np.mean(np.abs(velocity) > 0.08) > 0.8
 
 
 def test_a_constant_velocity_passes_through_the_configuration_in_the_middle() -> None:
@@ -88,6 +103,6 @@ def test_a_carrier_that_leaves_a_joints_limits_in_its_ramps_is_refused() -> None
     with refused("experiment/simulated", place="experiment.simulated.carrier"):
         check_movement(CarrierSpec(kind="offset", velocity=0.8), plan, arm())
     with refused("experiment/simulated", place="experiment.simulated.carrier"):
-        check_movement(CarrierSpec(kind="offset", velocity=(0.1, 0.1, 0.1)), plan, arm())
+        check_movement(CarrierSpec(kind="square", velocity=(0.1, 0.1, 0.1)), plan, arm())
     with refused("experiment/simulated", place="experiment.simulated.carrier"):
         check_movement(CarrierSpec(amplitude=0.01, cycles=int(plan.lines[0])), plan, arm())
