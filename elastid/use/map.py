@@ -1,12 +1,13 @@
 r"""A map of the workspace: compliance, frequencies, chatter and deflection of many postures, with their intervals.
 
 .. math:: C = J K^{-1} J^T, \qquad
-          G(j\omega) = J\, (K - \omega^2 M + j \omega D)^{-1} J^T, \qquad
+          G(j\omega) = \sum_k \frac{J \phi_k\, \psi_k^T J^T}{j\omega - \lambda_k}, \qquad
           a_{lim} = \frac{-1}{2 K_t \min_\omega \mathrm{Re}\, G_{nf}}
 
-The lines of each posture include the peak and the most negative real part of each mode. G_nf = n^T G f: motion along
-the normal n of the cut by a force along f; without directions the worst of all, n = f the eigenvector of the smallest
-eigenvalue of Re G (Altintas, Manufacturing Automation, 2nd ed., 2012, eq. 4.20). Deviations are of first order,
+G in modal form, one eigenvalue problem a posture for all lines; the lines of each posture include the peak and the most
+negative real part of each mode. G_nf = n^T G f: motion along the normal n of the cut by a force along f; without
+directions the worst of all, n = f the eigenvector of the smallest eigenvalue of Re G (Altintas, Manufacturing
+Automation, 2nd ed., 2012, eq. 4.20). Standard deviations are of first order,
 
 .. math:: dC = dJ\, K^{-1} J^T + (.)^T - J K^{-1} dK K^{-1} J^T, \quad
           dG = -X^T (s^2 dM + s\, dD + dK) X + \dots, \quad X = Z^{-1} J^T
@@ -34,7 +35,7 @@ from elastid.linear.linear_model import Slope
 from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
 
-CHUNK = 32  # postures at a time, so that their slopes stay in the cache
+CHUNK = 128  # postures at a time, so that their slopes stay in the cache
 
 
 @dataclass(frozen=True)
@@ -106,19 +107,27 @@ class Linearised:
     found: BoolArray
 
     @cached_property
-    def _modal(self) -> tuple[ComplexArray, ComplexArray]:
-        """Poles (P, 2n) in 1/s and shapes (P, n, 2n)."""
+    def _modal(self) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+        """Poles (P, 2n) in 1/s, shapes (P, n, 2n), how forces act on them (P, 2n, 3), and residues (P, 2n, 9) of G.
+
+        By the eigenvectors of the state matrix; G = C V (s - Lambda)^-1 V^-1 B.
+        """
         P, n = self.M.shape[:2]
-        inverse = np.linalg.inv(self.M)
+        J, inverse = self.J, np.linalg.inv(self.M)
         A = np.zeros((P, 2 * n, 2 * n))
         A[:, :n, n:] = np.eye(n)
         A[:, n:, :n], A[:, n:, n:] = -inverse @ self.K, -inverse @ self.D
         poles, V = np.linalg.eig(A)
-        return poles.astype(complex), V[:, :n].astype(complex)
+        poles, V = poles.astype(complex), V.astype(complex)
+        B = np.concatenate([np.zeros((P, n, 3)), inverse @ J.transpose(0, 2, 1)], axis=1)
+        acting = np.linalg.solve(V, B.astype(complex))
+        seen = J @ V[:, :n]
+        residues = (seen.transpose(0, 2, 1)[:, :, :, None] * acting[:, :, None, :]).reshape(P, 2 * n, 9)
+        return poles, V[:, :n], acting, residues
 
     def frequency(self, i: int) -> tuple[FloatArray, FloatArray]:
         """Natural frequency (P,) of the i-th oscillating mode in Hz, and its standard deviation; NaN without one."""
-        poles, shapes = self._modal
+        poles, shapes = self._modal[:2]
         size = np.where(poles.imag > 1e-6 * np.abs(poles), np.abs(poles), np.inf)
         if i >= size.shape[1]:
             return np.full(len(size), np.nan), np.full(len(size), np.nan)
@@ -144,18 +153,28 @@ class Linearised:
         inside = np.clip(extremes, lines_hz[0], lines_hz[-1])
         return np.concatenate([np.broadcast_to(lines_hz, (len(inside), len(lines_hz))), inside], axis=1)
 
-    def solved(self, freq_hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """X = Z^-1 J^T (P, F, n, 3) and G (P, F, 3, 3), at lines (P, F) of each posture, 0 for rest."""
-        s, J = 2j * np.pi * freq_hz[:, :, None, None], self.J[:, None]
-        Z = s**2 * self.M[:, None] + s * self.D[:, None] + self.K[:, None]
-        X = np.linalg.solve(Z, np.swapaxes(J, 2, 3).astype(complex))
-        return np.asarray(X), np.asarray(J @ X)
+    def response(self, lines_hz: FloatArray) -> ComplexArray:
+        """G (P, F, 3, 3) of postures on lines (P, F); solved directly where the modal form has lost digits."""
+        s, (poles, *_, residues) = 2j * np.pi * lines_hz, self._modal
+        G = np.asarray(((1 / (s[:, :, None] - poles[:, None])) @ residues).reshape(*s.shape, 3, 3))
+        check = np.argmax(np.abs(G[:, :, 0, 0]), axis=1)
+        row = np.arange(len(G))
+        exact = self.solved(lines_hz[row, check])[1]
+        lost = np.abs(exact - G[row, check]).max(axis=(1, 2)) > 1e-6 * np.abs(exact).max(axis=(1, 2))
+        for p in np.flatnonzero(lost):
+            Z = s[p, :, None, None] ** 2 * self.M[p] + s[p, :, None, None] * self.D[p] + self.K[p]
+            J = self.J[p]
+            G[p] = J @ np.linalg.solve(Z, np.broadcast_to(J.T.astype(complex), (len(Z), *J.T.shape)))
+        return G
 
     def along(self, freq_hz: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
         """|a^T G a| (P, L) and its standard deviation, a (P, 3)."""
         s = np.broadcast_to(2j * np.pi * freq_hz, (len(a), len(freq_hz)))
-        X, G = self.solved(np.broadcast_to(freq_hz, s.shape))
-        u, G = np.einsum("pfna,pa->pfn", X, a), np.einsum("pa,pfab,pb->pf", a, G, a)
+        poles, shapes, acting, _ = self._modal
+        along = np.einsum("pka,pa->pk", acting, a)
+        u = (along[:, None] / (s[:, :, None] - poles[:, None])) @ shapes.transpose(0, 2, 1)
+        pull = np.einsum("pa,pan->pn", a, self.J)
+        G = np.einsum("pfn,pn->pf", u, pull)
         P, L, n = u.shape
         outer = np.ascontiguousarray((u[:, :, :, None] * u[:, :, None, :]).reshape(P, L, n * n).transpose(0, 2, 1))
         # Real matrices times real and imaginary parts beside one another.
@@ -167,9 +186,16 @@ class Linearised:
         moved = (G.conj()[:, None] * slope).real / size[:, None]
         return size, np.linalg.norm(moved.transpose(0, 2, 1) @ self.of_x, axis=2)
 
+    def solved(self, freq_hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """X = Z^-1 J^T (P, n, 3) and G (P, 3, 3), at one line (P,) of each posture, 0 for rest."""
+        s = 2j * np.pi * freq_hz[:, None, None]
+        J = self.J
+        X = np.linalg.solve(s**2 * self.M + s * self.D + self.K, J.transpose(0, 2, 1).astype(complex))
+        return np.asarray(X), np.asarray(J @ X)
+
     def std(self, freq_hz: FloatArray, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
         """Std of Re a^T G b (P,) at one line (P,), a and b (P, 3)."""
-        X, k = self.solved(freq_hz[:, None])[0][:, 0], 2j * np.pi * freq_hz[:, None]
+        X, k = self.solved(freq_hz)[0], 2j * np.pi * freq_hz[:, None]
         u, v = ((X @ each[:, :, None])[:, :, 0] for each in (a, b))
         slope = -(k**2 * _form(self.dM, u, v) + k * _form(self.dD, u, v) + _form(self.dK, u, v))
         slope += _form(self.dJ, a, v) + _form(self.dJ, b, u)
@@ -218,7 +244,7 @@ def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut:
     axes (P, 3, 3), share (P, n_s), chatter_hz (P,), magnitude and magnitude_std (P, L) on the lines of a curve.
     """
     at_rest, row = np.zeros(len(robots.M)), np.arange(len(robots.M))
-    flexibility, C = (part[:, 0].real for part in robots.solved(at_rest[:, None]))
+    flexibility, C = (part.real for part in robots.solved(at_rest))
     principal, axes = np.linalg.eigh((C + C.transpose(0, 2, 1)) / 2)
     principal, axes = principal[:, ::-1], axes[:, :, ::-1]
     softest = axes[:, :, 0]
@@ -233,7 +259,7 @@ def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut:
     found["deflection"] = deflection, robots.std(at_rest, along, np.broadcast_to(load, along.shape))
     found |= {f"frequency_{i + 1}": robots.frequency(i) for i in range(3)}
     lines = robots.lines(lines_hz)
-    G = robots.solved(lines)[1]
+    G = robots.response(lines)
     largest = largest_gain(G)
     peak = np.argmax(largest, axis=1)
     U, _, Vh = np.linalg.svd(G[row, peak])
