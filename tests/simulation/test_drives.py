@@ -1,4 +1,4 @@
-"""Encoders count and ripple; drives clip, lag and ripple."""
+"""Encoders count; drives clip, lag and ripple."""
 
 from __future__ import annotations
 
@@ -24,12 +24,11 @@ from elastid.simulation.dynamics import contacts, free_acceleration
 
 
 def test_ripple_is_a_sine_of_the_angle_with_its_phase() -> None:
-    """Of the torque, and of the reading before it is counted."""
+    """Of the torque."""
     ripple = Ripple(np.array([0.1]), np.array([12.0]), np.array([0.4]))
-    drives = Drives(np.zeros(1), np.array([np.inf]), (ripple,), (ripple,))
+    drives = Drives(np.zeros(1), np.array([np.inf]), (ripple,))
     expected = 0.1 * np.sin(12.0 * 0.3 + 0.4)
     np.testing.assert_allclose(float(ca.DM(drives.on_motors(ca.SX(2.0), ca.SX(0.3)))), 2.0 + expected)
-    np.testing.assert_allclose(float(ca.DM(drives.reading(ca.SX(0.3), ca.SX(0.01)))), 0.31 + expected)
 
 
 @pytest.mark.parametrize("coefficients", [(1.0,), (1.4, 1.0), (2.0, 2.0, 1.0), (0.6, 0.5)])
