@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -275,6 +275,15 @@ class Evidence:
         return next((index.drop for index in self.result.indices), 0.0)
 
 
+def against(
+    index: ModificationIndex, cost: float, x: FloatArray, evidence: Evidence, scores: Scores
+) -> ModificationIndex:
+    """The index where V (cost) and x (n_x,) are those of a fit with it."""
+    drop = scores.cost - cost if math.isfinite(cost) else 0.0
+    share = drop / max(scores.cost - scores.noise, drop, 1e-300)
+    return replace(index, drop=drop, share=share, effects=x - evidence.result.x)
+
+
 def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """A note on each index of the sequence that explains enough, and one where none does."""
     sequence = [index for index in evidence.result.indices if index.place]
@@ -322,19 +331,15 @@ def phrase(index: ModificationIndex, evidence: Evidence) -> str:
     """The change itself: `m_fore -4.8 % (75 to 71.4 kg)`, `a delay of 0.294 ms`."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     if hypothesis is not None and hypothesis.phrase:
-        words = hypothesis.phrase
-        return words.format(name=index.name) if isinstance(words, str) else words(index)
+        words, where = hypothesis.phrase, index.name.partition("@")[2]
+        alone = f" in configuration {where} alone" if where else ""
+        return words.format(name=index.name) if isinstance(words, str) else f"{words(index)}{alone}"
     return number_phrase(index) if index.members else index.name
 
 
 def axis(index: ModificationIndex) -> str:
     """Name of the axis that an index is of: 2 of friction_2@c1."""
     return index.name.partition("@")[0].partition("_")[2]
-
-
-def posture(index: ModificationIndex) -> str:
-    """Name of the configuration that an index is of: c1 of friction_2@c1."""
-    return index.name.partition("@")[2]
 
 
 def number_phrase(index: ModificationIndex) -> str:

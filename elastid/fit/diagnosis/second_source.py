@@ -117,7 +117,7 @@ def _residuals(
     J = slopes @ root
     if factor is not None:
         y, J = (1 + factor) * y, np.column_stack([(1 + factor) * J, y])
-    yield loads.whitening @ (loads.measured - y), -loads.whitening @ J
+    yield (loads.measured - y) / loads.std, -J / loads.std[:, None]
 
 
 def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
@@ -131,10 +131,9 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
 
 def _readings(loads: StaticLoads, alone: Result, now: SecondSource) -> tuple[LoadReading, ...]:
     predicted, slopes = loads.predicted(alone.parameters, alone.x)
-    std = np.sqrt(np.concatenate([np.diag(test.error_covariance) for test in loads.tests]))
     rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
     by_responses_std = np.linalg.norm(slopes @ now.root, axis=1)
-    numbers = np.column_stack([loads.measured, std, predicted, by_responses_std]).tolist()
+    numbers = np.column_stack([loads.measured, loads.std, predicted, by_responses_std]).tolist()
     return tuple(
         LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *own)
         for i, (x, y, z), own in zip(loads.owners, rows, numbers, strict=True)
