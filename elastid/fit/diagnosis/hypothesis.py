@@ -27,9 +27,8 @@ from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
-from elastid.fit.diagnosis.prediction import Reading
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
-from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse
+from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse, Reading
 from elastid.fit.problem.least_squares import error_gain
 from elastid.fit.result import ModificationIndex, Result
 

@@ -46,11 +46,10 @@ from elastid.fit.diagnosis.hypothesis import (
     hypothesis_of,
     hypothesis_of_index,
 )
-from elastid.fit.diagnosis.prediction import spread_out, thinning
 from elastid.fit.diagnosis.readings import as_delay
 from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, HeldNumber, ScoreTest, find_load, free_step
 from elastid.fit.diagnosis.second_source import contradictions
-from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held, inertial
+from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held, inertial, spread_out, thinning
 from elastid.fit.diagnosis.status import (
     decisive_index,
     estimate_notes,

@@ -31,8 +31,16 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import LIMITS, Evidence, Scores, against
-from elastid.fit.diagnosis.prediction import AS_READ, evaluate, predict, spread_out, squares, thinned
-from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel
+from elastid.fit.diagnosis.sensitivities import (
+    AS_READ,
+    Evaluated,
+    HeldModel,
+    evaluate,
+    predict,
+    spread_out,
+    squares,
+    thinned,
+)
 from elastid.fit.problem.elastic import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.result import ModificationIndex

@@ -31,8 +31,9 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Changes, Evidence, Hypothesis, Scores, against
-from elastid.fit.diagnosis.prediction import (
+from elastid.fit.diagnosis.sensitivities import (
     AS_READ,
+    Evaluated,
     Prediction,
     Reading,
     evaluate,
@@ -42,7 +43,6 @@ from elastid.fit.diagnosis.prediction import (
     start_distance,
     thinned,
 )
-from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.result import ModificationIndex
 from elastid.robot import gain_name

@@ -24,9 +24,10 @@ from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import LIMITS
+from elastid.fit.diagnosis.sensitivities import evaluate
 from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, ToolAgreement, ToolComparison
 from elastid.fit.problem.elastic import ElasticFit, Part
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.result import Result, largest_by_chance
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -151,15 +152,12 @@ def _tool_residuals(
     fit: ElasticFit, x: FloatArray, root: FloatArray, factor: float | None
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Whitened residuals (N,) of each response and their slopes (N, n)."""
-    for part in fit.parts:
-        G, dG = part.kernel.evaluate(fit.theta(part, x))
-        chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
-        slopes = np.tensordot((chain @ root).T, dG, axes=1)
+    for model in evaluate(fit, x):
+        slopes = np.tensordot(root.T, model.free, axes=1)
         if factor is not None:
-            G, slopes = (1 + factor) * G, np.concatenate([(1 + factor) * slopes, G[None]])
-        mixing = part.mixing
-        J = as_real(part.slopes(G, slopes, mixing).reshape(len(slopes), -1))
-        yield as_real(part.residual(G, mixing)).ravel(), J.T
+            slopes = np.concatenate([(1 + factor) * slopes, model.G[None]])
+            model = replace(model, G=(1 + factor) * model.G)
+        yield model.residual, -model.whitened(slopes).T
 
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:

@@ -21,8 +21,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Scores, against
-from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.score_test import LEAST, Load, find_load, steps_of
+from elastid.fit.diagnosis.sensitivities import AS_READ, settle, thinned
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters, Prior
