@@ -330,11 +330,6 @@ class Result:
         base = sum((part.changes**2 for part in self.rigid_parts), np.zeros(n))
         return self._part(np.diag(self.covariance)[:n] + base)
 
-    @property
-    def covariance_by_noise(self) -> FloatArray:
-        """The part of `covariance` with the robot's file as exact as it is estimated (n_wanted, n_wanted)."""
-        return covariance_by_noise(self.covariance, len(self.parameters.asked))
-
     def _shared(self, share: FloatArray, without: float) -> FloatArray:
         """Variance (n_asked,) by a share of it, infinite where the data do not reach; without: share where none is."""
         variance = np.diag(self.covariance)[: len(self.parameters.asked)]

@@ -182,7 +182,7 @@ class Scores:
 
     excess: of V over the noise, where it is worse than no model at all that of none; `worse`: what it is beyond that.
     level: of the residuals' variance by the noise.  lines: share of all residuals.  noise: V by the noise alone, of
-    all.  held: the model with what is freed.  moved (n_x,): step of the free parameters without any candidate.
+    all.  held: the model with what is freed.
     """
 
     held: HeldModel
@@ -193,7 +193,6 @@ class Scores:
     level: float
     lines: float
     noise: float
-    moved: FloatArray
 
     @property
     def cost(self) -> float:
