@@ -32,7 +32,7 @@ from elastid.fit.diagnosis.sensitivities import (
     stiffening,
 )
 from elastid.fit.diagnosis.variants import find_variants
-from elastid.fit.result import ModificationIndex, Result
+from elastid.fit.result import ModificationIndex
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
@@ -97,20 +97,6 @@ def late(index: ModificationIndex) -> str:
     return f"{size}{on}" if T > 0 else f"{size} that was taken out where there is none{on}"
 
 
-def late_advice(index: ModificationIndex, result: Result) -> str:
-    """Keys that give a delay or a lag to the model, or the filter to check."""
-    if index.steps[0] < 0:
-        return "leave hold: zero-order out where u was measured, log torques before their filter, check the time stamps"
-    if index.name == "delay":
-        return (
-            "free delay (fit.parameters: {delay: {}}), or give the robot's chain its lags; where u is a command that "
-            "the drive holds, say hold: zero-order in experiment.recorded (with rate_hz in experiment.responses)"
-        )
-    if index.name == "low_pass":
-        return "give the robot's chain the sensor_lag of its encoders, or the torque_lag of its drives"
-    return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
-
-
 def scale(index: ModificationIndex) -> str:
     """Factors of channels in another unit."""
     factors = [float(word) for before, word in pairwise(index.name.replace(",", "").split()) if before == "times"]
@@ -152,7 +138,8 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         LATE,
         False,
         late,
-        late_advice,
+        "check time stamps, filters and `hold` of its channel; of all channels, free delay (fit.parameters: {{delay: "
+        "{{}}}}), or give the robot's chain its lags, sensor_lag of its encoders and torque_lag of its drives",
         columns=channel_delays,
         search=find_lateness,
     ),

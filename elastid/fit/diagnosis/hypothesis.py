@@ -144,7 +144,7 @@ class Hypothesis:
     size: Size | None = None
     is_common: bool = False
     phrase: str | Callable[[ModificationIndex], str] = ""
-    advice: str | Callable[[ModificationIndex, Result], str] = ""
+    advice: str = ""
     plausibility: float = 1.0
     is_stated: bool = True
     columns: Columns | None = None
@@ -355,8 +355,6 @@ def _advice(index: ModificationIndex, evidence: Evidence) -> str:
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
     if _is_motor_friction(index):
         return FREE_MOTORS
-    if not isinstance(advice, str):
-        return advice(index, evidence.result)
     size = hypothesis and hypothesis.size
     usual = min(size.usual if size else 0.1, LIMITS.prior_std)
     # The common factor of an inertia's entries is no parameter of a study; they are.
