@@ -167,11 +167,6 @@ def with_floor(spec: FitSpec, floor: float | None) -> FitSpec:
     return replace(spec, weights=replace(spec.weights, floor=floor))
 
 
-def with_diagonal_weights(spec: FitSpec) -> FitSpec:
-    """Spec with weights element by element."""
-    return replace(spec, weights=replace(spec.weights, covariance="diagonal"))
-
-
 def vec(array: FloatArray | ComplexArray) -> Any:
     """(..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
     return np.swapaxes(array, -1, -2).reshape(*array.shape[:-2], -1)
