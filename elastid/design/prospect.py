@@ -28,7 +28,7 @@ from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.hardware import logged_quantity, output_stds
 from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
-from elastid.fit.problem.weights import Weights, weigh, with_diagonal_weights
+from elastid.fit.problem.weights import Weights, weigh
 from elastid.fit.spec import FitSpec
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
@@ -143,7 +143,8 @@ class Prospect:
         StudyError without noise.
         """
         M, (_, G, motion) = self.realisations, self._local(configuration, x)
-        expected = replace(self, fit=with_diagonal_weights(self.fit)).expected(configuration, x)
+        one_by_one = replace(self.fit.weights, covariance="diagonal")
+        expected = replace(self, fit=replace(self.fit, weights=one_by_one)).expected(configuration, x)
         sensitivity, U = self._torques(configuration, motion)
         error = _diagonal(self._error(U, G, motion)) / M
         ((_, J),) = expected_fit([expected]).blocks(x)

@@ -18,7 +18,6 @@ from elastid.robot import TOOL
 from elastid.robot.placement import Axis, unit_axis
 
 Deflection: TypeAlias = Length | tuple[Length, Length, Length]
-SquareLengths: TypeAlias = tuple[float, float, float, float, float, float]  # m^2
 
 
 @section
@@ -49,8 +48,6 @@ class LoadTest:
     std: Annotated[Deflection | None, Key("Standard deviation of the deflection, one for all directions or three.",
         "that of repeated loading, which contains hysteresis and friction; the resolution of the gauge alone is too "
         "small.")] = None
-    covariance: Annotated[SquareLengths | None, Key("Covariance of a tracker's x, y and z in place of std: xx, yy, "
-        "zz, xy, xz and yz in m^2.", "where the tracker states it, whose error along its beam is the smallest.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -70,16 +67,10 @@ class LoadTest:
             raise ValueError(
                 "deflection: a dial gauge has one number and its direction `along`, a tracker three without `along`"
             )
-        if (self.std is None) == (self.covariance is None):
-            raise ValueError("give the error of the deflection by std or by covariance, one of them")
-        if (isinstance(self.std, tuple) or self.covariance is not None) and n == 1:
-            raise ValueError("std: a dial gauge has one number, and no covariance")
-        if self.std is not None and not np.all(np.asarray(self.std) > 0):
-            raise ValueError("std of a deflection must be positive; 1 to 10 um are usual")
-        if np.linalg.eigvalsh(self.error_covariance)[0] <= 0:
-            raise ValueError(
-                "covariance of a deflection must be positive definite; its order is xx, yy, zz, xy, xz, yz"
-            )
+        if self.std is None or not np.all(np.asarray(self.std) > 0):
+            raise ValueError("give the std of the deflection, a positive number; 1 to 10 um are usual")
+        if isinstance(self.std, tuple) and n == 1:
+            raise ValueError("std: a dial gauge has one number")
 
     @property
     def n_readings(self) -> int:
@@ -104,12 +95,9 @@ class LoadTest:
         return np.atleast_1d(np.asarray(self.deflection, dtype=float))
 
     @property
-    def error_covariance(self) -> FloatArray:
-        """Covariance (n, n) of the readings in m^2."""
-        if self.covariance is None:
-            return np.diag(np.broadcast_to(np.asarray(self.std, dtype=float), self.n_readings) ** 2)
-        xx, yy, zz, xy, xz, yz = self.covariance
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    def deviations(self) -> FloatArray:
+        """Standard deviations (n,) of the readings in m."""
+        return np.broadcast_to(np.asarray(self.std, dtype=float), self.n_readings)
 
 
 @section
@@ -119,9 +107,8 @@ class LoadsSpec:
     # fmt: off
     file: Annotated[str | None, Key("CSV file with a row for each test, relative to the study: columns configuration "
         "or the joints' names, frame, measured_at, fx fy fz, tx ty tz, mass, along_x along_y along_z with deflection "
-        "and std, or x y z with std or std_x std_y std_z, or cov_xx cov_yy cov_zz cov_xy cov_xz cov_yz; units in "
-        "brackets, `deflection [mm]`.", "where the readings are in a spreadsheet; columns that are not needed are left "
-        "out.")] = None
+        "and std, or x y z with std or std_x std_y std_z; units in brackets, `deflection [mm]`.", "where the readings "
+        "are in a spreadsheet; columns that are not needed are left out.")] = None
     tests: Annotated[tuple[LoadTest, ...], Key("Load tests, listed here, besides those of the file.", "for a few; 20 "
         "with loads in several directions and postures halve the intervals of springs that the motors barely "
         "move.")] = field(default_factory=tuple)

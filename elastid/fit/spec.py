@@ -118,20 +118,12 @@ class TieSpec:
     factor: Annotated[float, Key("Factor of the other parameter.", "other than 1 where a ratio is known from the "
         "geometry, such as the squared ratio of two lengths.")] = 1.0
     by: Annotated[str, Key("Name of a ratio under fit.ratios that multiplies it.", "for a ratio that is to be found, "
-        "such as a loss factor common to many springs.")] = ""
-    at_hz: Annotated[Frequency | None, Key("Frequency of a loss factor: the factor is divided by 2 pi at_hz, so that a "
-        "damping d = eta k / omega has the loss factor eta at that frequency.", "the frequency of the mode that "
-        "matters most; at others the loss factor is larger above it and smaller below, in proportion.")] = None
+        "such as the loss factor common to many springs: with the factor 1 / (2 pi f) it is that at f.")] = ""
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.at_hz is not None and not self.at_hz > 0:
-            raise ValueError(f"at_hz is {self.at_hz:g}; it must be positive")
 
     def tie(self) -> Tie:
         """Tie as the parameter set wants it."""
-        omega = 1.0 if self.at_hz is None else 2 * math.pi * self.at_hz
-        return Tie(self.to, self.factor / omega, self.by)
+        return Tie(self.to, self.factor, self.by)
 
 
 @section

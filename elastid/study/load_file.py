@@ -15,7 +15,6 @@ _KEYS: Mapping[str, tuple[str, ...]] = {
     "configuration": ("configuration",), "frame": ("frame",), "measured_at": ("measured_at",), "mass": ("mass",),
     "force": ("fx", "fy", "fz"), "torque": ("tx", "ty", "tz"), "along": ("along_x", "along_y", "along_z"),
     "deflection": ("x", "y", "z"), "std": ("std_x", "std_y", "std_z"),
-    "covariance": ("cov_xx", "cov_yy", "cov_zz", "cov_xy", "cov_xz", "cov_yz"),
 }  # fmt: skip
 _SINGLE = ("deflection", "std")  # also columns of one number, of dial gauges
 _TEXTS = ("configuration", "frame", "measured_at")

@@ -20,7 +20,7 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
-from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Hypothesis, Size, axis, posture, relative
+from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Hypothesis, Size, axis, relative
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.readings import FORMS, READINGS, find_lateness, find_misreading
 from elastid.fit.diagnosis.sensitivities import (
@@ -32,7 +32,7 @@ from elastid.fit.diagnosis.sensitivities import (
     stiffening,
 )
 from elastid.fit.diagnosis.variants import find_variants
-from elastid.fit.result import ModificationIndex, Result
+from elastid.fit.result import ModificationIndex
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
@@ -51,9 +51,8 @@ def gain(index: ModificationIndex) -> str:
 
 def angle(index: ModificationIndex) -> str:
     """Offset of an axis, in one configuration or in all."""
-    axis, _, configuration = index.name.partition("_")[2].partition("@")
-    where = f"in configuration {configuration}" if configuration else "in all configurations"
-    return f"an angle of axis {axis} {math.degrees(float(index.steps[0])):+.2g} deg {where}"
+    where = "" if "@" in index.name else " in all configurations"
+    return f"an angle of axis {axis(index)} {math.degrees(float(index.steps[0])):+.2g} deg{where}"
 
 
 def angles(index: ModificationIndex) -> str:
@@ -79,7 +78,7 @@ def compliance(index: ModificationIndex) -> str:
 
 def payload(index: ModificationIndex) -> str:
     """Mass, centre and inertia of a body together; where a mass is added, its place."""
-    body, mass, new = index.name.partition("_")[2], float(index.values[0]), index.changed[0]
+    body, mass, new = axis(index), float(index.values[0]), index.changed[0]
     members = zip(index.members, index.values, index.changed, strict=True)
     place = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
     at = f", about [{', '.join(place)}] m in its axes" if new > mass and len(place) == 3 else ""
@@ -90,26 +89,12 @@ def late(index: ModificationIndex) -> str:
     """Delay or low pass of a channel or of all, with its time."""
     T = float(index.steps[0])
     form = next(form for form in FORMS if index.name.startswith(form))
-    role, _, place = index.name.removeprefix(form).lstrip("_").partition("_")
+    role, _, place = index.name.partition("@")[0].removeprefix(form).lstrip("_").partition("_")
     on = f" of {role} at {place.replace('_', ' ')}" if role else ""
     if form == "delay":
         return f"a delay of {T / 1e-3:.3g} ms{on}"
     size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
     return f"{size}{on}" if T > 0 else f"{size} that was taken out where there is none{on}"
-
-
-def late_advice(index: ModificationIndex, result: Result) -> str:
-    """Keys that give a delay or a lag to the model, or the filter to check."""
-    if index.steps[0] < 0:
-        return "leave hold: zero-order out where u was measured, log torques before their filter, check the time stamps"
-    if index.name == "delay":
-        return (
-            "free delay (fit.parameters: {delay: {}}), or give the robot's chain its lags; where u is a command that "
-            "the drive holds, say hold: zero-order in experiment.recorded (with rate_hz in experiment.responses)"
-        )
-    if index.name == "low_pass":
-        return "give the robot's chain the sensor_lag of its encoders, or the torque_lag of its drives"
-    return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
 
 
 def scale(index: ModificationIndex) -> str:
@@ -133,18 +118,12 @@ def coupling(index: ModificationIndex) -> str:
     return f"a gear that turns motor {motor} along by {float(index.steps[0]):+.3g} of its ratio when axis {joint} turns"
 
 
-def payload_of_one(index: ModificationIndex) -> str:
-    """Load in one configuration."""
-    return f"{payload(replace(index, name=index.name.partition('@')[0]))}, in configuration {posture(index)} alone"
-
-
 def words_of_one_posture(index: ModificationIndex) -> str:
     """Delay, torques or stiffness of one configuration."""
-    where, step = f"configuration {posture(index)} alone", float(index.steps[0])
     if index.name.startswith("delay"):
-        return f"motions of {where} that are {1e3 * step:.3g} ms late against its torques"
+        return late(index)
     what = "torques that read" if index.name.startswith("torques") else f"a stiffness of gear {axis(index)} of"
-    return f"{what} {100 * step:+.2g} % in {where}"
+    return f"{what} {100 * float(index.steps[0]):+.2g} %"
 
 
 LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
@@ -159,7 +138,8 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         LATE,
         False,
         late,
-        late_advice,
+        "check time stamps, filters and `hold` of its channel; of all channels, free delay (fit.parameters: {{delay: "
+        "{{}}}}), or give the robot's chain its lags, sensor_lag of its encoders and torque_lag of its drives",
         columns=channel_delays,
         search=find_lateness,
     ),
@@ -199,7 +179,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     ),
     Hypothesis(
         "payload of one posture",
-        phrase=payload_of_one,
+        phrase=payload,
         advice="was it measured with another load? leave it out, or say which configurations carry the payload",
         is_stated=False,
     ),

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -27,9 +27,8 @@ from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
-from elastid.fit.diagnosis.prediction import Reading
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
-from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse
+from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse, Reading
 from elastid.fit.problem.least_squares import error_gain
 from elastid.fit.result import ModificationIndex, Result
 
@@ -145,7 +144,7 @@ class Hypothesis:
     size: Size | None = None
     is_common: bool = False
     phrase: str | Callable[[ModificationIndex], str] = ""
-    advice: str | Callable[[ModificationIndex, Result], str] = ""
+    advice: str = ""
     plausibility: float = 1.0
     is_stated: bool = True
     columns: Columns | None = None
@@ -183,7 +182,7 @@ class Scores:
 
     excess: of V over the noise, where it is worse than no model at all that of none; `worse`: what it is beyond that.
     level: of the residuals' variance by the noise.  lines: share of all residuals.  noise: V by the noise alone, of
-    all.  held: the model with what is freed.  moved (n_x,): step of the free parameters without any candidate.
+    all.  held: the model with what is freed.
     """
 
     held: HeldModel
@@ -194,7 +193,6 @@ class Scores:
     level: float
     lines: float
     noise: float
-    moved: FloatArray
 
     @property
     def cost(self) -> float:
@@ -275,6 +273,15 @@ class Evidence:
         return next((index.drop for index in self.result.indices), 0.0)
 
 
+def against(
+    index: ModificationIndex, cost: float, x: FloatArray, evidence: Evidence, scores: Scores
+) -> ModificationIndex:
+    """The index where V (cost) and x (n_x,) are those of a fit with it."""
+    drop = scores.cost - cost if math.isfinite(cost) else 0.0
+    share = drop / max(scores.cost - scores.noise, drop, 1e-300)
+    return replace(index, drop=drop, share=share, effects=x - evidence.result.x)
+
+
 def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """A note on each index of the sequence that explains enough, and one where none does."""
     sequence = [index for index in evidence.result.indices if index.place]
@@ -322,19 +329,15 @@ def phrase(index: ModificationIndex, evidence: Evidence) -> str:
     """The change itself: `m_fore -4.8 % (75 to 71.4 kg)`, `a delay of 0.294 ms`."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     if hypothesis is not None and hypothesis.phrase:
-        words = hypothesis.phrase
-        return words.format(name=index.name) if isinstance(words, str) else words(index)
+        words, where = hypothesis.phrase, index.name.partition("@")[2]
+        alone = f" in configuration {where} alone" if where else ""
+        return words.format(name=index.name) if isinstance(words, str) else f"{words(index)}{alone}"
     return number_phrase(index) if index.members else index.name
 
 
 def axis(index: ModificationIndex) -> str:
     """Name of the axis that an index is of: 2 of friction_2@c1."""
     return index.name.partition("@")[0].partition("_")[2]
-
-
-def posture(index: ModificationIndex) -> str:
-    """Name of the configuration that an index is of: c1 of friction_2@c1."""
-    return index.name.partition("@")[2]
 
 
 def number_phrase(index: ModificationIndex) -> str:
@@ -352,8 +355,6 @@ def _advice(index: ModificationIndex, evidence: Evidence) -> str:
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
     if _is_motor_friction(index):
         return FREE_MOTORS
-    if not isinstance(advice, str):
-        return advice(index, evidence.result)
     size = hypothesis and hypothesis.size
     usual = min(size.usual if size else 0.1, LIMITS.prior_std)
     # The common factor of an inertia's entries is no parameter of a study; they are.

@@ -46,11 +46,10 @@ from elastid.fit.diagnosis.hypothesis import (
     hypothesis_of,
     hypothesis_of_index,
 )
-from elastid.fit.diagnosis.prediction import spread_out, thinning
 from elastid.fit.diagnosis.readings import as_delay
-from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, HeldNumber, ScoreTest, find_load, free_step
+from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, HeldNumber, ScoreTest, find_load, free_drop
 from elastid.fit.diagnosis.second_source import contradictions
-from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held, inertial
+from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held, inertial, spread_out, thinning
 from elastid.fit.diagnosis.status import (
     decisive_index,
     estimate_notes,
@@ -89,11 +88,10 @@ def score(evidence: Evidence) -> Scores:
     numbers += beyond
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
     freed = tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses))
-    moved, drop = free_step(A, b, ~evidence.result.at_bound)
-    noise, V = evidence.noise_cost * lines, V + pull - drop
+    noise, V = evidence.noise_cost * lines, V + pull - free_drop(A, b, ~evidence.result.at_bound)
     level = (noise or V) / max(counted - len(x), 1)
     excess = (V - noise) / (max(1.0, 1 - evidence.explained) if evidence.is_unexplained else 1.0)
-    return Scores(held, test, freed, excess, V - noise - excess, level, lines, evidence.noise_cost, moved)
+    return Scores(held, test, freed, excess, V - noise - excess, level, lines, evidence.noise_cost)
 
 
 def _with_priors(

@@ -30,9 +30,17 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.hypothesis import LIMITS, Evidence, Scores
-from elastid.fit.diagnosis.prediction import AS_READ, evaluate, predict, spread_out, squares, thinned
-from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel
+from elastid.fit.diagnosis.hypothesis import LIMITS, Evidence, Scores, against
+from elastid.fit.diagnosis.sensitivities import (
+    AS_READ,
+    Evaluated,
+    HeldModel,
+    evaluate,
+    predict,
+    spread_out,
+    squares,
+    thinned,
+)
 from elastid.fit.problem.elastic import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.result import ModificationIndex
@@ -160,10 +168,13 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
     place = fit.parameters.free_names.index(spring.name)
     variance = np.linalg.pinv(fit.evaluate(end.x).hessian / 2, hermitian=True)[place, place]
     name = scores.held.rigid[spring.name]
-    std, share = math.sqrt(max(float(variance) * scores.level, 0.0)) / k, drop / max(scores.cost - scores.noise, drop)
-    effects = np.array([estimates[name] for name in result.parameters.free_names]) - result.x
+    std, x = (
+        math.sqrt(max(float(variance) * scores.level, 0.0)) / k,
+        [estimates[p.name] for p in result.parameters.free],
+    )
     number = (name,), np.zeros(1), ("rad/(N*m)",), (False,), np.array([1 / k])
-    return ModificationIndex(name, "compliance", *number, std, drop, share, effects)
+    index = ModificationIndex(name, "compliance", *number, std)
+    return against(index, scores.cost - drop, np.array(x), evidence, scores)
 
 
 def released_costs(

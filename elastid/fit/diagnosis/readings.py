@@ -30,9 +30,10 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Changes, Evidence, Hypothesis, Scores
-from elastid.fit.diagnosis.prediction import (
+from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Changes, Evidence, Hypothesis, Scores, against
+from elastid.fit.diagnosis.sensitivities import (
     AS_READ,
+    Evaluated,
     Prediction,
     Reading,
     evaluate,
@@ -42,7 +43,6 @@ from elastid.fit.diagnosis.prediction import (
     start_distance,
     thinned,
 )
-from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.result import ModificationIndex
 from elastid.robot import gain_name
@@ -54,7 +54,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         return indices
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     fit, x = thinned(optimum.fit), optimum.end.x
-    every = np.ones(len(x), dtype=bool)
+    every, of_all = np.ones(len(x), dtype=bool), optimum.fit.n_residuals / max(fit.n_residuals, 1)
     costs = np.array(squares(evaluate(fit, x)))
     starts = [(fit, x, ~result.at_bound)]
     with suppress(ElastidError):  # no robot stands there
@@ -74,27 +74,23 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
             break
         if reading.name not in followed:
             near = settle(reading, problem, start, free)[1]
-            followed[reading.name] = (*settle(reading, problem, near, every), reading)
-    noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)
-    as_read = min(float(costs.sum()), scores.cost * fit.n_residuals / max(optimum.fit.n_residuals, 1))
-    excess = max(as_read - noise, 1e-300)
+            V, x_end = settle(reading, problem, near, every)
+            followed[reading.name] = (of_all * V, x_end, reading)
+    as_read = min(of_all * float(costs.sum()), scores.cost)
+    excess = max(as_read - scores.noise, 1e-300)
     least = min((cost for cost, _, _ in followed.values()), default=math.inf)
     if as_read - least <= LIMITS.whole * excess:
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
-            followed[name] = (cost, x_end, Reading(name, SCALE, lambda _, values: values))
+            followed[name] = (of_all * cost, x_end, Reading(name, SCALE, lambda _, values: values))
     least = as_read - LIMITS.explained_share * excess
     good = sorted((each for each in followed.values() if each[0] < least), key=lambda each: each[0])
     if not good:
         return indices
     cost, x_end, best = good[0]
     equal = tuple(reading.name for V, _, reading in good[1:] if cost > LIMITS.equal_drop * V)
-    share = (as_read - cost) / excess
-    drop = share * max(scores.cost - scores.noise, 0.0)
     occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
-    index = ModificationIndex(
-        best.name, best.family, drop=drop, share=share, effects=x_end - x, alike=equal, occam=occam
-    )
-    return [*indices, index]
+    index = ModificationIndex(best.name, best.family, alike=equal, occam=occam)
+    return [*indices, against(index, cost, x_end, evidence, scores)]
 
 
 def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -171,13 +171,12 @@ class ScoreTest:
         return float(max(min([1.0, *parts]), 0.0))
 
 
-def free_step(A: FloatArray, b: FloatArray, free: BoolArray) -> tuple[FloatArray, float]:
-    """The step (n_x,) of the free parameters with all others held, and the drop of V; both 0 at an optimum."""
-    places, step = np.flatnonzero(free), np.zeros(len(free))
+def free_drop(A: FloatArray, b: FloatArray, free: BoolArray) -> float:
+    """The drop of V by the step of the free parameters (n_x,) with all others held; 0 at an optimum."""
+    places = np.flatnonzero(free)
     size = np.sqrt(np.maximum(np.diag(A)[places], 1e-300))
-    scaled = A[np.ix_(places, places)] / np.outer(size, size)
-    step[places] = -np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) @ (b[places] / size) / size
-    return step, float(-step[places] @ b[places])
+    g = b[places] / size
+    return float(g @ np.linalg.pinv(A[np.ix_(places, places)] / np.outer(size, size), rcond=1e-13, hermitian=True) @ g)
 
 
 MASS_KG, DISTANCE_M = 5.0, 0.3  # usual ones of a load from a body's centre

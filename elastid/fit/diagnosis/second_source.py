@@ -24,9 +24,10 @@ from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import LIMITS
+from elastid.fit.diagnosis.sensitivities import evaluate
 from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, ToolAgreement, ToolComparison
 from elastid.fit.problem.elastic import ElasticFit, Part
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.result import Result, largest_by_chance
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -117,7 +118,7 @@ def _residuals(
     J = slopes @ root
     if factor is not None:
         y, J = (1 + factor) * y, np.column_stack([(1 + factor) * J, y])
-    yield loads.whitening @ (loads.measured - y), -loads.whitening @ J
+    yield (loads.measured - y) / loads.std, -J / loads.std[:, None]
 
 
 def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
@@ -131,10 +132,9 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
 
 def _readings(loads: StaticLoads, alone: Result, now: SecondSource) -> tuple[LoadReading, ...]:
     predicted, slopes = loads.predicted(alone.parameters, alone.x)
-    std = np.sqrt(np.concatenate([np.diag(test.error_covariance) for test in loads.tests]))
     rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
     by_responses_std = np.linalg.norm(slopes @ now.root, axis=1)
-    numbers = np.column_stack([loads.measured, std, predicted, by_responses_std]).tolist()
+    numbers = np.column_stack([loads.measured, loads.std, predicted, by_responses_std]).tolist()
     return tuple(
         LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *own)
         for i, (x, y, z), own in zip(loads.owners, rows, numbers, strict=True)
@@ -152,15 +152,12 @@ def _tool_residuals(
     fit: ElasticFit, x: FloatArray, root: FloatArray, factor: float | None
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Whitened residuals (N,) of each response and their slopes (N, n)."""
-    for part in fit.parts:
-        G, dG = part.kernel.evaluate(fit.theta(part, x))
-        chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
-        slopes = np.tensordot((chain @ root).T, dG, axes=1)
+    for model in evaluate(fit, x):
+        slopes = np.tensordot(root.T, model.free, axes=1)
         if factor is not None:
-            G, slopes = (1 + factor) * G, np.concatenate([(1 + factor) * slopes, G[None]])
-        mixing = part.mixing
-        J = as_real(part.slopes(G, slopes, mixing).reshape(len(slopes), -1))
-        yield as_real(part.residual(G, mixing)).ravel(), J.T
+            slopes = np.concatenate([(1 + factor) * slopes, model.G[None]])
+            model = replace(model, G=(1 + factor) * model.G)
+        yield model.residual, -model.whitened(slopes).T
 
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:

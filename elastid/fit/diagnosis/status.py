@@ -33,7 +33,15 @@ from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, phrase
 from elastid.fit.diagnosis.second_source import contradictions
-from elastid.fit.result import DISTORTED, DOUBTED, ModificationIndex, Result, Status, largest_by_chance
+from elastid.fit.result import (
+    DISTORTED,
+    DOUBTED,
+    ModificationIndex,
+    Result,
+    Status,
+    covariance_by_noise,
+    largest_by_chance,
+)
 from elastid.fit.solve.solvers import DAMPING_UNITS
 from elastid.parameters import Parameters
 from elastid.response import UNEXPLAINED
@@ -310,7 +318,8 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
 def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     """Notes on parameters, pairs of them and the combination that the data constrain too little."""
     names, values = result.parameters.free_names, result.singular_values
-    correlation = correlation_of(result.covariance_by_noise)  # a file that is off moves all alike
+    # A file that is off moves all alike.
+    correlation = correlation_of(covariance_by_noise(result.covariance, len(result.parameters.asked)))
     if unreached.any():
         yield Note(
             "fit/undetermined",

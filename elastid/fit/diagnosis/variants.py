@@ -20,9 +20,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Scores
-from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
+from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Scores, against
 from elastid.fit.diagnosis.score_test import LEAST, Load, find_load, steps_of
+from elastid.fit.diagnosis.sensitivities import AS_READ, settle, thinned
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters, Prior
@@ -68,16 +68,7 @@ def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[Modif
             V, end = settle(AS_READ, fit, start, np.ones(len(start), dtype=bool))
             V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
             cost, x = min((cost, x), (V, end), key=lambda each: each[0])
-    return _against(ModificationIndex(variant.name, variant.family), cost, x, evidence, scores), cost
-
-
-def _against(
-    index: ModificationIndex, cost: float, x: FloatArray, evidence: Evidence, scores: Scores
-) -> ModificationIndex:
-    """The index where V (cost) and x (n_x,) are those of a fit with it."""
-    drop = scores.cost - cost if math.isfinite(cost) else 0.0
-    share = drop / max(scores.cost - scores.noise, drop, 1e-300)
-    return replace(index, drop=drop, share=share, effects=x - evidence.result.x)
+    return against(ModificationIndex(variant.name, variant.family), cost, x, evidence, scores), cost
 
 
 def _variants(evidence: Evidence) -> Iterator[Variant]:
@@ -197,7 +188,7 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
         candidate.name, "payload", tuple(n.name for n in members), np.array([n.value for n in members]),
         tuple(n.unit for n in members), tuple(n.log for n in members), steps_of(members, p),
     )  # fmt: skip
-    return [_against(index, cost, x, evidence, scores)]
+    return [against(index, cost, x, evidence, scores)]
 
 
 def _loads(scores: Scores) -> dict[str, Load]:

@@ -219,10 +219,13 @@ class ElasticFit:
         try:
             every = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
             V, g, A = (sum(each) for each in zip(*every, strict=True))  # in the order of the chunks
-            besides = self.besides(x)
+            r, J = self.static(x)
         except np.linalg.LinAlgError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
-        return Evaluation(V + besides.cost, 2 * g + besides.gradient, 2 * A + besides.hessian)
+        distance, slope = self.priors(x)
+        b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
+        V, g, A = V + float(r @ r) + float(distance @ distance), g + J.T @ r + slope * distance, A + J.T @ J
+        return Evaluation(V + b, 2 * g + b_slope, 2 * (A + np.diag(slope**2)) + b_curvature)
 
     def rough(self, x: FloatArray) -> Evaluation:
         """Evaluation with J^T J from single precision, enough to step."""
@@ -232,14 +235,6 @@ class ElasticFit:
     def chunks(self) -> tuple[Chunk, ...]:
         """Configurations, so many neighbours at a time."""
         return tuple(Chunk(self.parameters, parts) for parts in chunked(self.parts))
-
-    def besides(self, x: FloatArray) -> Evaluation:
-        """V, its gradient and 2 J^T J at x of static loads, priors and the barrier of the inertias alone."""
-        r, J = self.static(x)
-        distance, slope = self.priors(x)
-        b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
-        V, g, A = float(r @ r) + float(distance @ distance), J.T @ r + slope * distance, J.T @ J + np.diag(slope**2)
-        return Evaluation(V + b, 2 * g + b_slope, 2 * A + b_curvature)
 
     def static(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """r (n,) and dr/dx (n, n_x) of the static load tests; LinAlgError where the robot finds no rest under them."""

@@ -35,9 +35,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtr, gammainc, gammaincinv
+from scipy.special import fdtr, gammainc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, kept_beside
+from elastid.base.statistics import chi_square_limit
 from elastid.base.workers import Kept
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
@@ -253,7 +254,9 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     geometric = np.exp(moving_mean(np.log(level), width))
     mean = geometric / math.exp(log_moment(1, n * dof, width))
     for_weights = geometric * math.exp(log_moment(-1, n * dof, width))
-    loud = level > mean * largest_by_chance(n * dof) if width > 1 else np.zeros(F, dtype=np.bool_)
+    # A sample variance exceeds that factor over its mean once in a thousand lines.
+    by_chance = chi_square_limit(2 * n * dof, 1e-3) / (2 * n * dof) if width > 1 else math.inf
+    loud = level > mean * by_chance
     quiet = np.exp(moving_mean(np.log(np.where(loud, mean, level)), width)) / geometric
     for_weights = np.where(loud, level, for_weights * quiet)
     X = X / level[:, None, None]
@@ -338,8 +341,3 @@ def log_moment(power: int, dof: float, width: int) -> float:
     if math.isinf(dof) or dof + step <= 0:
         return 0.0
     return width * (math.lgamma(dof + step) - math.lgamma(dof) - step * math.log(dof))
-
-
-def largest_by_chance(dof: float) -> float:
-    """The factor over its mean that a sample variance exceeds once in a thousand lines."""
-    return 1.0 if math.isinf(dof) else float(gammaincinv(dof, 1 - 1e-3) / dof)

@@ -1,8 +1,8 @@
 r"""Deflections under static loads as residuals of unit variance, next to those of the responses.
 
-.. math:: r = W\, [y - \hat y(\theta(x))], \qquad W S W^T = 1, \qquad V = \dots + r^T r
+.. math:: r_i = (y_i - \hat y_i(\theta(x))) / \sigma_i, \qquad V = \dots + r^T r
 
-S: covariance of the readings of a test (`LoadTest`); y of `linear.loaded`, at every x that of the robot at rest there,
+sigma: of the readings of a test (`LoadTest`); y of `linear.loaded`, at every x that of the robot at rest there,
 nonlinear springs included. To first order y = J K^-1 J^T F.
 """
 
@@ -51,27 +51,20 @@ def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configu
 
 @dataclass(frozen=True, eq=False)
 class StaticLoads:
-    """Load tests of a robot.  robot: as equations, under the loads.  measured (n,): readings of all tests.
-
-    whitening (n, n): W, block by block.
-    """
+    """Load tests of a robot.  robot: as equations, under the loads.  measured, std (n,): readings of all tests."""
 
     tests: tuple[LoadTest, ...]
     robot: LoadedRobot
     measured: FloatArray
-    whitening: FloatArray
+    std: FloatArray
 
     @classmethod
     def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> StaticLoads:
         """Loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
         loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
-        blocks = [np.linalg.inv(np.linalg.cholesky(each.test.error_covariance)) for each in tests]
-        measured = np.concatenate([each.test.measured for each in tests])
-        whitening, row = np.zeros((len(measured), len(measured))), 0
-        for block in blocks:
-            whitening[row : row + len(block), row : row + len(block)] = block
-            row += len(block)
-        return cls(tuple(each.test for each in tests), loaded, measured, whitening)
+        listed = tuple(each.test for each in tests)
+        readings = ([test.measured for test in listed], [test.deviations for test in listed])
+        return cls(listed, loaded, *map(np.concatenate, readings))
 
     @property
     def n_residuals(self) -> int:
@@ -93,12 +86,11 @@ class StaticLoads:
     def residual(self, parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """r (n,) and dr/dx (n, n_x)."""
         y, slopes = self.predicted(parameters, x)
-        return self.whitening @ (self.measured - y), -self.whitening @ slopes
+        return (self.measured - y) / self.std, -slopes / self.std[:, None]
 
     def drawn(self, predicted: FloatArray, rng: np.random.Generator) -> StaticLoads:
         """Loads with readings (n,) about those of a model."""
-        error = np.linalg.solve(self.whitening, rng.standard_normal(len(predicted)))
-        return replace(self, measured=predicted + error)
+        return replace(self, measured=predicted + self.std * rng.standard_normal(len(predicted)))
 
 
 def loaded_robot(

@@ -97,7 +97,7 @@ class Weights(Kept):
     factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.
     scale (F, n_y, n_u): scale_a S_ab scale_b corrects the measured covariance S for the part that it has in its own
     weights.  floor: alpha.  notes: what was left out, and why.
-    is_correlated: True if the noise's covariance weighs the elements of a line together, else they count one by one.
+    correlated: the noise's part of the covariance that elements weigh with; None where they count one by one.
     """
 
     sigma: FloatArray
@@ -106,12 +106,7 @@ class Weights(Kept):
     floor: float
     notes: tuple[Note, ...]
     factor: FloatArray
-    is_correlated: bool = False
-
-    @property
-    def correlated(self) -> Covariance | None:
-        """The noise's part of the covariance to weigh with; None where elements count one by one."""
-        return self.noise.smooth if self.is_correlated and self.noise is not None else None
+    correlated: Covariance | None = None
 
     @property
     def used(self) -> BoolArray:
@@ -159,22 +154,17 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
     if silent := int((used & (sigma == 0)).sum()):
         texts.append(("fit/weights", f"left out, {silent} elements of zero variance and no floor"))
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
-    correlated = spec.criterion == "complex" and weighs_correlations(response, noise, sigma, spec.weights)
+    is_joint = spec.criterion == "complex" and weighs_correlations(response, noise, sigma, spec.weights)
     if noise is not None:
         noise.measured.release()
-    scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated)
+    scale = _scale(noise, np.square(floor * np.abs(response.G)), is_joint)
     notes = tuple(Note(code, text, f"configuration {where}") for code, text in texts)
-    return Weights(sigma, noise, scale, floor, notes, factor, correlated)
+    return Weights(sigma, noise, scale, floor, notes, factor, noise.smooth if noise is not None and is_joint else None)
 
 
 def with_floor(spec: FitSpec, floor: float | None) -> FitSpec:
     """Spec with a floor."""
     return replace(spec, weights=replace(spec.weights, floor=floor))
-
-
-def with_diagonal_weights(spec: FitSpec) -> FitSpec:
-    """Spec with weights element by element."""
-    return replace(spec, weights=replace(spec.weights, covariance="diagonal"))
 
 
 def vec(array: FloatArray | ComplexArray) -> Any:

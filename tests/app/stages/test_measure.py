@@ -85,7 +85,7 @@ loads:
   file: loads.csv
   tests:
     - {configuration: a, force: [0, 30, 0], mass: 2 kg, along: y, std: 1 um}
-    - {angles: [10 deg], torque: [0, 0, 5], frame: load, measured_at: tool, covariance: [1e-12, 1e-12, 1e-12, 0, 0, 0]}
+    - {angles: [10 deg], torque: [0, 0, 5], frame: load, measured_at: tool, std: [1e-6, 1e-6, 1e-6]}
 """
 TOOL = """\
 validation:

@@ -15,8 +15,8 @@ from plants.three_mass import FREQ, NO_FLOOR, fit_of, noise_of, parameters
 from plants.three_mass import measured as three_mass_measured
 from plants.three_mass import plant as three_mass
 
-from elastid.fit.diagnosis.prediction import evaluate
 from elastid.fit.diagnosis.readings import Factor, best_forms, delay, low_pass
+from elastid.fit.diagnosis.sensitivities import evaluate
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import solve

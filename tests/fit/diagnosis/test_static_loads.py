@@ -13,8 +13,7 @@ from plants.two_mass_gear import LINES, POSTURE, Gear, records, robot
 from plants.weighed_arm import nominal, outside
 
 import elastid as ei
-from elastid.fit.checks import check_responses
-from elastid.fit.identify import identify
+from elastid.fit.identify import check_responses, identify
 from elastid.fit.load_tests import LoadTest
 from elastid.fit.problem.static_loads import placed_tests
 from elastid.fit.spec import FitSpec, ParameterSpec
