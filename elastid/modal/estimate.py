@@ -35,7 +35,6 @@ from elastid.modal.fitted_mode import (
     LIMITS,
     FittedMode,
     Influences,
-    damping_notes,
     line_notes,
     lost_notes,
     window_notes,
@@ -338,7 +337,7 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
         response.rate_is_known, f, f_std, zeta, zeta_std, shape_matrix, np.array(stds).reshape(-1, n_y).T,
         drive, phase_collinearity(drive if n_u > n_y else shape_matrix) if shapes else np.empty(0),
         response.freq_hz, synthesis,
-        stated, mode_indicators(response.G), diagram, (*damping_notes(modes, response), *line_notes(modes, response)),
+        stated, mode_indicators(response.G), diagram, line_notes(modes, response),
         np.array(participation_stds).reshape(-1, n_u).T,
     )  # fmt: skip
 
