@@ -9,7 +9,6 @@ are judged on the lines where |Ghat| is at least 2 sigma; the statistical tests 
 
 1/|G|^2 of a single mode is a parabola in f^2, however sharp its peak between two lines; one through log |G| is not.
 Antiresonances are the resonances of 1/G.
-"
 
 Responses measured at the tool, by a hammer or an accelerometer, stand next to the prediction of `Result.at` with its
 band, which has the errors of parameters, of the robot's file and of a misfit.
