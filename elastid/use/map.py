@@ -24,6 +24,8 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
+from elastid.linear.fitted_model import UncertainModes
+from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import strain_energy
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.kinematics import frame_poses
@@ -87,17 +89,9 @@ def answers(
     """
     fitted, point = family.at(configuration), equilibrium(family.model, family.theta, configuration)
     linear, theta, modes = fitted.linear, fitted.theta, fitted.modes()
-    freq_hz, zeta = modes.freq_hz, np.clip(modes.zeta, 0.0, 1.0)
-    # Where each mode peaks, and where its real part is most negative.
-    extremes = np.append(freq_hz * np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), freq_hz * np.sqrt(1 + 2 * zeta))
-    lines = np.append(lines_hz, np.clip(extremes, lines_hz[0], lines_hz[-1]))
-    G = frequency_response(linear, theta, lines)
-    peak = int(np.argmax(largest_gain(G)))
-    directions = cut.directions
-    real = np.linalg.eigvalsh(G.real)[:, 0] if directions is None else directions[0] @ G.real @ directions[1]
-    worst = int(np.argmin(real))
-    n, f = directions or 2 * (np.linalg.eigh(G.real[worst])[1][:, 0],)
-    own = np.append([_REST * freq_hz.min(initial=lines_hz[0]), lines[peak], lines[worst]], curve_hz)
+    freq_hz = modes.freq_hz
+    peak_hz, chatter_hz, (n, f) = _extremes(linear, theta, modes, lines_hz, cut)
+    own = np.append([_REST * freq_hz.min(initial=lines_hz[0]), peak_hz, chatter_hz], curve_hz)
     H, shifts = frequency_response(linear, theta, own), fitted.response_shifts(own)
 
     def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> float:
@@ -117,18 +111,34 @@ def answers(
     found |= {f"frequency_{i + 1}": tuple(known[i]) for i in range(3)}
     U, sizes, Vh = np.linalg.svd(H[1])
     found["dynamic_compliance"] = sizes[0], std(1, U[:, 0].conj(), Vh[0].conj())
-    depth = -1 / (2 * cut.cutting_coefficient * real[worst]) if real[worst] < 0 else np.inf
-    found["depth_of_cut"] = depth, depth / -real[worst] * std(2, n, f) if real[worst] < 0 else np.nan
+    least = float((n @ H[2] @ f).real)
+    depth = -1 / (2 * cut.cutting_coefficient * least) if least < 0 else np.inf
+    found["depth_of_cut"] = depth, depth / -least * std(2, n, f) if least < 0 else np.nan
     u = linear.Z @ np.linalg.solve(linear.matrices(theta)[2], linear.readout(theta)[0].T @ softest)
     along, moved = softest @ H[3:] @ softest, softest @ shifts[:, 3:] @ softest
     magnitude = np.maximum(np.abs(along), 1e-300)
     robot = family.model.robot_at(family.theta)
     return {name: np.array(each) for name, each in found.items()} | {
-        "axes": axes, "chatter_hz": lines[worst], "magnitude": magnitude,
+        "axes": axes, "chatter_hz": chatter_hz, "magnitude": magnitude,
         "share": strain_energy(family.model, family.theta, point, u[:, None].astype(complex)).share[:, 0],
         "magnitude_std": np.linalg.norm((along.conj() * moved).real / magnitude, axis=0),
         "position": frame_poses(robot, point.q[None, : len(robot.joints)], family.frame).position[0],
     }  # fmt: skip
+
+
+def _extremes(
+    linear: LinearModel, theta: FloatArray, modes: UncertainModes, lines_hz: FloatArray, cut: Cut
+) -> tuple[float, float, tuple[FloatArray, FloatArray]]:
+    """Lines of the largest response and of the most negative real part, and the directions n and f (3,) of this."""
+    zeta = np.clip(modes.zeta, 0.0, 1.0)
+    # Where each mode peaks, and where its real part is most negative.
+    extremes = modes.freq_hz * np.array([np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), np.sqrt(1 + 2 * zeta)])
+    lines = np.append(lines_hz, np.clip(extremes, lines_hz[0], lines_hz[-1]))
+    G, directions = frequency_response(linear, theta, lines), cut.directions
+    real = np.linalg.eigvalsh(G.real)[:, 0] if directions is None else directions[0] @ G.real @ directions[1]
+    worst = int(np.argmin(real))
+    softest = np.linalg.eigh(G.real[worst])[1][:, 0]
+    return float(lines[np.argmax(largest_gain(G))]), float(lines[worst]), directions or (softest, softest)
 
 
 def largest_gain(G: ComplexArray) -> FloatArray:
