@@ -234,7 +234,6 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
 @click.option("--cutting", type=float, default=700e6, show_default=True, metavar="N/M^2", help="Cutting coefficient.")
 @click.option("--normal", type=float, nargs=3, metavar="X Y Z", help="Normal of the cut (default: the worst one).")
 @click.option("--cutting-force", "force", type=float, nargs=3, metavar="X Y Z", help="Its force (default: --normal).")
-@click.option("--band", "band_hz", type=float, nargs=2, metavar="LOW HIGH", help="Lines in Hz (default: the modes).")
 @stage_options
 def map_command(study: Path, **options: Any) -> None:
     """Map the fitted robot over its workspace: map.html, map.csv and map.h5.

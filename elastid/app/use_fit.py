@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.app.export import gears_of
@@ -90,13 +89,11 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
 
 def map_study(
     run: Run, frame: str | None, path: Path | None, grid: int | None, random: int | None, load: Vector, cutting: float,
-    normal: Vector | None, force: Vector | None, band_hz: tuple[float, float] | None,
+    normal: Vector | None, force: Vector | None,
 ) -> None:  # fmt: skip
     """Map at the postures of a path, of a grid of so many points along the longest side, or at random."""
     if sum(each is not None for each in (path, grid, random)) > 1:
         raise StudyError("options/invalid", "--path, --grid and --random exclude one another; give one of them")
-    if band_hz and not 0 < band_hz[0] < band_hz[1]:
-        raise StudyError("options/invalid", f"--band {band_hz[0]:g} {band_hz[1]:g}: give two rising frequencies in Hz")
     try:
         cut = Cut(load, cutting, normal or None, force or None)
     except ValueError as error:
@@ -114,8 +111,7 @@ def map_study(
             angles = grid_postures(family.robot, family.frame, grid, seed)
         else:
             angles = random_postures(family.robot, random or 1000, seed)
-        lines = None if not band_hz else np.geomspace(band_hz[0], band_hz[1], 300)
-        workspace = map_workspace(family, angles, cut, lines_hz=lines, name=run.study.name, is_path=path is not None)
+        workspace = map_workspace(family, angles, cut, name=run.study.name, is_path=path is not None)
         files = {
             "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
             "map.csv": lambda path: write_map_table(path, workspace),

@@ -267,7 +267,7 @@ CODES: Final[Mapping[str, str]] = {
     "live/goal": "The goal was not reached within the experiments that were allowed.",
     "live/logs": "Logs in the folder contradict the plan of the experiment.",
     "live/study": "A study lacks what the planning of the next experiment needs.",
-    "modal/damping": "The damping of a mode is uncertain, or partly that of the window.",
+    "modal/damping": "A resonance has too few lines for its damping, or the damping is partly that of the window.",
     "modal/lines": "Too few lines stand out of the noise to find modes.",
     "modal/poles": "No pole, or none that is narrow enough, was found in a band.",
     "model/variant": "The variant of a model does not go with the robot.",

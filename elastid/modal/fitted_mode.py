@@ -20,9 +20,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.display import percent
 from elastid.base.errors import Note
-from elastid.base.statistics import QUANTILE_95, small_sample_factors
+from elastid.base.statistics import small_sample_factors
 from elastid.modal.model import ModalFit, unstacked
 from elastid.modal.poles import LIMITS as POLES
 from elastid.response import Response
@@ -47,7 +46,6 @@ class ModeLimits:
     second_shape_std: float = 6.0  # and over its standard deviation
     twin_distance: float = 1.5  # in half widths, of poles with one shape, of which the weaker mends the stronger
     twin_mac: float = 0.9
-    wide_damping: float = 0.2  # half of its 95 % interval over the damping, from which on it is reported
     twin_share: float = 0.1  # of the stronger one's residue
     broad: float = 0.03  # damping, from which on a pole may be background that stronger modes leave
     visible_share: float = 0.1  # of the rms of G within its half powers, that a broad mode's peak has at least
@@ -142,23 +140,6 @@ def window_notes(modes: Sequence[FittedMode], shift: float, response: Response) 
         "cannot have gone through it; give the time constant that the analyser states, or none"
     )
     return (Note("modal/damping", text, response.configuration.name),)
-
-
-def damping_notes(modes: Sequence[FittedMode], response: Response) -> tuple[Note, ...]:
-    """A note on dampings with wide intervals, and how much more to measure."""
-    half_widths = np.array([QUANTILE_95 * mode.zeta_std / mode.zeta for mode in modes])
-    wide = np.flatnonzero(half_widths > LIMITS.wide_damping)
-    if not wide.size:
-        return ()
-    worst = int(np.argmax(half_widths))
-    unit = "Hz" if response.rate_is_known else "of the sampling rate"
-    narrower = 2 ** int(np.ceil(np.log2(half_widths[worst] / LIMITS.wide_damping)))
-    text = (
-        f"the damping of {wide.size} of {len(modes)} modes is uncertain, by {percent(half_widths[worst], 2)} of itself "
-        f"at {modes[worst].freq_hz:.4g} {unit}: four times as many hits, periods or seconds of noise halve its "
-        f"interval, {narrower**2} times as many bring it below {percent(LIMITS.wide_damping, 2)}"
-    )
-    return (Note("modal/damping", text, response.configuration.name, severity="information"),)
 
 
 def line_notes(modes: Sequence[FittedMode], response: Response) -> tuple[Note, ...]:

@@ -47,6 +47,7 @@ class Modes:
     shapes: ComplexArray = labelled("mode shapes, the largest entry 1", "", "outputs mode")
     shape_std: FloatArray = labelled("standard deviation of shapes", "", "outputs mode")
     participation: ComplexArray = labelled("participation of inputs", "", "inputs mode")
+    participation_std: FloatArray = labelled("its standard deviation over its largest entry", "", "inputs mode")
     collinearity: FloatArray = labelled("modal phase collinearity")
     at_hz: FloatArray = labelled("lines", "Hz")
     synthesis: ComplexArray = labelled("response of the modal model", "{unit}", "at_hz outputs inputs")
@@ -54,9 +55,6 @@ class Modes:
     indicators: FloatArray = labelled("complex mode indicator functions", "{unit}", "at_hz rank")
     diagram: StabilisationDiagram
     notes: tuple[Note, ...] = field(default=())
-    participation_std: FloatArray | None = labelled(
-        "standard deviation of participation over its largest entry", "", "inputs mode", default=None
-    )
 
     __repr__, _repr_html_ = as_text, as_html
 
@@ -80,13 +78,11 @@ class Modes:
 
     @property
     def place_shapes(self) -> tuple[ComplexArray, FloatArray]:
-        """Shapes (n, n_m) at `places`, the largest entry 1, and their standard deviation, NaN where it is not known."""
+        """Shapes (n, n_m) at `places`, the largest entry 1, and their standard deviation."""
         if self.places == self.outputs:
             return self.shapes, self.shape_std
         largest = np.abs(self.participation).argmax(axis=0)
-        shapes = self.participation / np.take_along_axis(self.participation, largest[None], axis=0)
-        unknown = np.full(shapes.shape, np.nan)
-        return shapes, unknown if self.participation_std is None else self.participation_std
+        return self.participation / np.take_along_axis(self.participation, largest[None], 0), self.participation_std
 
     @property
     def frequency_unit(self) -> str:
@@ -127,7 +123,7 @@ def without_modes(response: Response, note: Note) -> Modes:
     return Modes(
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
         response.rate_is_known, none, none, none, none, np.empty((n_y, 0), complex), np.empty((n_y, 0)),
-        np.empty((n_u, 0), complex), none, no_lines.freq_hz, no_lines.G, none,
+        np.empty((n_u, 0), complex), np.empty((n_u, 0)), none, no_lines.freq_hz, no_lines.G, none,
         np.empty((0, min(n_y, n_u))), diagram, (note,),
     )  # fmt: skip
 

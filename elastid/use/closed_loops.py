@@ -13,7 +13,6 @@ its position,
 .. math:: E_{ii} = 1 - [P S]_{ii} F_{r,i}, \qquad F_r = k_p (1 + k_i \textstyle\sum)\, H
 
 is -3 dB; the velocity of the reference is not fed forward.
-"
 
 Robots about postures as a sampled controller sees them: torques held from sample to sample, angles of motors read.
 
@@ -21,7 +20,6 @@ Robots about postures as a sampled controller sees them: torques held from sampl
 
 A = exp(A_c T_s) and B = int_0^T exp(A_c s) B_c ds are exact; lags of the drives are states, and a torque delay that the
 fit has found is one of whole samples and one of a part of a sample.
-"
 """
 
 from __future__ import annotations

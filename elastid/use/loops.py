@@ -17,7 +17,6 @@ The controller is, axis by axis, with filters N and L and a delay of d samples,
           \prod N \, L \, z^{-d}, \qquad T_i = 1 / K_p
 
 so that the loop has a double zero at K_p: a disturbance dies out as fast as a reference is followed.
-"
 
 Loops of a study: today's controller, as stated, and the designed one.
 
@@ -26,7 +25,6 @@ A controller on the identified robot: peaks, with 95 % of the draws, and bandwid
 Each peak within half a dB of the largest is traced to the axis that has most of it and to the nearest mode of the
 robot, its motors free, that moves the motor of this axis; one that is farther than a third from every mode is left to
 the phase of the loop: to its gains at low frequencies, to delay, sampling and filters at high ones.
-"
 """
 
 from __future__ import annotations

@@ -22,21 +22,7 @@ from elastid.model.closed_posture import are_closed, followed, rates
 from elastid.model.kinematics import frame_jacobians, frame_poses
 from elastid.robot import Robot
 
-
-@dataclass(frozen=True)
-class InverseLimits:
-    """Numbers of the inverse kinematics; a pose that is not reached is said, which is no judgement of data."""
-
-    seeds: int = 2000  # random postures among which each pose finds its start; of a linkage a tenth, which take longer
-    starts: int = 3
-    steps: int = 60
-    damping: float = 1e-3  # of the largest eigenvalue of J^T J
-    step: float = 0.3  # rad or m
-    position: float = 1e-6  # m, or rad, from the pose
-
-
-INVERSE = InverseLimits()
-GRID_POINTS = 12  # along the longest side of the workspace
+_REACHED = 1e-6  # m, or rad, from a pose
 _DEGREES = ("deg", "degree", "degrees")
 
 
@@ -69,10 +55,11 @@ def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
 
 
 def _seeds(robot: Robot, seed: int) -> FloatArray:
-    return random_postures(robot, INVERSE.seeds // (10 if robot.loops else 1), seed)
+    """Postures among which each pose finds its start; fewer of a linkage, which take longer."""
+    return random_postures(robot, 200 if robot.loops else 2000, seed)
 
 
-def grid_postures(robot: Robot, frame: str, points: int = GRID_POINTS, seed: int = 0) -> FloatArray:
+def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> FloatArray:
     """Angles (Q, n_u) that bring a frame onto a cubic grid over its workspace, `points` along the longest side."""
     seeds = _seeds(robot, seed)
     reached = frame_poses(robot, followed(robot, seeds), frame).position
@@ -108,12 +95,12 @@ def inverse_kinematics(
     if rotation is not None:
         turned = np.einsum("qij,sij->qs", rotation, there.rotation)
         away = away + np.arccos(np.clip((turned - 1) / 2, -1, 1)) * float(np.ptp(there.position, axis=0).max()) / np.pi
-    for rank in range(INVERSE.starts):
+    for rank in range(3):
         q = seeds[np.argsort(away, axis=1)[:, rank]]
         q, left = _descend(robot, frame, position, rotation, q)
         better = left < error
         best[better], error[better] = q[better], left[better]
-    return best, error < INVERSE.position
+    return best, error < _REACHED
 
 
 def follow_path(
@@ -126,7 +113,7 @@ def follow_path(
             continue
         own = rotation if rotation is None else rotation[i : i + 1]
         q, left = _descend(robot, frame, position[i : i + 1], own, angles[i - 1 : i])
-        if left[0] < INVERSE.position:
+        if left[0] < _REACHED:
             angles[i], reached[i] = q[0], True
     return angles, reached
 
@@ -136,7 +123,7 @@ def _descend(
 ) -> tuple[FloatArray, FloatArray]:
     """Angles (Q, n_u), and how far (Q,) they are from the poses, m or rad."""
     left, (low, high) = np.full(len(q), np.inf), limits_of(robot).T
-    for _ in range(INVERSE.steps):
+    for _ in range(60):
         joints = followed(robot, q)
         pose = frame_poses(robot, joints, frame)
         e = position - pose.position
@@ -147,15 +134,15 @@ def _descend(
             away = Rotation.from_matrix(rotation @ pose.rotation.transpose(0, 2, 1))
             e = np.hstack([e, away.as_rotvec()])
         left = np.abs(e).max(axis=1)
-        if np.all(left < INVERSE.position / 10):
+        if np.all(left < _REACHED / 10):
             break
         normal = J.transpose(0, 2, 1) @ J
         size = np.trace(normal, axis1=1, axis2=2)[:, None, None]
         # Less damping where the pose is near: the last steps are Newton's.
-        damping = np.minimum(INVERSE.damping, left**2)[:, None, None] + 1e-12
+        damping = np.minimum(1e-3, left**2)[:, None, None] + 1e-12
         pull = J.transpose(0, 2, 1) @ e[:, :, None]
         step = np.linalg.solve(normal + damping * size * np.eye(len(low)), pull)[:, :, 0]
-        step *= np.minimum(1.0, INVERSE.step / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        step *= np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
         q = np.clip(q + step, low, high)
     return q, left
 

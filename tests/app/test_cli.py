@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import create_autospec
 
-import numpy as np
 import pytest
 
 from elastid.app import cli
@@ -121,33 +120,6 @@ def test_a_run_ends_with_the_table_and_writes_nowhere_else(
 
 
 # --- wrong input ----------------------------------------------------------------------------------------------------
-
-RATE, N, PERIODS = 500, 500, 4
-
-
-def recorded(tiny: Path, logs: dict[str, np.ndarray[Any, Any]], period: str = "1 s", motor: str = "motor") -> Path:
-    """The study with these logs instead of the simulation."""
-    table = np.stack(list(logs.values()), axis=1)
-    np.savetxt(tiny.parent / "log.csv", table, delimiter=",", header=",".join(logs), comments="", fmt="%.12g")
-    text = tiny.read_text()
-    tiny.write_text(
-        text[: text.index("excitation:")]
-        + f"""\
-experiment:
-  configurations: {{a: [0]}}
-  recorded:
-    rate_hz: {RATE}
-    period: {period}
-    channels:
-      - {{role: u, at: motor 1, channel: u}}
-      - {{role: y, at: motor 1, channel: {motor}, quantity: position}}
-      - {{role: y, at: body load z, channel: arm, quantity: position}}
-    files:
-      - {{path: log.csv, configuration: a}}
-"""
-        + text[text.index("fit:") :]
-    )
-    return tiny
 
 
 def refused(study: Path, code: int, capsys: pytest.CaptureFixture[str], *options: str) -> str:

@@ -43,14 +43,13 @@ def test_a_fitted_study_is_mapped_at_random_on_a_path_and_by_poses(fitted_arm: P
 def test_draws_are_written_as_robots_and_wrong_options_end_in_words(
     fitted_arm: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A robot file is read back; two places at once, a band that falls and a frame that is not there are refused."""
+    """A robot file is read back; two places at once and a frame that is not there are refused."""
     assert command("export", fitted_arm, "--to", "draws", "--count", "5") == 0
     folder = fitted_arm.parent / "run" / "export" / "draws"
     assert len(list((folder / "robots").iterdir())) == len(list((folder / "mujoco").iterdir())) == 5
     assert load_robot(folder / "robots" / "robot_3.yml").name == "arm"
     for words, says in (
         (("--random", "3", "--grid"), "exclude one another"),
-        (("--band", "20", "10"), "two rising frequencies"),
         (("--frame", "nose"), "has no frame nose"),
         (("--normal", "0", "0", "0"), "zero vector"),
     ):

@@ -68,22 +68,8 @@ def multisine(peak: float, rng: np.random.Generator, periods: int = 6) -> FloatA
     return np.tile(u * peak / np.abs(u).max(), periods)
 
 
-def passes(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Angle and torque of motions there and back at steady speeds, whose friction is that of sliding."""
-    ramp = np.sin(np.linspace(0, np.pi / 2, 200)) ** 2
-    ways = [np.zeros(300)]
-    for speed in (0.015, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8):
-        flat = np.ones(round(0.4 / speed * RATE) if speed > 0.1 else 3000)
-        way = speed * np.concatenate([ramp, flat, ramp[::-1], np.zeros(200)])
-        ways += [way, -way]
-    v = np.concatenate(ways)
-    level = COULOMB + (STICTION - COULOMB) * np.exp(-((v / STRIBECK) ** 2))
-    u = np.sign(v) * level + VISCOUS * v + (MOTOR + LINK) * np.gradient(v) * RATE
-    return np.cumsum(v) / RATE, u + TORQUE_STD * rng.standard_normal(len(v))
-
-
-def write_rest_log(path: Path, torque: FloatArray, rng: np.random.Generator, angle: FloatArray | None = None) -> None:
+def write_rest_log(path: Path, torque: FloatArray, rng: np.random.Generator) -> None:
     """A CSV of torque as commanded and angle in counts; noise of the torque acts and is not logged."""
-    q = moved(torque + TORQUE_STD * rng.standard_normal(len(torque))) if angle is None else angle
+    q = moved(torque + TORQUE_STD * rng.standard_normal(len(torque)))
     table = np.column_stack([torque, np.round(q / COUNT) * COUNT])
     np.savetxt(path, table, "%.9g", ",", header="torque,angle", comments="")
