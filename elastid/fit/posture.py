@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean, index_of
-from elastid.linear.equilibrium import equilibrium
+from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.fitted_model import Axes, Doubt, Estimated, FittedModel
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
@@ -23,6 +23,7 @@ from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER, Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
 from elastid.robot.robot import with_frames
+from elastid.simulation.controller import gains_of
 
 Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float] | FloatArray
 _CHOICES = {"motors": ("held", "free", "controlled"), "axes": ("own", "world")}
@@ -42,14 +43,17 @@ class Asked:
     frame: Frame | str | None = None
     axes: Axes = "own"
     quantity: Motion | None = None
-    controller: JointLoop | None = None
+    controller: Any = None
 
     def __post_init__(self) -> None:
         for key, words in _CHOICES.items():
             if getattr(self, key) not in words:
                 raise ValueError(f"{key} is '{getattr(self, key)}'; give one of {', '.join(words)}")
         if self.motors == "controlled" and self.controller is None:
-            raise ValueError("motors are controlled, but by what? Give controller=JointLoop(kp, kd, ki) of the drives")
+            raise ValueError(
+                "motors are controlled, but by what? Give controller=study.experiment.simulated.controller, "
+                "ControllerSpec(bandwidth_hz=...), or JointLoop(kp, kd, ki) of the drives"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +128,8 @@ class Family:
             configuration = replace(configuration, carries=False)
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)
         moved = {name: linear.slopes[name] for name in self._moved if name in linear.slopes}
-        ports = self._ports(configuration)
-        whole = acted_on(replace(linear, slopes=moved), ports, self.asked.motors, self.asked.controller)
+        loop = self._loop(configuration) if self.asked.motors == "controlled" else None
+        whole = acted_on(replace(linear, slopes=moved), self._ports(configuration), self.asked.motors, loop)
         if not whole.n:
             raise StudyError(
                 "fit/posture",
@@ -163,6 +167,21 @@ class Family:
         act = np.array([torques[place] if place in torques else row(moved_by(place)) for place in self.inputs])
         outputs = (*self.outputs, *(f"frame {self.frame} {axis}" for axis in FRAME_AXES))
         return Ports(self.inputs, outputs, act, np.array([row(place)[: len(rows)] for place in outputs]))
+
+    def _loop(self, configuration: Configuration) -> JointLoop:
+        given = self.asked.controller
+        if hasattr(given, "bandwidth_hz"):
+            if given.delay_samples or (given.gains is not None and (given.gains.notches or given.gains.low_pass_hz)):
+                raise StudyError(
+                    "fit/posture",
+                    "the controller has filters or a delay, which these equations leave out; give JointLoop(kp, kd, "
+                    "ki) without them, or take `elastid loops`",
+                )
+            q = rigid_posture(self.model, configuration, self.theta)
+            given = gains_of(self.model, q, given)
+        n_u = self.model.n_u
+        kp, kd, ki = (np.broadcast_to(np.asarray(part, float), n_u) for part in (given.kp, given.kd, given.ki))
+        return JointLoop(kp, kd, ki)
 
 
 def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configuration]) -> Configuration:

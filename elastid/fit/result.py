@@ -22,7 +22,7 @@ from elastid.linear.fitted_model import Axes, Doubt, FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
-from elastid.record import Configuration, JointLoop, Motion, Motors
+from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
 
 _NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
@@ -421,18 +421,18 @@ class Result:
         frame: Frame | str | None = None,
         axes: Axes = "own",
         quantity: Motion | None = None,
-        controller: JointLoop | None = None,
+        controller: Any = None,
     ) -> FittedModel:
         """The fitted robot in any posture, at rest under gravity and payload: its responses, modes and stiffness.
 
         posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a
         configuration that was fitted.  inputs: `force tool x`, `torque tool z` at any frame or body, `motor 1`; default
         the forces at the frame.  outputs: `frame tool x`, `accelerometer tool x`, `joint 1`, `motor 1`; default the
-        motion of the frame.  motors: held (brakes), free, or controlled by `controller`.  payload: another one, or
-        False for none.  frame: of stiffness and of defaults; `tool`, else the last one, else the last body's centre of
-        mass.  axes: of frames, their `own` or those of the base (`world`).  quantity: of outputs; positions,
-        accelerations with accelerometers.  StudyError for places or angles that the robot lacks, and where it finds no
-        rest.
+        motion of the frame.  motors: held (brakes), free, or controlled by `controller`, a `ControllerSpec` or a
+        `JointLoop`.  payload: another one, or False for none.  frame: of stiffness and of defaults; `tool`, else the
+        last one, else the last body's centre of mass.  axes: of frames, their `own` or those of the base
+        (`world`).  quantity: of outputs; positions, accelerations with accelerometers.  StudyError for places or angles
+        that the robot lacks, and where it finds no rest.
         """
         asked = Asked(tuple(inputs), tuple(outputs), motors, payload, frame, axes, quantity, controller)
         where = posture if isinstance(posture, str) else getattr(posture, "name", "")

@@ -11,6 +11,7 @@ from plants.predicted_arm import LENGTH, MASS, STD, STIFFNESS, TOOL, closed_form
 from plants.refusals import refused
 
 from elastid.base.errors import UnknownNameError
+from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import ModificationIndex, Result
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -60,8 +61,7 @@ def test_a_response_is_that_of_its_state_space_to_rounding(name: str, motors: st
     fitted = fitted_model(name)
     spec = ModelSpec("minimal") if "minimal" in name else ModelSpec()
     own = replace(fitted.result, robot=fitted.model.robot, linear=fitted.linear, equations=spec)
-    of_each = np.ones(fitted.model.n_u)
-    controller = JointLoop(1e5 * of_each, 1e3 * of_each, 2 * of_each) if motors == "controlled" else None
+    controller = ControllerSpec(4.0, kind="cascade") if motors == "controlled" else None
     model = own.at("one", motors=motors, controller=controller)  # type: ignore[arg-type]
     G = model.response(LINES).G
     np.testing.assert_allclose(model.state_space().response(LINES), G, atol=1e-9 * np.abs(G).max())
