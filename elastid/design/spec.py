@@ -60,8 +60,8 @@ class CandidateSpec:
     boxes: Annotated[tuple[BoxSpec, ...], Key("Boxes that the robot must stay out of.", "tables, fences and the "
         "neighbouring robot; paths between postures are not checked.")] = ()
     clearance: Annotated[Length, Key("Distance that joints, centres of mass, frames and the lines between them "
-        "keep from floor and boxes.", "half the width of the arm, and the swing of the excitation; a frame of the robot stands "
-        "for a corner that sticks out.", least=0)] = 0.0
+        "keep from floor and boxes.", "half the width of the arm, and the swing of the excitation; a frame of the "
+        "robot stands for a corner that sticks out.", least=0)] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:
