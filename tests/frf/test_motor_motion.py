@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.frf.motor_motion import motor_motion
+from elastid.frf.estimate import motor_motion
 from elastid.record import Configuration, Record
 from elastid.response import Response
 
