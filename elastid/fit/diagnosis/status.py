@@ -29,11 +29,10 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import Note
 from elastid.base.names import matching, posture_of
-from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, phrase
 from elastid.fit.diagnosis.second_source import contradictions
-from elastid.fit.result import DISTORTED, DOUBTED, ModificationIndex, Result, Status, largest_by_chance
+from elastid.fit.result import DISTORTED, DOUBTED, ModificationIndex, Result, Status, correlated, largest_by_chance
 from elastid.fit.solve.solvers import DAMPING_UNITS
 from elastid.parameters import Parameters
 from elastid.response import UNEXPLAINED
@@ -310,7 +309,6 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
 def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     """Notes on parameters, pairs of them and the combination that the data constrain too little."""
     names, values = result.parameters.free_names, result.singular_values
-    correlation = correlation_of(result.covariance_by_noise)  # a file that is off moves all alike
     if unreached.any():
         yield Note(
             "fit/undetermined",
@@ -323,9 +321,7 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
         if not high < LIMITS.interval_factor * low:
             # Without the interval: that of the table may be found later, by profile likelihood.
             yield Note("fit/weakly-determined", f"{parameter.name} is weakly determined: the data barely constrain it")
-    for i, j in np.argwhere(np.triu(np.abs(correlation) > LIMITS.correlation, 1)):
-        text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
-        yield Note("fit/correlated", text)
+    yield from correlated(names, result.covariance_by_noise)
 
 
 def _search(result: Result) -> Iterator[Note]:
