@@ -356,6 +356,6 @@ class FittedModel:
         """A, B, C, D and the delay of the torque; StudyError as `linear.linear_model.state_space`."""
         return state_space(self.linear, self.theta)
 
-    def to_control(self, pade: int | None = None) -> Any:
+    def to_control(self) -> Any:
         """The model as `control.StateSpace`, as by `StateSpace.to_control`."""
-        return self.state_space().to_control(pade)
+        return self.state_space().to_control()
