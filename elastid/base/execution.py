@@ -271,7 +271,7 @@ class Remote(Thread):
 
     def terminate(self) -> None:
         """End at once; a task that runs already ends by itself."""
-        with suppress(RuntimeError):  # where it has ended by itself
+        with suppress(Exception):  # of Dask, where it has ended by itself
             if self._task is not None:
                 self._task.cancel()
 

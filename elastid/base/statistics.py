@@ -172,6 +172,12 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
     return Spread(value, linear, "linearisation", unknown)
 
 
+def runs(flags: BoolArray, least: int = 1) -> IntArray:
+    """First sample and end (k, 2) of the runs of set flags (n,) that have at least so many samples."""
+    bounds = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
+    return np.asarray(bounds[bounds[:, 1] - bounds[:, 0] >= least])
+
+
 def mean_of_neighbours(values: Values, width: int) -> Values:
     """Mean (F, ...) of values over `width` rows, an odd number, about each; fewer of them at the ends."""
     F, half = len(values), width // 2

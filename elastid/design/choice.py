@@ -117,17 +117,9 @@ def _proposed(
 
 def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
     """Candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
-    known = [body.name for body in robot.bodies]
-    for name in spec.points:
-        if name not in known:
-            raise StudyError(
-                "design/candidates",
-                f"no body is called '{name}'; there are {', '.join(known)}",
-                "design.candidates.points",
-            )
     if spec.floor is None and not spec.boxes:
         return
-    points = _along(skeleton(robot, angles, spec.points))
+    points = _along(skeleton(robot, angles))
     if spec.floor is not None:
         yield "reach the floor", (points @ upwards(robot)).min(axis=1) < spec.floor + spec.clearance
     for box in spec.boxes:

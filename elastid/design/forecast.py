@@ -22,7 +22,7 @@ from elastid.excitation.grids import line_count_refusal
 from elastid.fit.covariance import estimate_uncertainty, inverse_information
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
-from elastid.fit.result import covariance_by_noise
+from elastid.fit.result import correlated, covariance_by_noise
 from elastid.parameters import Parameters
 
 
@@ -32,7 +32,6 @@ class ForecastLimits:
 
     direction_std: float = 1.0  # of an undetermined direction, in ln p or parts of a linear parameter's range
     component: float = 0.2  # of an undetermined direction, from which on a parameter is named
-    correlation: float = 0.95  # of a pair that is reported
     coulomb_ratio: float = 1 / 3  # to the rms torque: a multisine of peaks of three rms still slides
 
 
@@ -131,7 +130,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
     by_noise = covariance_by_noise(covariance, n)
     parts = np.stack([uncertainty.repeated[:n], uncertainty.lasting[:n]]) if n < len(x) else np.zeros((0, 0))
     known = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share
-    return Forecast(*known, (*notes, *_correlated(names, by_noise)), parts=parts)
+    return Forecast(*known, (*notes, *correlated(names, by_noise)), parts=parts)
 
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
@@ -177,16 +176,6 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
         text = f"this plan cannot determine {who}: fix or tie one number, or measure what depends on it"
         notes.append(Note("fit/undetermined", text))
     return notes
-
-
-def _correlated(names: Sequence[str], covariance: FloatArray) -> list[Note]:
-    """A note for each pair that the noise correlates: a file that is off moves all of them together."""
-    correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
-    text = "{} and {} can barely be distinguished: noise will move their estimates with a correlation of {:.3f}"
-    return [
-        Note("fit/correlated", text.format(names[i], names[j], correlation[i, j]))
-        for i, j in np.argwhere(np.abs(correlation) > LIMITS.correlation)
-    ]
 
 
 # `turning back`: how far a motor's speed falls below that of a carrier of constant velocity, which is the limit, in the

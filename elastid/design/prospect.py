@@ -30,6 +30,7 @@ from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
 from elastid.fit.problem.weights import Weights, weigh
 from elastid.fit.spec import FitSpec
+from elastid.frf.distortion import of_sign
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
@@ -78,10 +79,8 @@ def friction_level(
     viscous friction; s depends on the phases, repeats in every period and averages over realisations only.
     """
     v = np.stack([synthesise(lines, spectrum, period_samples) for spectrum in V]) + carrier_velocity
-    T = np.fft.rfft(coulomb * np.sign(v), axis=1)[:, lines] * (2 / period_samples)
-    d = np.sum(V.conj() * T, axis=(0, 1)).real / np.sum(np.abs(V) ** 2, axis=(0, 1))
-    power = np.mean(np.abs(T - d * V) ** 2, axis=0)
-    return d, mean_of_neighbours(power, 9)  # it comes from few experiments
+    slope, power = of_sign(v, V, lines)
+    return coulomb * slope, mean_of_neighbours(coulomb**2 * power, 9)  # it comes from few experiments
 
 
 # Of the power of friction's distortion, what is left where it is taken out: 0.1 and 1.4 % in two studies.

@@ -59,11 +59,9 @@ class CandidateSpec:
         "the floor.")] = None
     boxes: Annotated[tuple[BoxSpec, ...], Key("Boxes that the robot must stay out of.", "tables, fences and the "
         "neighbouring robot; paths between postures are not checked.")] = ()
-    points: Annotated[dict[str, tuple[Vector3, ...]], Key("Further points of bodies (body name to points in its axes) "
-        "that must stay clear, as joints, centres of mass, frames and the straight lines between them do.", "corners "
-        "of tools and elbows that stick out of the line between joints.")] = field(default_factory=dict)
-    clearance: Annotated[Length, Key("Distance that the robot keeps from floor and boxes.", "half the width of the "
-        "arm, and the swing of the excitation; points and lines have no width of their own.", least=0)] = 0.0
+    clearance: Annotated[Length, Key("Distance that joints, centres of mass, frames and the lines between them "
+        "keep from floor and boxes.", "half the width of the arm, and the swing of the excitation; a frame of the "
+        "robot stands for a corner that sticks out.", least=0)] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -149,6 +149,17 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     return np.asarray(C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T))
 
 
+CORRELATED = 0.99  # beyond which two parameters cannot be distinguished
+
+
+def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
+    """A note for each pair that the noise correlates; covariance by noise: a file that is off moves all alike."""
+    correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
+    for i, j in np.argwhere(np.abs(correlation) > CORRELATED):
+        text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
+        yield Note("fit/correlated", text)
+
+
 DOUBTED = "not to be believed"  # the beginning of a verdict on a number
 DISTORTED = (
     f"{DOUBTED}: distortion that no motor explains may be records that disagree, hysteresis of a gear or a bent spring"

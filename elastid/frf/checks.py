@@ -20,6 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note
+from elastid.base.statistics import runs
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, smoothed_noise
 from elastid.frf.matrices import adjoint, inverse, singular_values, squared_magnitude
@@ -185,8 +186,8 @@ def hit_notes(records: Sequence[Record]) -> tuple[Note, ...]:
     return tuple(note for record in records for note in _hit_notes(record))
 
 
-def pulses(u: FloatArray) -> tuple[IntArray, IntArray] | None:
-    """First and last sample (n,) of each pulse of a hammer's force (N,); None for another, which some samples show."""
+def pulses(u: FloatArray) -> IntArray | None:
+    """First sample and end (n, 2) of each pulse of a hammer's force (N,); None for another, which some samples show."""
     few = u[:: -(-len(u) // LIMITS.samples) or 1]
     middle = np.median(few)
     largest = max(u.max(initial=0.0) - middle, middle - u.min(initial=0.0))
@@ -194,13 +195,7 @@ def pulses(u: FloatArray) -> tuple[IntArray, IntArray] | None:
         return None
     x = np.abs(u - np.median(u))
     beyond = x > LIMITS.beyond * x.max(initial=0.0)
-    return _runs(beyond) if 0 < beyond.mean() <= LIMITS.share else None
-
-
-def _runs(flags: BoolArray) -> tuple[IntArray, IntArray]:
-    """First and last index (n,) of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    return edges[::2], edges[1::2] - 1
+    return runs(beyond) if 0 < beyond.mean() <= LIMITS.share else None
 
 
 def _hit_notes(record: Record) -> Iterator[Note]:
@@ -209,7 +204,7 @@ def _hit_notes(record: Record) -> Iterator[Note]:
     for name, u in zip(record.inputs, record.u.T, strict=True):
         if (found := pulses(u)) is None:
             continue
-        (first, last), gap = found, np.diff(found[0]) / rate_hz
+        first, gap = found[:, 0], np.diff(found[:, 0]) / rate_hz
         if len(bounces := np.flatnonzero(gap < LIMITS.bounce_s)):
             i, total = bounces[0], len(first) - len(bounces)
             text = (
@@ -218,15 +213,16 @@ def _hit_notes(record: Record) -> Iterator[Note]:
                 "the response is uncertain; leave that hit out of the record, or hit again with a lighter hammer"
             )
             yield Note("frf/hits", text, place)
-        if first[0] == 0 or last[-1] == len(u) - 1:
+        if first[0] == 0 or found[-1, 1] == len(u):
             text = (
                 f"begins or ends within a hit of {name}, whose force or answer is cut: set a pretrigger of some "
                 "milliseconds, and record until the answer has died out"
             )
             yield Note("frf/hits", text, place)
-        overloads[name] = _visits(np.abs(u), np.abs(u).max())
+        overloads[name] = len(runs(np.abs(u) == np.abs(u).max(), LIMITS.run))
     for name, y in zip(record.outputs, record.y.T, strict=True):
-        visits = _visits(y, y.max()) + _visits(y, y.min()) if overloads and np.ptp(y) > 0 else 0
+        ends = (y.max(), y.min()) if overloads and np.ptp(y) > 0 else ()
+        visits = sum(len(runs(y == end, LIMITS.run)) for end in ends)
         overloads |= {name: visits} if visits > 1 else {}  # one alone may be rest
     if found_at := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
         text = (
@@ -234,9 +230,3 @@ def _hit_notes(record: Record) -> Iterator[Note]:
             "looks like damping; hit more softly, or take a wider range"
         )
         yield Note("frf/overload", text, place)
-
-
-def _visits(x: FloatArray, limit: float) -> int:
-    """Visits of some samples to a limit."""
-    first, last = _runs(x == limit)
-    return int(np.sum(last - first + 1 >= LIMITS.run))

@@ -151,7 +151,8 @@ def friction_bias(
     omega = 2j * np.pi * (lines * first.rate_hz / first.period_samples)
     bias = np.zeros((SYSTEMATIC_ERRORS, len(rows), *G.shape), complex)
     for j in np.flatnonzero(is_distorted):
-        unit = _unit_distortion(V[:, :, j], lines, first)
+        N = first.period_samples
+        _, unit = of_sign(np.fft.irfft(V[:, :, j], N, axis=1), V[:, lines, j] * (2 / N), lines)
         F_squared = float(weight[:, j] @ excess[:, j] / (weight[:, j] @ unit))
         mobility = G[:, rows[j], j] * omega ** (1 - MOTION_ORDER[quantity])
         density, second = unit_impedance(V[:, :, j], mobility, lines, first)
@@ -207,13 +208,11 @@ def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: In
     return np.array(V)
 
 
-def _unit_distortion(V: ComplexArray, lines: IntArray, record: Record) -> FloatArray:
-    """E|s|^2 (F,) at the lines, amplitudes, of sgn(v) less its best linear approximation; V (K, N // 2 + 1): DFT."""
-    N = record.period_samples
-    T = np.fft.rfft(np.sign(np.fft.irfft(V, N, axis=1)), axis=1)[:, lines] * (2 / N)
-    v = V[:, lines] * (2 / N)
-    slope = np.sum(v.conj() * T).real / np.sum(np.abs(v) ** 2)
-    return np.asarray(np.mean(np.abs(T - slope * v) ** 2, axis=0))
+def of_sign(v: FloatArray, V: ComplexArray, lines: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Slope and left power (F, ...) of sgn(v), v (K, N, ...), less its best linear approximation by V (K, F, ...)."""
+    T = np.fft.rfft(np.sign(v), axis=1)[:, lines] * (2 / v.shape[1])
+    slope = np.sum(V.conj() * T, axis=(0, 1)).real / np.sum(np.abs(V) ** 2, axis=(0, 1))
+    return np.asarray(slope), np.asarray(np.mean(np.abs(T - slope * V) ** 2, axis=0))
 
 
 def _step_response(mobility: ComplexArray, lines: IntArray, N: int) -> FloatArray:

@@ -25,6 +25,7 @@ from scipy.signal import butter, resample_poly, sosfiltfilt, upfirdn
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
+from elastid.base.statistics import runs
 from elastid.record import FrictionRecord
 
 # Above, before a position is differentiated: speeds and ripple of a pass are slower.
@@ -75,15 +76,9 @@ def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float
     steady &= np.abs(acceleration) * PASSES.shortest_s < PASSES.steady_share * speed
     return tuple(
         Plateau(start, stop, float(velocity[start:stop].mean()))
-        for start, stop in _runs(steady)
+        for start, stop in runs(steady).tolist()
         if stop - start >= PASSES.shortest_s * rate_hz
     )
-
-
-def _runs(samples: BoolArray) -> list[tuple[int, int]]:
-    """First sample of each run of those that are true, and the one after its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], samples, [False]]).astype(np.int8)))
-    return [(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]
 
 
 def alike_speeds(speeds: FloatArray) -> FloatArray:
@@ -165,10 +160,10 @@ def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float)
         return None
     steps = way[first + w : last] - way[first : last - w]  # travels over one window
     change, travel = np.abs(steps[w:] - steps[:-w]), np.abs(steps[w:] + steps[:-w]) / 2
-    runs = [run for run in _runs(change < PASSES.steady_share * travel) if run[1] - run[0] >= w]
-    if not runs:
+    steady = runs(change < PASSES.steady_share * travel, w).tolist()
+    if not steady:
         return None
-    begin, end = max(runs, key=lambda run: run[1] - run[0])
+    begin, end = max(steady, key=lambda run: run[1] - run[0])
     # The outer windows may reach into ramps, by as much as their means allow.
     inner = slice(first + begin + w // 2, first + end + 2 * w - w // 2)
     t = np.arange(len(way)) / rate_hz

@@ -192,16 +192,13 @@ class ResponseBand:
 
 @frozen_value
 class FrameStiffness:
-    """Compliance C = J K^-1 J^T (6, 6) of a frame with its standard deviation, and stiffness, its inverse.
+    """Compliance C = J K^-1 J^T (6, 6) of a frame, the inverse of its stiffness, with its standard deviation.
 
-    Rows: x, y, z, rx, ry, rz of the frame by forces and torques, m/N, rad/N, rad/(Nm).  matrix, std (6, 6): stiffness;
-    infinite numbers of a robot without six independent springs have none, and both are NaN.
+    Rows: x, y, z, rx, ry, rz of the frame by forces and torques, m/N, rad/N, rad/(Nm).
     """
 
     compliance: FloatArray
     compliance_std: FloatArray
-    matrix: FloatArray
-    std: FloatArray
     frame: str
     axes: Axes
     by: By
@@ -332,7 +329,7 @@ class FittedModel:
         )  # fmt: skip
 
     def stiffness(self) -> FrameStiffness:
-        """Static stiffness and compliance (6, 6) of the frame, in its axes, with standard deviations.
+        """Static compliance (6, 6) of the frame, in its axes, with standard deviations.
 
         StudyError where motors are free, which give way to any force.
         """
@@ -348,13 +345,8 @@ class FittedModel:
             K, J = whole.matrices(theta)[2], whole.readout(theta)[0][-len(FRAME_AXES) :]
             return np.asarray(J @ np.linalg.solve(K, J.T))
 
-        C, matrix, std = self._spread(compliance), np.full((6, 6), np.nan), np.full((6, 6), np.nan)
-        length = float(np.sqrt(C.value.trace() / max(C.value[3:, 3:].trace(), 1e-300)))  # m and rad on one scale
-        scale = np.diag([1.0] * 3 + [length] * 3)
-        if np.linalg.cond(scale @ C.value @ scale) <= 1e10:
-            stiffness = self._spread(lambda theta: np.linalg.inv(compliance(theta)))
-            matrix, std = stiffness.value, stiffness.std
-        return FrameStiffness(C.value, C.std, matrix, std, self.frame, self.axes, C.by)
+        C = self._spread(compliance)
+        return FrameStiffness(C.value, C.std, self.frame, self.axes, C.by)
 
     def _spread(self, function: Any) -> Any:
         known = self.estimated
@@ -364,6 +356,6 @@ class FittedModel:
         """A, B, C, D and the delay of the torque; StudyError as `linear.linear_model.state_space`."""
         return state_space(self.linear, self.theta)
 
-    def to_control(self, pade: int | None = None) -> Any:
+    def to_control(self) -> Any:
         """The model as `control.StateSpace`, as by `StateSpace.to_control`."""
-        return self.state_space().to_control(pade)
+        return self.state_space().to_control()

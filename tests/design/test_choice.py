@@ -11,7 +11,7 @@ from plants.refusals import refused
 from elastid.design.choice import draw_candidates
 from elastid.design.spec import BoxSpec, CandidateSpec
 from elastid.model.kinematics import skeleton
-from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot
+from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot
 
 MOTOR = Motor(1e-3)
 LIMITS = Limits((-1.5, 2.0))
@@ -22,6 +22,7 @@ ARM = Robot(
         Body("upper", "turret", joints=(Joint("2", "y", motor=MOTOR, limits=LIMITS),), mass=1.0, inertia=1.0),
         Body("fore", "upper", Placement((0, 0, 0.5)), (Joint("3", "y", motor=MOTOR, limits=LIMITS),), 1.0, (0.5, 0, 0)),
     ),
+    frames=(Frame("hand", "fore", Placement((0.7, 0, 0.1))),),
 )
 
 
@@ -49,17 +50,17 @@ def test_a_grid_reaches_from_limit_to_limit() -> None:
 
 
 def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -> None:
-    """Joints, centres of mass, a given point, and points on the way between, against the skeleton's own numbers."""
+    """Joints, centres of mass, a frame, and points on the way between, against the skeleton's own numbers."""
     box = BoxSpec("post", (0.2, -0.3, 0.0), (0.6, 0.3, 0.8))
-    spec = CandidateSpec(random=500, floor=0.1, boxes=(box,), clearance=0.05, points={"fore": ((0.7, 0, 0.1),)})
+    spec = CandidateSpec(random=500, floor=0.1, boxes=(box,), clearance=0.05)
     found = draw_candidates(spec, ARM, 1)
     kept = np.array([c.angles for c in found.configurations])
     every = _angles(CandidateSpec(random=500))
 
     def is_free(angles: np.ndarray) -> bool:
-        drawn = skeleton(ARM, angles[None], spec.points)
+        drawn = skeleton(ARM, angles[None])
         points = drawn.points[0][drawn.moves]
-        joint3, tool, point = (drawn.names.index(n) for n in ("joint 3", "center of mass of fore", "point 1 of fore"))
+        joint3, tool, point = (drawn.names.index(n) for n in ("joint 3", "center of mass of fore", "frame hand"))
         way = np.linspace(0, 1, 7)[:, None]
         for end in (tool, point):
             along = drawn.points[0][joint3] + way * (drawn.points[0][end] - drawn.points[0][joint3])
@@ -85,7 +86,6 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -
         (CandidateSpec(given={"a": (0, 1)}), ".given.a"),
         (CandidateSpec(grid=(2, 2)), ".grid"),
         (CandidateSpec(grid=100), ".grid"),
-        (CandidateSpec(floor=0.0, points={"hand": ((0, 0, 0),)}), ".points"),
     ],
 )
 def test_no_admissible_candidate_is_refused_with_what_would_help(spec: CandidateSpec, place: str) -> None:

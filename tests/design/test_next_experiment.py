@@ -18,7 +18,7 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.parameters import Parameter, Parameters
-from elastid.robot import Robot
+from elastid.robot import Frame, Placement, Robot
 from elastid.robot.simplified import without_dry_friction
 
 EXCITATION = MultisineSpec(rate_hz=500.0, period=1.0, band_hz=(2.0, 60.0), torque_rms=(60.0, 50.0))
@@ -106,14 +106,13 @@ def test_limits_are_kept_on_every_robot_that_the_fit_allows() -> None:
 @pytest.mark.slow
 def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
     """A box a millimetre off the beam when it is level: free as a posture, and touched by its swing."""
-    tip = problem().robot.bodies[-1].name
-    points = {tip: ((0.0, 0.0, 0.5),)}
+    robot = replace(arm(), frames=(Frame("tip", arm().bodies[-1].name, Placement((0.0, 0.0, 0.5))),))
     x, z = 0.1 + 0.5 * np.sin(1.4), 0.4 + 0.5 * np.cos(1.4)
     box = BoxSpec("table", (x - 0.3, -0.5, z - 0.4), (x + 0.2, 0.5, z - 0.12))
-    free = problem(points=points)
+    free = problem(robot)
     goal = Goal({"k_1": 1e-9})
     assert proposed(free, goal).plan.configurations[0].angles[1] in (0.0, 1.4)
-    near = problem(points=points, boxes=(replace(box, upper=(x + 0.2, 0.5, z - 0.001)),))
+    near = problem(robot, boxes=(replace(box, upper=(x + 0.2, 0.5, z - 0.001)),))
     assert near.design is not None
     assert len(near.candidates(near.design).configurations) <= 2
     found = proposed(near, goal)

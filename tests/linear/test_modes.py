@@ -55,29 +55,6 @@ def found(robot: Robot, angles: list[float], spec: ModelSpec | None = None) -> t
     return swinging.freq_hz, strain_energy(model, model.theta, equilibrium(model, model.theta, at), shapes)
 
 
-def test_three_masses_share_the_energy_as_the_textbook_s_shapes_say() -> None:
-    """k (x_i - x_j)^2 of the eigenvectors in absolute angles, from NumPy."""
-    k0, k1 = 5e3, 2e3
-    K = np.array([[k0, -k0, 0], [-k0, k0 + k1, -k1], [0, -k1, k1]])
-    M = np.diag([3.0, 2.0, 2.0])
-    root = np.sqrt(np.linalg.inv(M))
-    w2, vectors = np.linalg.eigh(root @ K @ root)
-    x = root @ vectors[:, 1:]
-    parts = np.array([k0 * (x[0] - x[1]) ** 2, k1 * (x[1] - x[2]) ** 2])
-    freq_hz, energy = found(chain(k0, k1), [0.0])
-    np.testing.assert_allclose(freq_hz, np.sqrt(w2[1:]) / (2 * np.pi), rtol=1e-9)
-    np.testing.assert_allclose(energy.share, parts / parts.sum(axis=0), rtol=1e-9)
-
-
-def test_springs_in_series_share_the_energy_by_their_compliances() -> None:
-    """They bear one torque: shares of 1 / k, the shaft's times ratio^2."""
-    joint = Joint("1", "z", Spring(4e4), Motor(1e-3, 50.0, spring=Spring(12.0)))
-    _, energy = found(Robot("axis", (Body("a", joints=(joint,), inertia=2.0),), WEIGHTLESS), [0.0])
-    soft = np.array([1 / 4e4, 1 / (12.0 * 50**2)])
-    assert energy.springs == ("k_1", "km_1")
-    np.testing.assert_allclose(energy.share[:, 0], soft / soft.sum(), rtol=1e-12)
-
-
 @pytest.mark.parametrize(("angle", "sign"), [(0.0, 1), (np.pi, -1)])
 def test_a_pendulum_on_a_spring_has_its_weight_s_share(angle: float, sign: int) -> None:
     """m g l beside k where it hangs; where it stands upright its weight helps the mode on: a negative share."""

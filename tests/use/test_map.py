@@ -11,10 +11,9 @@ from plants.predicted_arm import STD, result
 from plants.refusals import refused
 
 from elastid.base.statistics import propagate
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.parameter_choice import with_tolerances
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.spec import ModelSpec
 from elastid.robot import Tolerances

@@ -58,7 +58,6 @@ class Limits:
     effect_on_damping: float = 0.05  # likewise of a damping or a friction
     # An estimate.
     interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
-    correlation: float = 0.99  # beyond which two parameters cannot be distinguished
     model_error: float = 1.5  # residuals over the noise, for a model that explains less than half of the responses
     residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
     factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong

@@ -29,7 +29,6 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import Note
 from elastid.base.names import matching, posture_of
-from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, phrase
 from elastid.fit.diagnosis.second_source import contradictions
@@ -39,6 +38,7 @@ from elastid.fit.result import (
     ModificationIndex,
     Result,
     Status,
+    correlated,
     covariance_by_noise,
     largest_by_chance,
 )
@@ -318,8 +318,6 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
 def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     """Notes on parameters, pairs of them and the combination that the data constrain too little."""
     names, values = result.parameters.free_names, result.singular_values
-    # A file that is off moves all alike.
-    correlation = correlation_of(covariance_by_noise(result.covariance, len(result.parameters.asked)))
     if unreached.any():
         yield Note(
             "fit/undetermined",
@@ -332,9 +330,8 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
         if not high < LIMITS.interval_factor * low:
             # Without the interval: that of the table may be found later, by profile likelihood.
             yield Note("fit/weakly-determined", f"{parameter.name} is weakly determined: the data barely constrain it")
-    for i, j in np.argwhere(np.triu(np.abs(correlation) > LIMITS.correlation, 1)):
-        text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
-        yield Note("fit/correlated", text)
+    # A file that is off moves all alike.
+    yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))
 
 
 def _search(result: Result) -> Iterator[Note]:

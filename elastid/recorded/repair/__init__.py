@@ -14,6 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import Note
+from elastid.base.statistics import runs
 
 _CODES = {  # of findings that mend nothing
     "quantised channels": "records/quantised",
@@ -75,12 +76,6 @@ def counts(findings: Iterable[Finding]) -> dict[str, int]:
     for finding in findings:
         total[finding.kind] = total.get(finding.kind, 0) + finding.count
     return total
-
-
-def runs(flags: BoolArray, least: int = 1) -> IntArray:
-    """First sample and end (k, 2) of the runs of set flags (n,) that have at least so many samples."""
-    bounds = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
-    return np.asarray(bounds[bounds[:, 1] - bounds[:, 0] >= least])
 
 
 def in_runs(flags: BoolArray, least: int) -> BoolArray:

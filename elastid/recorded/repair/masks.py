@@ -28,8 +28,8 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
-from elastid.base.statistics import STD_OVER_MAD
-from elastid.recorded.repair import Finding, Log, Repaired, expected, flat, in_runs, runs
+from elastid.base.statistics import STD_OVER_MAD, runs
+from elastid.recorded.repair import Finding, Log, Repaired, expected, flat, in_runs
 
 MASKED, STOPPED = "samples taken as missing", "stops"
 

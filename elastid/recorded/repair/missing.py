@@ -14,7 +14,8 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, Repaired, expected, runs
+from elastid.base.statistics import runs
+from elastid.recorded.repair import Finding, Log, Repaired, expected
 from elastid.recorded.repair.masks import (
     LIMITS,
     find_clipping,

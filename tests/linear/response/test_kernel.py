@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from plants.oblique_arm import arm, linear
 
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY
-from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.kernel import Elimination, Kernel, solved_products
 from elastid.linear.response.transfer import frequency_response
 
 FREQ_HZ = np.geomspace(0.5, 90, 130)
@@ -50,3 +52,85 @@ def test_derivatives_equal_central_differences_for_every_parameter(outputs):
             frequency_response(model, theta + shift, FREQ_HZ) - frequency_response(model, theta - shift, FREQ_HZ)
         ) / (2 * h)
         np.testing.assert_allclose(dG[place], numeric, atol=1e-6 * np.abs(numeric).max(), err_msg=name)
+
+
+pytestmark = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
+OMEGA = 2 * np.pi * np.linspace(1, 60, 150)
+
+
+def system(rng, hangs_on, n_rest, damping=1e-3):
+    """Random links, with one motor behind a spring for each entry of hangs_on, in a random order of coordinates."""
+    n = n_rest + len(hangs_on)
+    M, K = np.zeros((n, n)), np.zeros((n, n))
+    for matrix, size in ((M, 1.0), (K, 1e4)):
+        A = rng.standard_normal((n_rest, n_rest))
+        matrix[:n_rest, :n_rest] = size * (A @ A.T + np.eye(n_rest))
+    for motor, link in enumerate(hangs_on, start=n_rest):
+        k = 1e4 * rng.uniform(0.5, 2)
+        K[np.ix_([motor, link], [motor, link])] += k * np.array([[1, -1], [-1, 1]])
+        M[motor, motor] = rng.uniform(0.5, 2)
+    order = rng.permutation(n)
+    M, K = M[np.ix_(order, order)], K[np.ix_(order, order)]
+    return M, damping * K, K
+
+
+def whole(M, D, K, B):
+    Z = K + 1j * OMEGA[:, None, None] * D - OMEGA[:, None, None] ** 2 * M
+    return np.linalg.solve(Z, B.astype(complex))
+
+
+def products_over_size(M, D, K, B, Y):
+    """B^T Z^-1 Y by elimination, and by LAPACK, over the size of X at each line."""
+    X = whole(M, D, K, B)
+    size = np.abs(X).max(axis=(1, 2), keepdims=True)
+    expected = X.swapaxes(1, 2) @ Y
+    np.testing.assert_allclose(solved_products(M, D, K, OMEGA, B, Y) / size, expected / size, atol=1e-13)
+    found = Elimination.of((M != 0) | (K != 0)).products(M, D, K, OMEGA, B, Y)
+    return found / size, expected / size
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    hangs_on=st.lists(st.integers(0, 3), max_size=6),
+    n_rest=st.integers(4, 6),
+    seed=st.integers(0, 99),
+    damping=st.sampled_from([1e-2, 1e-3, 1e-5]),
+)
+def test_the_solution_is_that_of_the_whole_matrix(hangs_on, n_rest, seed, damping):
+    """Any number of motors, several on one link too, right sides and directions that reach all coordinates."""
+    rng = np.random.default_rng(seed)
+    M, D, K = system(rng, hangs_on, n_rest, damping)
+    B, Y = rng.standard_normal((len(M), 3)), rng.standard_normal((len(M), 4)) * rng.integers(0, 2, (len(M), 4))
+    found, expected = products_over_size(M, D, K, B, Y)
+    np.testing.assert_allclose(found, expected, atol=1e-10 if damping < 1e-3 else 1e-11)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.integers(0, 3), max_size=6), st.integers(4, 6), st.integers(0, 99))
+def test_motors_on_links_fill_nothing(hangs_on, n_rest, seed):
+    """Motors go first, each leaving but its own spring in L, whatever the order of the coordinates."""
+    M, _, K = system(np.random.default_rng(seed), hangs_on, n_rest)
+    elimination = Elimination.of((M != 0) | (K != 0))
+    n = len(M)
+    assert sorted(elimination.order) == list(range(n))
+    assert elimination.filled.sum() == len(hangs_on) + n_rest * (n_rest - 1) // 2
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-14, 1e-9, 1e-4])
+def test_a_line_on_the_resonance_of_an_undamped_motor_costs_no_digits(off):
+    """The motor alone resonates at a line, the robot does not."""
+    rng = np.random.default_rng(1)
+    M, D, K = system(rng, [0, 1], 4, damping=0.0)
+    motor = Elimination.of((M != 0) | (K != 0)).order[0]
+    M[motor, motor] = K[motor, motor] / OMEGA[70] ** 2 * (1 + off)
+    found, expected = products_over_size(M, D, K, np.eye(6)[:, :2], np.eye(6))
+    np.testing.assert_allclose(found[70], expected[70], rtol=0, atol=1e-11)
+
+
+def test_what_is_no_number_stays_none():
+    """A start that leads to no model is seen as such, never solved by accident."""
+    M, D, K = system(np.random.default_rng(2), [0, 1], 4)
+    K[0, 0] = np.nan
+    with np.errstate(invalid="ignore"):
+        found = Elimination.of((M != 0) | (K != 0)).products(M, D, K, OMEGA, np.eye(6)[:, :1], np.eye(6))
+    assert not np.isfinite(found).all(axis=(1, 2)).any()
