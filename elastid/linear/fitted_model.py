@@ -189,21 +189,40 @@ class ResponseBand:
     level: float
     by: By
 
+    @property
+    def freq_hz(self) -> FloatArray:
+        """The lines (F,)."""
+        return self.response.freq_hz
+
+    @property
+    def G(self) -> ComplexArray:
+        """The response (F, n_y, n_u)."""
+        return self.response.G
+
 
 @frozen_value
 class FrameStiffness:
-    """Compliance C = J K^-1 J^T (6, 6) of a frame, the inverse of its stiffness, with its standard deviation.
+    """Compliance C = J K^-1 J^T (6, 6) of a frame with its standard deviation, and stiffness, its inverse.
 
-    Rows: x, y, z, rx, ry, rz of the frame by forces and torques, m/N, rad/N, rad/(Nm).
+    Rows: x, y, z, rx, ry, rz of the frame by forces and torques, m/N, rad/N, rad/(Nm).  matrix, std (6, 6): stiffness;
+    infinite numbers of a robot without six independent springs have none, and both are NaN.
     """
 
     compliance: FloatArray
     compliance_std: FloatArray
+    matrix: FloatArray
+    std: FloatArray
     frame: str
     axes: Axes
     by: By
 
     __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def principal(self) -> tuple[FloatArray, FloatArray]:
+        """Compliances (3,) to forces along their principal directions (3, 3), columns; the softest first."""
+        values, vectors = np.linalg.eigh(self.compliance[:3, :3])
+        return values[::-1], vectors[:, ::-1]
 
     @property
     def display(self) -> Display:
@@ -329,7 +348,7 @@ class FittedModel:
         )  # fmt: skip
 
     def stiffness(self) -> FrameStiffness:
-        """Static compliance (6, 6) of the frame, in its axes, with standard deviations.
+        """Static stiffness and compliance (6, 6) of the frame, in its axes, with standard deviations.
 
         StudyError where motors are free, which give way to any force.
         """
@@ -345,8 +364,13 @@ class FittedModel:
             K, J = whole.matrices(theta)[2], whole.readout(theta)[0][-len(FRAME_AXES) :]
             return np.asarray(J @ np.linalg.solve(K, J.T))
 
-        C = self._spread(compliance)
-        return FrameStiffness(C.value, C.std, self.frame, self.axes, C.by)
+        C, matrix, std = self._spread(compliance), np.full((6, 6), np.nan), np.full((6, 6), np.nan)
+        length = float(np.sqrt(C.value.trace() / max(C.value[3:, 3:].trace(), 1e-300)))  # m and rad on one scale
+        scale = np.diag([1.0] * 3 + [length] * 3)
+        if np.linalg.cond(scale @ C.value @ scale) <= 1e10:
+            stiffness = self._spread(lambda theta: np.linalg.inv(compliance(theta)))
+            matrix, std = stiffness.value, stiffness.std
+        return FrameStiffness(C.value, C.std, matrix, std, self.frame, self.axes, C.by)
 
     def _spread(self, function: Any) -> Any:
         known = self.estimated
@@ -356,6 +380,6 @@ class FittedModel:
         """A, B, C, D and the delay of the torque; StudyError as `linear.linear_model.state_space`."""
         return state_space(self.linear, self.theta)
 
-    def to_control(self) -> Any:
+    def to_control(self, pade: int | None = None) -> Any:
         """The model as `control.StateSpace`, as by `StateSpace.to_control`."""
-        return self.state_space().to_control()
+        return self.state_space().to_control(pade)

@@ -309,12 +309,23 @@ class StateSpace:
         X = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B.astype(complex))
         return np.asarray((self.C @ X + self.D) * np.exp(-s * self.delay))
 
-    def to_control(self) -> Any:
-        """The system as `control.StateSpace` with the names of its inputs and outputs; the delay is not part of it."""
+    def to_control(self, pade: int | None = None) -> Any:
+        """The system as `control.StateSpace` with the names of its inputs and outputs.
+
+        The delay is not part of it, unless `pade` gives the order of an approximation by Pade in front of each input;
+        ValueError for another than a positive integer.
+        """
+        if pade is not None and not (isinstance(pade, int) and pade > 0):
+            raise ValueError(f"pade is {pade!r}; give the order of the approximation, commonly 2 to 6")
         import control  # takes a second or two
 
         names = {"inputs": [*map(control_label, self.inputs)], "outputs": [*map(control_label, self.outputs)]}
-        return control.ss(self.A, self.B, self.C, self.D, name=control_label(self.configuration.name), **names)
+        labels = {"name": control_label(self.configuration.name), **names}
+        system = control.ss(self.A, self.B, self.C, self.D)
+        if pade is not None and self.delay > 0:
+            late = control.tf2ss(*control.pade(self.delay, pade))
+            system = system * control.append(*[late] * len(self.inputs))
+        return control.ss(system, **labels)
 
 
 def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:

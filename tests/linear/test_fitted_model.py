@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.predicted_arm import result
+from plants.predicted_arm import closed_form, result
 
 from elastid.linear.fitted_model import Doubt, FittedModel
 from elastid.record import JointLoop
@@ -14,12 +14,25 @@ from elastid.record import JointLoop
 ANGLES = np.array([0.4, -0.9])
 
 
+def test_principal_compliances_are_eigenvalues_and_their_directions_have_no_shear() -> None:
+    """The softest first; a force along one of them deflects along it, in the axes of the base."""
+    stiff = result().at(ANGLES, axes="world").stiffness()
+    values, directions = stiff.principal
+    _, _, K, J = closed_form(ANGLES)
+    softest = np.linalg.eigvalsh(J @ np.linalg.solve(K, J.T))[::-1]
+    np.testing.assert_allclose(values[:2], softest, rtol=1e-9)
+    np.testing.assert_allclose(
+        stiff.compliance[:3, :3] @ directions[:, 0], values[0] * directions[:, 0], rtol=1e-9, atol=1e-16
+    )
+    assert np.all(np.diff(values) <= 0)
+
+
 def test_a_band_is_centred_on_its_response_and_the_simultaneous_one_is_wider() -> None:
     """At 95 and at 68 %; std is between them and zero."""
     model, lines = result().at(ANGLES), np.linspace(2.0, 40.0, 30)
     wide, narrow = model.response_band(lines), model.response_band(lines, 0.68)
-    np.testing.assert_array_equal(wide.response.G, model.response(lines).G)
-    np.testing.assert_array_equal(wide.response.freq_hz, lines)
+    np.testing.assert_array_equal(wide.G, model.response(lines).G)
+    np.testing.assert_array_equal(wide.freq_hz, lines)
     assert np.all(wide.simultaneous >= wide.pointwise - 1e-20)
     assert np.all(wide.pointwise >= narrow.pointwise)
 
