@@ -8,18 +8,18 @@ from dataclasses import replace
 from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
-from elastid.app.stages.estimate import tool_responses
-from elastid.app.stages.measure import tests_of
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.errors import FitError, MisfitError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import AT_TOOL
+from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.result import Result
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
 from elastid.report.overview import OPEN_GEARS, next_steps, numbers_answer, residual_sentence, verdict_sentence
+from elastid.response import Response
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
 from elastid.study import Study
@@ -35,15 +35,25 @@ def fit(study: Study, work: Work) -> Artefacts:
     """
     robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.left_out
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
-    fitted, tests = study.fitted(responses), () if study.loads is None else tests_of(study, study.loads, responses)
-    tapped = [
-        replace(G, configuration=replace(G.configuration, name=G.configuration.name + AT_TOOL))
-        for G in (() if study.tool is None else tool_responses(study.tool, study, work.base))
-        if G.configuration.name not in left_out
-    ]
+    tests: Sequence[PlacedTest] = ()
+    tapped: list[Response] = []
+    if study.loads is not None:
+        from elastid.app.stages.measure import tests_of  # brings the rig and readers of logs
+
+        tests = tests_of(study, study.loads, responses)
+    if study.tool is not None:
+        from elastid.app.stages.estimate import tool_responses  # brings readers of logs and estimators
+
+        tapped = [
+            replace(G, configuration=replace(G.configuration, name=G.configuration.name + AT_TOOL))
+            for G in tool_responses(study.tool, study, work.base)
+            if G.configuration.name not in left_out
+        ]
     try:
         with work.execution(work.checkpoint()) as execution:
-            result = identify([*fitted, *tapped], robot, spec, model=study.model, execution=execution, loads=tests)
+            result = identify(
+                [*study.fitted(responses), *tapped], robot, spec, model=study.model, execution=execution, loads=tests
+            )
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     result = replace(result, notes=(*result.notes, *(note for response in tapped for note in response.notes)))
