@@ -127,7 +127,7 @@ def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:
     return distance(step, ending, dof)
 
 
-def is_far_from_noise(cost: float, dof: int) -> bool:
+def is_far_from_noise(cost: float, dof: float) -> bool:
     """True if V is that of a wrong model, whatever the noise, so that its optimum matters only approximately."""
     return cost > 100 * max(dof, 1)
 
