@@ -25,7 +25,7 @@ from elastid.base.execution import HERE, Execution
 from elastid.base.kept import Kept
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
-from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, error_gain
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, difference, error_gain
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
@@ -114,13 +114,13 @@ class Part(Kept):
 
         mixing: that of the part.
         """
-        e, used = RESIDUALS[self.criterion](self.measured, G)[0], self.gain > 0
+        e, used = difference(self.criterion, self.measured, G), self.gain > 0
         return mixed(mixing, np.where(used, self.gain * np.where(used, e, 0.0), 0.0))
 
     def slopes(self, G: ComplexArray, dG: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """dr (n, F, n_y, n_u) by changes dG of a response G."""
         # A logarithm of an element that is left out because it is zero has no slope.
-        slope = np.where(self.gain > 0, RESIDUALS[self.criterion](self.measured, G)[1], 0.0)
+        slope = np.where(self.gain > 0, error_gain(self.criterion, G), 0.0)
         return mixed(mixing, -self.gain * slope * dG)
 
 
