@@ -25,11 +25,11 @@ from elastid.base.execution import HERE, Execution
 from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, elastic_fit, linear_model, part_of
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
-    RESIDUALS,
     Evaluation,
     LeastSquares,
     LocalOptimum,
     ResidualKind,
+    difference,
     distance,
     is_far_from_noise,
 )
@@ -375,7 +375,7 @@ def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -
     """Weights w (F, n_y, n_u) of the robust loss in each configuration at x (n_x,), 1 where an element is left out."""
     distances = []
     for part, weight in zip(fit.parts, weights, strict=True):
-        e, _ = RESIDUALS[part.criterion](part.measured, part.kernel.response(fit.theta(part, x)))
+        e = difference(part.criterion, part.measured, part.kernel.response(fit.theta(part, x)))
         used = part.gain > 0
         gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
         distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))

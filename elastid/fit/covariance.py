@@ -142,7 +142,8 @@ def estimate_uncertainty(
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
     # To other processes each chunk goes by itself.
     home, bare = execution or Execution(), replace(fit, parts=(), loads=None)
-    static_r, static_J = _static(fit, x, len(factors))
+    static_r, static_J = fit.static(x)
+    static_J = np.pad(static_J, ((0, 0), (0, len(factors))))  # no factor of the responses moves load tests
     configurations = list(zip(fit.parts, responses, weights, strict=True))
     R = np.vstack([np.diag(prior), static_J])
     for own in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
@@ -246,12 +247,6 @@ def variance_left(of_file_J: FloatArray, half: FloatArray) -> FloatArray:
     """
     q, V = np.linalg.eigh(of_file_J.T @ of_file_J)
     return np.asarray(np.sum((V.T @ half) ** 2 / (ENDLESS * np.maximum(1 - q, 0.0) + q)[:, None], axis=0))
-
-
-def _static(fit: ElasticFit, x: FloatArray, n_factors: int) -> tuple[FloatArray, FloatArray]:
-    """r (n,) and J (n, n_x + n_b) of the load tests, which no factor of the responses moves."""
-    r, J = fit.static(x)
-    return r, np.pad(J, ((0, 0), (0, n_factors)))
 
 
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:

@@ -43,7 +43,7 @@ from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.parameter_choice import choose, ratio_within, tolerances_of, with_tolerances
-from elastid.fit.problem.elastic import ElasticFit, by_criterion, each_at_home, home_of
+from elastid.fit.problem.elastic import ElasticFit, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
@@ -264,8 +264,7 @@ def _from_all_starts(
     parameters = fit.parameters
     problems = [assembly.search_problem(fit, spec.criterion)]
     if spec.criterion == "complex":
-        logarithmic = by_criterion(fit, assembly.responses, assembly.weights, "log")
-        problems.insert(0, assembly.search_problem(logarithmic, "log"))
+        problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
     drawn = feasible_starts(
         spread(parameters, spec.starts, spec.start_factor, spec.seed or 0), fit.inertias, parameters
     )

@@ -30,9 +30,9 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.errors import FitError, Note, StudyError, did_you_mean
+from elastid.base.errors import FitError, Note
 from elastid.base.execution import Execution
-from elastid.base.names import matching
+from elastid.base.names import is_match
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.assembly import RelinearisedOptimum
 from elastid.fit.problem.elastic import ElasticFit, Part
@@ -216,7 +216,8 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
         )
         notes += [Note("fit/profile", text, severity="information")] if names else []
     else:
-        names = match_names(spec.profile, result.parameters)
+        free = result.parameters.free_names
+        names = tuple(name for name in free if any(is_match(name, key) for key in spec.profile))
     if names:
         ends = profile_ends(problem, x, variance, names, optimum.fit.evaluated_by(execution))
         result = replace(result, profile95=_natural(result.parameters, ends))
@@ -238,19 +239,6 @@ def choose_profiles(parameters: Parameters, variance: FloatArray) -> tuple[tuple
     worst = sorted(rough, key=lambda i: -float(std[i]))
     chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
     return tuple(parameters.free_names[i] for i in chosen), tuple(parameters.free_names[i] for i in left)
-
-
-def match_names(patterns: Sequence[str], parameters: Parameters) -> tuple[str, ...]:
-    """The free parameters that names or patterns choose, in their order; StudyError for one that chooses none."""
-    free, chosen = parameters.free_names, set[str]()
-    for pattern in patterns:
-        names = matching(pattern, free)
-        if not names:
-            raise StudyError(
-                "fit/parameters", f"{pattern} is no free parameter; {did_you_mean(pattern, list(free))}", "fit.profile"
-            )
-        chosen.update(names)
-    return tuple(name for name in free if name in chosen)
 
 
 def _natural(parameters: Parameters, ends: FloatArray) -> FloatArray:

@@ -11,10 +11,7 @@ Numbers of the robot's file within their tolerances are unknowns with a prior, n
 
 .. math:: V(x, \nu) = V(x; \nu) + \sum_j \Big( \frac{\nu_j - \nu_j^{file}}{\tau_j} \Big)^2
 
-The starts are searched with the file's numbers held; the best of them is then released. A covariance of (x, nu) is that
-of the estimate with the file in doubt; with nu known it would be the part of the noise,
-
-.. math:: C_{noise} = C_{xx} - C_{x\nu} C_{\nu\nu}^{-1} C_{\nu x}, \qquad \sigma^2_{file} = \sigma^2 - \sigma^2_{noise}
+The starts are searched with the file's numbers held; the best of them is then released.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse, Reading
-from elastid.fit.problem.least_squares import error_gain
+from elastid.fit.problem.least_squares import error_gain, is_far_from_noise
 from elastid.fit.result import ModificationIndex, Result
 
 Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
@@ -62,9 +62,7 @@ class Limits:
     residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
     factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
     stiffness_std: float = 0.5  # the largest, of ln k, of a stiffness that counts there
-    # Beyond this model error or, where the noise is unknown, below this share responses may have been misread.
-    suspect_model_error: float = 10.0
-    suspect_explained_share: float = 0.9
+    suspect_explained_share: float = 0.9  # below which, where the noise is unknown, responses may have been misread
     # Shares of the excess of V that a cause explains.
     further_share: float = 0.05  # that each in a sequence explains
     stated_share: float = 0.1  # below which a cause has no sentence, and a delay no other form
@@ -223,14 +221,9 @@ class Evidence:
     apart: tuple[Note, ...] = ()
 
     @property
-    def noise_is_measured(self) -> bool:
-        """True if any response came with a measured noise."""
-        return any(weights.noise is not None for weights in self.optimum.weights)
-
-    @property
     def noise_cost(self) -> float:
         """V by the noise alone; where none was measured, residuals are its only estimate, and it excuses nothing."""
-        return self.result.cost_expected if self.noise_is_measured else 0.0
+        return self.result.cost_expected if self.result.noise_is_known else 0.0
 
     @cached_property
     def explained(self) -> float:
@@ -247,8 +240,8 @@ class Evidence:
     @property
     def is_suspect(self) -> bool:
         """True if the residuals are so large that responses may have been misread."""
-        if self.noise_is_measured:
-            return self.result.model_error > LIMITS.suspect_model_error
+        if self.result.noise_is_known:
+            return is_far_from_noise(self.result.cost, self.result.cost_expected)
         return self.explained < LIMITS.suspect_explained_share
 
     @property
@@ -262,14 +255,9 @@ class Evidence:
         return next((index for index in self.result.indices if index.place == 1), None)
 
     @property
-    def best_share(self) -> float:
-        """The share of the excess of V that the first cause explains."""
-        return next((index.share for index in self.result.indices), 0.0)
-
-    @property
-    def best_drop(self) -> float:
-        """Drop of V by the best cause, 0 where none is known."""
-        return next((index.drop for index in self.result.indices), 0.0)
+    def best(self) -> ModificationIndex:
+        """The first index, one that explains nothing where there is none."""
+        return self.result.indices[0] if self.result.indices else ModificationIndex("", "")
 
 
 def against(

@@ -93,7 +93,7 @@ def with_status(evidence: Evidence) -> Result:
             f"the model does not describe the responses as they were read: it explains {share} of them, and another "
             "reading of them far more (see the first warning)",
         )
-    too_large = result.model_error > LIMITS.model_error or not evidence.noise_is_measured
+    too_large = result.model_error > LIMITS.model_error or not result.noise_is_known
     if evidence.explained < LIMITS.half and too_large:
         far = "" if end.converged else f" (and the fit did not converge: {end.message})"
         return ended(
@@ -272,8 +272,8 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     """
     result = evidence.result
     # What a cause leaves may be chance where V is little above the noise.
-    left, by_chance = result.cost - evidence.best_drop, largest_by_chance(result.cost_dof) * result.cost_expected
-    is_explained = evidence.best_share >= LIMITS.explained_share or (evidence.best_drop and left < by_chance)
+    left, by_chance = result.cost - evidence.best.drop, largest_by_chance(result.cost_dof) * result.cost_expected
+    is_explained = evidence.best.share >= LIMITS.explained_share or (evidence.best.drop and left < by_chance)
     if is_explained or result.model_error <= 1:
         return ()
     sums: dict[str, tuple[float, int]] = {}
@@ -301,7 +301,7 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
     # Viscous friction that the file holds is off by the same reading, and no other cause of it.
     is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
-    if not stiff or (evidence.best_share > LIMITS.explained_share and not is_friction):
+    if not stiff or (evidence.best.share > LIMITS.explained_share and not is_friction):
         return ()
     change = result.x[stiff] - result.parameters.x[stiff]
     typical = float(np.median(change))

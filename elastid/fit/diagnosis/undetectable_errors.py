@@ -22,6 +22,7 @@ from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import LIMITS, Scores
+from elastid.fit.diagnosis.score_test import HeldNumber
 from elastid.fit.result import HELD_AS_EXACT, Result, RigidPart
 from elastid.robot import Robot
 
@@ -30,22 +31,22 @@ SAID = 3.0  # standard deviations, by which a number that is held moves one of t
 
 @dataclass(frozen=True)
 class UndetectableError:
-    """name, family: of a held number.  per_std: its error that moves parameter (its place in x) by one deviation.
+    """name: of a held number, or of a factor of several.  per_std: its error that moves a parameter by one deviation.
 
-    error: the largest common one that nothing finds; both of ln p where log, else SI in unit.
+    number: the first of them.  parameter: its place in x.  error: the largest common one that nothing finds.
     """
 
     name: str
-    family: str
-    unit: str
-    log: bool
+    number: HeldNumber
     parameter: int
     per_std: float
     error: float
 
     def amount(self, error: float) -> str:
         """An error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
-        size = f"{100 * error:.2g} %" if self.log or self.unit == "1" else f"{error:.2g} {self.unit}"
+        size = (
+            f"{100 * error:.2g} %" if self.number.log or self.number.unit == "1" else f"{error:.2g} {self.number.unit}"
+        )
         return f"{size} of {self.name}"
 
 
@@ -77,8 +78,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
         information = float(direction @ test.S[np.ix_(places, places)] @ direction) / scores.lines
         is_detectable = test.known[places].any() and information > 0
         error = min(first.usual, math.sqrt(LIMITS.drop / information)) if is_detectable else first.usual
-        of_number = candidate.name, candidate.family, first.unit, first.log
-        yield UndetectableError(*of_number, worst, 1 / float(moved[worst]), error)
+        yield UndetectableError(candidate.name, first, worst, 1 / float(moved[worst]), error)
 
 
 def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Note, ...]:
@@ -87,8 +87,8 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
         return ()
     # Of two that do exactly the same, rounding does not choose.
     errors = sorted(undetectable_errors(result, scores), key=lambda error: -float(f"{error.error / error.per_std:.6g}"))
-    worst = {error.family: error for error in reversed(errors) if error.error > SAID * error.per_std}
-    named = [error for error in errors if worst.get(error.family) is error][:3]
+    worst = {error.number.family: error for error in reversed(errors) if error.error > SAID * error.per_std}
+    named = [error for error in errors if worst.get(error.number.family) is error][:3]
     if not named:
         return ()
     free = result.parameters.free_names

@@ -16,8 +16,7 @@ L^-1 (Ghat - S g), have with the QR factors Q R of L^-1 S, found once for each l
 
 and 21 residuals instead of 36 for six motors. The logarithm has the same R, and q of its own at every g.
 
-The residuals are compressed (`compressed_residuals`), and their derivatives are few columns times powers of j omega
-(`Columns`).
+Their derivatives are few columns times powers of j omega (`Columns`).
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from elastid.base.execution import HERE, Execution
 from elastid.base.workers import Kept
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
-from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, error_gain
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, difference, error_gain
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
@@ -114,13 +114,13 @@ class Part(Kept):
 
         mixing: that of the part.
         """
-        e, used = RESIDUALS[self.criterion](self.measured, G)[0], self.gain > 0
+        e, used = difference(self.criterion, self.measured, G), self.gain > 0
         return mixed(mixing, np.where(used, self.gain * np.where(used, e, 0.0), 0.0))
 
     def slopes(self, G: ComplexArray, dG: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """dr (n, F, n_y, n_u) by changes dG of a response G."""
         # A logarithm of an element that is left out because it is zero has no slope.
-        slope = np.where(self.gain > 0, RESIDUALS[self.criterion](self.measured, G)[1], 0.0)
+        slope = np.where(self.gain > 0, error_gain(self.criterion, G), 0.0)
         return mixed(mixing, -self.gain * slope * dG)
 
 
@@ -303,20 +303,19 @@ def part_of(
 ) -> Part:
     """The part of one configuration; arguments as `elastic_fit`."""
     kernel = kernel_of(at_measured_places(model, response), parameters, response.freq_hz)
-    return _part(response, kernel, weights, criterion)
-
-
-def by_criterion(
-    fit: ElasticFit, responses: Sequence[Response], weights: Sequence[Weights], criterion: ResidualKind
-) -> ElasticFit:
-    """The fit with the same models by another criterion."""
-    each = list(zip(fit.parts, responses, weights, strict=True))
-    return replace(fit, parts=tuple(each_at_home(partial(_by_criterion, criterion), each, fit.home)))
-
-
-def _by_criterion(criterion: ResidualKind, own: tuple[Part, Response, Weights]) -> Part:
-    part, response, weights = own
-    return _part(response, part.kernel, weights, criterion)
+    used = weights.used
+    if criterion == "log":
+        # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.
+        G = kernel.response(kernel.model.theta_ref)
+        used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.where(used, error_gain(criterion, response.G), 1.0)
+    gain = np.sqrt(2 * weights.factor) / np.where(used, np.abs(slope) * weights.sigma, np.inf)
+    whitening = None
+    if weights.correlated is not None and criterion == "complex":
+        whitening = Whitening(weights.correlated, weights.floor, response.G, weights.sigma)
+    part = Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, whitening)
+    return replace(part, compressed=part.normal.residuals)
 
 
 def at_measured_places(model: LinearModel, response: Response | LinearModel) -> LinearModel:
@@ -363,19 +362,3 @@ def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -
     slopes = {name: model.slopes[name] for name in moved if name in model.slopes}
     here = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
     return Kernel(here, freq_hz, moved)
-
-
-def _part(response: Response, kernel: Kernel, weights: Weights, criterion: ResidualKind) -> Part:
-    used = weights.used
-    if criterion == "log":
-        # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.
-        G = kernel.response(kernel.model.theta_ref)
-        used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.where(used, error_gain(criterion, response.G), 1.0)
-    gain = np.sqrt(2 * weights.factor) / np.where(used, np.abs(slope) * weights.sigma, np.inf)
-    whitening = None
-    if weights.correlated is not None and criterion == "complex":
-        whitening = Whitening(weights.correlated, weights.floor, response.G, weights.sigma)
-    part = Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, whitening)
-    return replace(part, compressed=part.normal.residuals)

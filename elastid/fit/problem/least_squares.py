@@ -55,30 +55,18 @@ class LeastSquares:
 
 
 ResidualKind: TypeAlias = Literal["complex", "log"]
-Residual: TypeAlias = Callable[[ComplexArray, ComplexArray], tuple[ComplexArray, ComplexArray]]
 
 
-def linear(measured: ComplexArray, G: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """e = Ghat - G and s = -de/dG = 1."""
-    return measured - G, np.ones_like(G)
-
-
-def logarithmic(measured: ComplexArray, G: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """e = ln(Ghat / G), its phase wrapped, and s = -de/dG = 1 / G.
-
-    To first order e is (Ghat - G) / G, so its standard deviation is that of Ghat over |Ghat|. Where either is zero
-    the result is not finite: such elements must be left out.
-    """
+def difference(criterion: ResidualKind, measured: ComplexArray, G: ComplexArray) -> ComplexArray:
+    """e = Ghat - G, or ln(Ghat / G), its phase wrapped; not finite where either is zero: such elements are left out."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.log(measured / G), 1.0 / G
+        return measured - G if criterion == "complex" else np.log(measured / G)
 
 
-RESIDUALS: dict[ResidualKind, Residual] = {"complex": linear, "log": logarithmic}
-
-
-def error_gain(criterion: ResidualKind, measured: ComplexArray) -> ComplexArray:
-    """g of e = g (Ghat - G) to first order at G = Ghat: how an error of Ghat appears in the residual."""
-    return RESIDUALS[criterion](measured, measured)[1]
+def error_gain(criterion: ResidualKind, G: ComplexArray) -> ComplexArray:
+    """s = -de/dG = 1, or 1 / G; of e = s (Ghat - G) to first order at G = Ghat: how an error of Ghat appears in it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.ones_like(G) if criterion == "complex" else 1.0 / G
 
 
 def as_real(values: ComplexArray) -> FloatArray:
@@ -127,7 +115,7 @@ def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:
     return distance(step, ending, dof)
 
 
-def is_far_from_noise(cost: float, dof: int) -> bool:
+def is_far_from_noise(cost: float, dof: float) -> bool:
     """True if V is that of a wrong model, whatever the noise, so that its optimum matters only approximately."""
     return cost > 100 * max(dof, 1)
 

@@ -31,8 +31,7 @@ def check_fit(study: Study) -> Iterator[Problem]:
         parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     except StudyError:
         return  # reported where the parameters are checked
-    yield from _check_profile(study, parameters)
-    yield from _check_wanted(study, parameters)
+    yield from _check_chosen(study, parameters)
     # The start of a body's inertias is one that a body can have.
     for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
         entries = {parameters.names[place] for place in body.places}
@@ -55,24 +54,14 @@ def _check_groups(study: Study) -> Iterator[Problem]:
         yield Problem(("fit", "robots"), message, at_key=True)
 
 
-def _check_profile(study: Study, parameters: Parameters) -> Iterator[Problem]:
-    if isinstance(study.fit.profile, str):
-        return
-    from elastid.fit.intervals import match_names  # brings CasADi, which few checks need
-
-    for i, pattern in enumerate(study.fit.profile):
-        try:
-            match_names([pattern], parameters)
-        except StudyError as error:
-            yield Problem(("fit", "profile", i), str(error).removeprefix("fit.profile: "))
-
-
-def _check_wanted(study: Study, parameters: Parameters) -> Iterator[Problem]:
+def _check_chosen(study: Study, parameters: Parameters) -> Iterator[Problem]:
     """Names that no parameter of the fit has, other than the usual ones."""
-    names = [parameter.name for parameter in parameters.free]
-    for i, key in enumerate(study.fit.wanted):
-        if key not in FitSpec().wanted and not matching(key, names):
-            yield Problem(("fit", "wanted", i), f"no identified parameter is called {key}; {did_you_mean(key, names)}")
+    names, profile = [parameter.name for parameter in parameters.free], study.fit.profile
+    for section, keys in (("wanted", study.fit.wanted), ("profile", () if isinstance(profile, str) else profile)):
+        for i, key in enumerate(keys):
+            if key not in FitSpec().wanted and not matching(key, names):
+                message = f"no identified parameter is called {key}; {did_you_mean(key, names)}"
+                yield Problem(("fit", section, i), message)
 
 
 def check_loads(study: Study) -> Iterator[Problem]:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from elastid.fit.problem.least_squares import (
-    RESIDUALS,
     Evaluation,
     ResidualKind,
+    difference,
     distance_to_optimum,
     error_gain,
 )
@@ -20,13 +20,13 @@ G = np.array([1.0 + 2.0j, -3.0 + 0.5j])
 def test_the_slope_of_a_residual_is_its_difference_quotient(kind: ResidualKind) -> None:
     """s = -de/dG, and the gain of a small error of the measured response is the same."""
     measured, step = 1.3 * G, 1e-7
-    (e, slope), (moved, _) = (RESIDUALS[kind](measured, model) for model in (G, G + step))
-    np.testing.assert_allclose((e - moved) / step, slope, rtol=1e-6)
-    np.testing.assert_allclose(RESIDUALS[kind](G + step, G)[0] / step, error_gain(kind, G), rtol=1e-6)
+    e, moved = (difference(kind, measured, model) for model in (G, G + step))
+    np.testing.assert_allclose((e - moved) / step, error_gain(kind, G), rtol=1e-6)
+    np.testing.assert_allclose(difference(kind, G + step, G) / step, error_gain(kind, G), rtol=1e-6)
 
 
 def test_the_logarithmic_residual_has_a_wrapped_phase() -> None:
-    e, _ = RESIDUALS["log"](np.array([np.exp(3.0j)]), np.array([np.exp(-3.0j)]))
+    e = difference("log", np.array([np.exp(3.0j)]), np.array([np.exp(-3.0j)]))
     np.testing.assert_allclose(e, [1j * (6.0 - 2 * np.pi)], atol=1e-12)
 
 
