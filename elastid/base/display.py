@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape as escape_html
 from itertools import zip_longest
-from typing import Protocol
+from typing import Any
 
 from elastid.base.escape import one_line, printable
 
@@ -61,20 +61,12 @@ def columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
 
 
-class Displayed(Protocol):
-    """A value that a notebook shows by its title and table."""
-
-    @property
-    def display(self) -> Display:
-        """Title and table."""
-
-
-def as_text(value: Displayed) -> str:
-    """`__repr__` of a value: what a prompt shows."""
+def as_text(value: Any) -> str:
+    """`__repr__` of a value with a `display`: what a prompt shows."""
     return value.display.text
 
 
-def as_html(value: Displayed) -> str:
+def as_html(value: Any) -> str:
     """`_repr_html_` of a value: what a notebook shows."""
     return value.display.html
 

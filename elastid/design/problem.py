@@ -185,11 +185,6 @@ def with_torques(problem: DesignProblem) -> DesignProblem:
     if excitation.torque_rms != "limits":
         return problem
     probe = problem.probe(replace(problem.experiment, realisations=1), 1)
-    if excitation.phases == "optimised":
-        # The peaks that it would have if measured: phases optimised in one configuration, taken for all.
-        single = replace(problem.experiment, configurations={}, realisations=1)
-        phases = np.angle(problem.plan(single, [ChosenConfiguration(probe.configurations[0], 1)]).R)
-        probe = replace(probe, R=np.abs(probe.R) * np.exp(1j * phases))
     probe, _ = within_limits(problem.rig(probe), replace(excitation, flat="torque"))
     rms = np.sqrt(np.mean(np.sum(np.abs(probe.R) ** 2, axis=3) / 2, axis=(0, 1, 2)))
     return replace(problem, excitation=replace(excitation, torque_rms=tuple(rms.tolist())))
