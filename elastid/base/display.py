@@ -63,12 +63,12 @@ def columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
 
 def as_text(value: Any) -> str:
     """`__repr__` of a value with a `display`: what a prompt shows."""
-    return value.display.text
+    return str(value.display.text)
 
 
 def as_html(value: Any) -> str:
     """`_repr_html_` of a value: what a notebook shows."""
-    return value.display.html
+    return str(value.display.html)
 
 
 def degrees(posture: Sequence[float], sliding: Sequence[bool] = ()) -> str:
