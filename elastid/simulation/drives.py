@@ -100,13 +100,10 @@ class Drives:
 
     def on_motors(self, torque: ca.SX, angle: ca.SX) -> ca.SX:
         """Torque (n_u,) with its ripple at motor angles (n_u,)."""
-        return _summed(self.torque_ripple, angle, torque)
-
-
-def _summed(ripples: Sequence[Ripple], angle: ca.SX, value: ca.SX) -> ca.SX:
-    for ripple in ripples:
-        value = value + ca.DM(ripple.amplitude) * ca.sin(ca.DM(ripple.periods) * angle + ca.DM(ripple.phase))
-    return value
+        for ripple in self.torque_ripple:
+            sine = ca.sin(ca.DM(ripple.periods) * angle + ca.DM(ripple.phase))
+            torque = torque + ca.DM(ripple.amplitude) * sine
+        return torque
 
 
 def gear_forces(model: ElasticModel, q: ca.SX, v: ca.SX, numbers: ca.SX | None = None) -> ca.SX:
