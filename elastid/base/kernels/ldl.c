@@ -1,4 +1,4 @@
-/* L D L^T of all lines, several side by side in a vector register; arithmetic and order as `linear/response/ldl.py` says. */
+/* L D L^T of all lines, several side by side in a vector register; arithmetic and order as `linear/response/kernel.py` says. */
 
 #include "registers.h"
 
