@@ -82,12 +82,12 @@ def identify(
     between its end and its start.
     """
     execution = execution or Execution()
-    assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
+    assembly, fit, ends = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
         with _standing():
-            found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+            found = _with_found_floor(assembly, spec, fit, ends, execution.quiet)
             fit = None  # of a thousand configurations some hundred MB
-            assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
+            assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, ends)
             evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
@@ -137,7 +137,7 @@ def _search(
     execution: Execution,
     parameters: Parameters | None = None,
     loads: Sequence[PlacedTest] = (),
-) -> tuple[Assembly, ElasticFit | None, tuple[LocalOptimum, ...], int]:
+) -> tuple[Assembly, ElasticFit | None, _Ends]:
     """The assembled fit, where all starts ended, best first, and how many reached the best.
 
     Second the fit at its start, where its weights are those of the estimate, too.
@@ -164,7 +164,7 @@ def _search(
     if next(tolerances_of(robot), None) is not None:
         assembly, fit, starts = release(assembly, starts, robot, loads)
     # Its weights are most of the memory of a fit, and other ones follow where the floor is found.
-    return assembly, fit if spec.weights.floor is not None else None, starts, hits
+    return assembly, fit if spec.weights.floor is not None else None, (starts, hits)
 
 
 def check_responses(responses: Sequence[Response], robot: Robot) -> None:
@@ -257,9 +257,7 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
         )
 
 
-def _from_all_starts(
-    assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution
-) -> tuple[tuple[LocalOptimum, ...], int]:
+def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution) -> _Ends:
     """Ends of all starts, best first, and how many reached the best; fit: at the start of the parameters."""
     parameters = fit.parameters
     problems = [assembly.search_problem(fit, spec.criterion)]
@@ -327,16 +325,12 @@ def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, Loca
     return fit, replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations)
 
 
+_Ends: TypeAlias = tuple[tuple[LocalOptimum, ...], int]  # best first, and how many reached the best
 _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]
 
 
 def _with_found_floor(
-    assembly: Assembly,
-    spec: FitSpec,
-    first: ElasticFit | None,
-    starts: tuple[LocalOptimum, ...],
-    hits: int,
-    execution: Execution,
+    assembly: Assembly, spec: FitSpec, first: ElasticFit | None, ends: _Ends, execution: Execution
 ) -> _Found:
     """The estimate with the floor of the study, or where it gives none with that which the data show.
 
@@ -346,20 +340,18 @@ def _with_found_floor(
     lines, and springs and dampers take it up. There the floor is the usual one.
     """
     if first is not None:
-        return assembly, *_estimate(assembly, first, starts, hits, execution)
-    bare = assembly.with_floor(None)
-    found = _estimate(bare, bare.at(starts[0].x, spec.criterion), starts, hits, execution)
+        return assembly, *_estimate(assembly, first, ends, execution)
+    bare, x = assembly.with_floor(None), ends[0][0].x
+    found = _estimate(bare, bare.at(x, spec.criterion), ends, execution)
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if found[0].end.converged and not found[2].exceeds_noise and not is_distorted:
         return bare, *found
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
     del bare, found  # its weights are most of the memory of a fit
-    return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
+    return floored, *_estimate(floored, floored.at(x, spec.criterion), ends, execution)
 
 
-def _with_agreements(
-    found: _Found, assembly: Assembly, spec: FitSpec, starts: tuple[LocalOptimum, ...], hits: int
-) -> _Found:
+def _with_agreements(found: _Found, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Found:
     """The estimate with load tests and responses at the tool compared with the responses of the motors.
 
     Of what contradicts these the estimate is free, and its covariance holds the step to the estimate by all.
@@ -367,13 +359,14 @@ def _with_agreements(
     alone, at_tool = assembly.only(of_tool=False), assembly.only(of_tool=True)
     if (assembly.loads is None and not at_tool.responses) or not alone.responses:
         return found
+    starts, hits = ends
     begin = replace(starts[0], x=found[1].end.x)
 
     def fitted(own: Assembly, searched: bool = False) -> _Found:
         first = own.at(begin.x, spec.criterion)
         ends = _from_all_starts(own, first, spec, Execution()) if searched else ((begin, *starts[1:]), hits)
         known = first if spec.weights.floor is not None else None
-        return _with_found_floor(own, spec, known, *ends, Execution())
+        return _with_found_floor(own, spec, known, ends, Execution())
 
     def compared(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None
@@ -404,9 +397,10 @@ def _disagree(agreement: StaticAgreement | ToolAgreement | None) -> bool:
 
 
 def _estimate(
-    assembly: Assembly, first: ElasticFit, starts: tuple[LocalOptimum, ...], hits: int, execution: Execution
+    assembly: Assembly, first: ElasticFit, ends: _Ends, execution: Execution
 ) -> tuple[RelinearisedOptimum, Uncertainty, Result]:
     """The best start relinearised, its uncertainty, and both as a result without a status."""
+    starts, hits = ends
     optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first)
     fit, end = optimum.fit, optimum.end
     is_taken_out = any(map(is_friction_taken_out, assembly.responses))

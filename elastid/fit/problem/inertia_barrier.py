@@ -47,21 +47,18 @@ class BodyInertia:
             "the other two); correct the start of its inertias, those in the robot's file included"
         )
 
-    def theta(self, parameters: Parameters, x: FloatArray) -> FloatArray:
-        """theta (n_theta,) where the body has this inertia."""
-        return parameters.expand(x, self.configuration)
-
     def slopes(self, parameters: Parameters, x: FloatArray) -> FloatArray:
         """d entry / d x (n_entries, n_x)."""
         return parameters.jacobian(x, self.configuration)[list(self.places)]
 
-    def second_moment(self, theta: FloatArray) -> FloatArray:
+    def second_moment(self, parameters: Parameters, x: FloatArray) -> FloatArray:
         """Sigma (3, 3)."""
+        theta = parameters.expand(x, self.configuration)
         return np.tensordot(theta[list(self.places)], self.directions, axes=1)
 
-    def roundness(self, theta: FloatArray) -> float:
+    def roundness(self, parameters: Parameters, x: FloatArray) -> float:
         """Smallest principal second moment over their sum: 1/3 of a ball, 0 of a plate, negative if impossible."""
-        values = np.linalg.eigvalsh(self.second_moment(theta))
+        values = np.linalg.eigvalsh(self.second_moment(parameters, x))
         return float(values[0] / max(values.sum(), 1e-300))
 
     @property
@@ -84,14 +81,14 @@ def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, .
             if names.keys() & set(parameters.moved(where)):
                 places = tuple(parameters.index(name) for name in names)
                 inertia = BodyInertia(body.name, places, tuple(names.values()), where)
-                is_flat = abs(inertia.roundness(inertia.theta(parameters, parameters.x))) < BORDER
+                is_flat = abs(inertia.roundness(parameters, parameters.x)) < BORDER
                 inertias.append(replace(inertia, beyond=BORDER * is_flat))
     return tuple(inertias)
 
 
 def impossible_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> list[BodyInertia]:
     """Inertias that are physically impossible at x (n_x,), beyond the rounding of a plate's moments."""
-    return [body for body in inertias if body.roundness(body.theta(parameters, x)) < -1e-9]
+    return [body for body in inertias if body.roundness(parameters, x) < -1e-9]
 
 
 def barrier(
@@ -100,7 +97,7 @@ def barrier(
     """b, its gradient (n_x,) and its Gauss-Newton Hessian (n_x, n_x); b is infinite outside."""
     b, g, H = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
     for body in inertias:
-        sigma, directions = body.second_moment(body.theta(parameters, x)), body.directions
+        sigma, directions = body.second_moment(parameters, x), body.directions
         scale, traces = max(float(np.trace(sigma)), 1e-300), np.trace(directions, axis1=1, axis2=2)
         sigma = sigma + body.beyond * scale * np.eye(3)
         values = np.linalg.eigvalsh(sigma) / scale
@@ -145,6 +142,6 @@ def find_border_inertias(inertias: Sequence[BodyInertia], parameters: Parameters
         "the data ask for a physically impossible inertia (a principal moment above the sum of the other two); it "
         "ended at the border: check its mass, its centre of mass and the placement of its joint"
     )
-    values = (np.linalg.eigvalsh(body.second_moment(body.theta(parameters, x))) for body in inertias)
+    values = (np.linalg.eigvalsh(body.second_moment(parameters, x)) for body in inertias)
     flat = [body for body, v in zip(inertias, values, strict=True) if v[0] < 1e-3 * v[-1]]
     return tuple(dict.fromkeys(Note("fit/impossible-inertia", text, f"body {body.name}") for body in flat))
