@@ -41,7 +41,7 @@ from elastid.modal.fitted_mode import (
     without_twins,
 )
 from elastid.modal.model import Basis, ModalData, ModalFit, unstacked
-from elastid.modal.modes import Modes, mode_indicators, phase_collinearity, without_modes
+from elastid.modal.modes import Modes, phase_collinearity, without_modes
 from elastid.modal.poles import (
     StabilisationDiagram,
     clusters,
@@ -337,7 +337,7 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
         response.rate_is_known, f, f_std, zeta, zeta_std, shape_matrix, np.array(stds).reshape(-1, n_y).T,
         drive, np.array(participation_stds).reshape(-1, n_u).T,
         phase_collinearity(drive if n_u > n_y else shape_matrix) if shapes else np.empty(0),
-        response.freq_hz, synthesis, stated, mode_indicators(response.G), diagram, line_notes(modes, response),
+        response.freq_hz, synthesis, stated, np.linalg.svd(response.G, compute_uv=False), diagram, line_notes(modes, response),
     )  # fmt: skip
 
 

@@ -152,8 +152,3 @@ def phase_collinearity(shapes: ComplexArray) -> FloatArray:
         return np.ones(len(s))
     power = s**2
     return np.asarray(((power[:, 0] - power[:, 1]) / np.maximum(power.sum(axis=1), np.finfo(float).tiny)) ** 2)
-
-
-def mode_indicators(G: ComplexArray) -> FloatArray:
-    """CMIF (F, min(n_y, n_u)): singular values of G (F, n_y, n_u), largest first."""
-    return np.asarray(np.linalg.svd(G, compute_uv=False), dtype=float)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elastid.modal.modes import mac, mode_indicators, phase_collinearity
+from elastid.modal.modes import mac, phase_collinearity
 
 
 def test_mac_ignores_factors_and_sees_angles() -> None:
@@ -19,8 +19,3 @@ def test_a_real_shape_is_collinear_whatever_its_phase() -> None:
     shape = np.array([[1.0, 1.0], [-2.0, 2j], [0.5, -1.0]])
     np.testing.assert_allclose(phase_collinearity(shape * np.exp(0.7j))[0], 1)
     assert phase_collinearity(shape)[1] < 0.5
-
-
-def test_mode_indicators_are_singular_values() -> None:
-    G = np.array([[[3.0, 0.0], [0.0, 4.0j]]])
-    np.testing.assert_allclose(mode_indicators(G), [[4.0, 3.0]])
