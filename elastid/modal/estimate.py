@@ -337,7 +337,7 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
         response.rate_is_known, f, f_std, zeta, zeta_std, shape_matrix, np.array(stds).reshape(-1, n_y).T,
         drive, np.array(participation_stds).reshape(-1, n_u).T,
         phase_collinearity(drive if n_u > n_y else shape_matrix) if shapes else np.empty(0),
-        response.freq_hz, synthesis, stated, np.linalg.svd(response.G, compute_uv=False), diagram,
+        response.freq_hz, synthesis, stated, np.asarray(np.linalg.svd(response.G, compute_uv=False), float), diagram,
         line_notes(modes, response),
     )  # fmt: skip
 
