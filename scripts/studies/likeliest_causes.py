@@ -109,7 +109,7 @@ def judged(number: int, seed: int) -> Row:
     def is_right(name: str) -> bool:
         return any(fnmatch(name, pattern) for pattern in injection.right)
 
-    named = first.alike[: LIMITS.alternatives]
+    named = first.alike[: LIMITS.named]
     is_certain = first.share >= CERTAIN and not first.alike
     wrong = "wrong" if injection.right or is_certain else "doubt"
     verdict = "right" if is_right(first.name) else "apart" if any(map(is_right, named)) else wrong
