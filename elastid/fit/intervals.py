@@ -30,9 +30,9 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.errors import FitError, Note
+from elastid.base.errors import FitError, Note, StudyError, did_you_mean
 from elastid.base.execution import Execution
-from elastid.base.names import is_match
+from elastid.base.names import is_match, matching
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.assembly import RelinearisedOptimum
 from elastid.fit.problem.elastic import ElasticFit, Part
@@ -217,6 +217,10 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
         notes += [Note("fit/profile", text, severity="information")] if names else []
     else:
         free = result.parameters.free_names
+        if lost := next((key for key in spec.profile if not matching(key, free)), ""):
+            raise StudyError(
+                "fit/parameters", f"no free parameter is {lost}; {did_you_mean(lost, free)}", "fit.profile"
+            )
         names = tuple(name for name in free if any(is_match(name, key) for key in spec.profile))
     if names:
         ends = profile_ends(problem, x, variance, names, optimum.fit.evaluated_by(execution))

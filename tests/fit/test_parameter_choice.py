@@ -257,6 +257,8 @@ def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):
             np.testing.assert_allclose(result.profile95[i], (low, high), rtol=0.005)
         else:
             assert np.isnan(result.profile95[i]).all()
+    with refused("fit/parameters", place="fit.profile"):
+        identify(data[:1], bench(), replace(spec, profile=("k_9",), bootstrap=0))
 
 
 def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
