@@ -97,9 +97,9 @@ def variants(loaded: LoadedStudy, further: Sequence[LoadedStudy] = ()) -> Iterat
             yield variant(loaded, spec)
         except StudyError as error:
             raise StudyError("compare/variants", f"{spec.name}: {error}", "compare.variants") from None
-    for other in further:
-        name = other.study.name if other.study.name != study.name else str(other.path)
-        yield ComparedVariant(name, other.study.as_robot(), _weighed_as(study, other.study), other.study.model)
+    for peer in further:
+        name = peer.study.name if peer.study.name != study.name else str(peer.path)
+        yield ComparedVariant(name, peer.study.as_robot(), _weighed_as(study, peer.study), peer.study.model)
 
 
 def comparison_table(comparison: Comparison) -> list[list[str]]:
@@ -131,7 +131,7 @@ def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
 
 def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
     """The approximations in use for a robot with loops, as far as they leave anything out, and the exact equations."""
-    robot, own = study.as_robot(), study.model
+    robot, model = study.as_robot(), study.model
     if not robot.loops:
         return ()
     rods = [loop.rod for loop in robot.loops if loop.rod is not None]
@@ -143,34 +143,34 @@ def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
         "bending_outside": bends,
         "lumped_rod": any(rod.mass > 0 or rod.inertia > 0 for rod in rods),
     }
-    exact = "constrained" if own.formulation == "minimal" and own.variant == "exact" else "minimal"
-    other = VariantSpec(f"exact, {exact}", set=(f"model={{formulation: {exact}}}",))
+    exact = "constrained" if model.formulation == "minimal" and model.variant == "exact" else "minimal"
+    formulation = VariantSpec(f"exact, {exact}", set=(f"model={{formulation: {exact}}}",))
     approximate = (
         VariantSpec(name.replace("_", " "), set=(f"model={{formulation: minimal, variant: {name}}}",))
         for name, reason in reasons.items()
-        if reason and name != own.variant
+        if reason and name != model.variant
     )
-    return (other, *approximate)
+    return (formulation, *approximate)
 
 
 def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     """The study's own model but for what is given; StudyError where there is no such model."""
-    own = loaded.study
-    study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else own
+    given = loaded.study
+    study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else given
     robot = study.as_robot() if spec.motor_coupling else without_motor_coupling(study.as_robot())
     robot = stiffened(robot, spec.rigid)
-    fit = restricted(_weighed_as(own, study), robot, study.as_robot())
-    if study.model != own.model:
+    fit = restricted(_weighed_as(given, study), robot, study.as_robot())
+    if study.model != given.model:
         fit = held(fit, robot, unseen(robot, study.model.variant))
     choose(fit, robot)
     # Independent coordinates are a choice for the study's own robot, and without influence on its response.
     return ComparedVariant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
 
 
-def _weighed_as(own: Study, other: Study) -> FitSpec:
+def _weighed_as(given: Study, varied: Study) -> FitSpec:
     """The fit of another study with the criterion, weights and band of the own one, so that their costs compare."""
-    fit = own.seeded_fit
-    return replace(other.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
+    fit = given.seeded_fit
+    return replace(varied.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
 
 
 def refitted(run: Run, models: Sequence[ComparedVariant], responses: _Responses) -> list[list[Refit]]:
@@ -214,7 +214,7 @@ def search_elasticity(run: Run) -> None:
             fits.update(_fitted(run, coordinates, start, new, responses))
             rows = rank(names, *zip(*fits.values(), strict=True)).rows
             by_name = {row.name: row for row in rows}
-            return {model: by_name[own.name] for model, (own, _) in fits.items()}
+            return {model: by_name[variant.name] for model, (variant, _) in fits.items()}
 
         everything, trials = tuple(coordinates), []
         for trial in search(everything, fitted, start):
@@ -229,7 +229,7 @@ def search_elasticity(run: Run) -> None:
 def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
     """Coordinates that can be elastic or rigid, label to name, and the labels that start elastic: the gears."""
     robot, unknown = loaded.study.as_robot(), unseen(loaded.study.as_robot(), loaded.study.model.variant)
-    coordinates = [each for each in elastic_coordinates(robot) if f"k_{each.name}" not in unknown]
+    coordinates = [spring for spring in elastic_coordinates(robot) if f"k_{spring.name}" not in unknown]
     if not coordinates:
         raise StudyError(
             "compare/variants",
@@ -237,8 +237,8 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
             "springs to gears, to joints without a motor, and stiffness to rods wherever it may be elastic",
             loaded.path,
         )
-    start = tuple(each.label for each in coordinates if each.kind == "gear")
-    return {each.label: each.name for each in coordinates}, start
+    start = tuple(spring.label for spring in coordinates if spring.kind == "gear")
+    return {spring.label: spring.name for spring in coordinates}, start
 
 
 def _fitted(
@@ -255,8 +255,8 @@ def _fitted(
         except StudyError as error:
             if model in (start, tuple(coordinates)):
                 raise StudyError("compare/variants", f"{name}: {error}", "search") from None
-            own = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
-            cannot[model] = own, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
+            first = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
+            cannot[model] = first, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
     fits = refitted(run, list(made.values()), responses)
     return dict(zip(made, zip(made.values(), fits, strict=True), strict=True)) | cannot
 

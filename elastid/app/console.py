@@ -185,11 +185,11 @@ def forecast_table(forecast: Forecast) -> list[list[str]]:
         informed = math.isfinite(std)
         known = f"{number(100 * relative, 2)} %" if math.isfinite(relative) else number(std, 2)
         best = int(by_configuration[:, i].argmax())
-        other, correlation = forecast.strongest(name)
+        partner, correlation = forecast.strongest(name)
         source = f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %"
         nominal = float(forecast.nominal[i])
         row = [name, forecast.units[i], number(nominal)]
         row += [_deviation(float(part[i]), nominal) for part in (forecast.std_by_noise, forecast.std_by_file) if parts]
         row += [known, source] if informed else ["not seen", "–"]
-        rows.append([*row, f"{other} {correlation:+.2f}" if other else "–"])
+        rows.append([*row, f"{partner} {correlation:+.2f}" if partner else "–"])
     return rows

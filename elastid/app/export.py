@@ -98,18 +98,18 @@ def _targets(study: Study, count: int) -> dict[str, tuple[tuple[str, ...], Expor
 def _export_fit(run: Run, target: str, folder: Path) -> Iterable[Path]:
     responses, gears = read_responses(run.path("estimate")), gears_of(run)
     result, robot = with_gears(read_fit(run.path("fit")), gears), run.study.as_robot()
-    found = None if gears is None else with_effects(robot, gears)
-    if found is not None and target != ROBOT:
-        robot = with_linear_springs(found) if target == "mujoco" else found
+    geared = None if gears is None else with_effects(robot, gears)
+    if geared is not None and target != ROBOT:
+        robot = with_linear_springs(geared) if target == "mujoco" else geared
         result = with_terms_of(result, robot)
     models = models_by_group(result, robot, responses, run.study.model, run.study.name)
     if any(models):
         groups = (f"{label} ({', '.join(G.configuration.name for G in m.measured)})" for label, m in models.items())
         run.console.say(f"export: a model for each of {', '.join(groups)}, which have parameters of their own")
-    own = {ROBOT: partial(_write_robot, run, gears), COMPENSATION: partial(_write_compensation, run, gears)}
-    write = (own | TARGETS)[target]
-    if target == "mujoco" and found is not None:
-        write = partial(write_mujoco, found=found)
+    writers = {ROBOT: partial(_write_robot, run, gears), COMPENSATION: partial(_write_compensation, run, gears)}
+    write = (writers | TARGETS)[target]
+    if target == "mujoco" and geared is not None:
+        write = partial(write_mujoco, found=geared)
     if gears is not None and gears.effects and target not in (ROBOT, "fmu"):
         words = "k and d as found beside the effects of the gears, some of which are left out: robot and fmu have all"
         run.console.say(f"export: {target} has {words}")
@@ -121,8 +121,8 @@ def _export_draws(count: int, run: Run, target: str, folder: Path) -> Iterator[P
     gears = gears_of(run)
     result = with_gears(read_fit(run.path("fit")), gears)
     if gears is not None and result.robot is not None:
-        found = with_effects(result.robot, gears)
-        result = with_terms_of(replace(result, robot=found), found)
+        geared = with_effects(result.robot, gears)
+        result = with_terms_of(replace(result, robot=geared), geared)
         run.console.say("export: all draws have the effects of gears that were found, and no other")
     for label, (_, members) in robots_by_group(result, run.study.as_robot(), result.configurations).items():
         draws = draw_robots(result, count, run.study.seed, members[0])
@@ -167,7 +167,7 @@ def _export_friction(run: Run, target: str, folder: Path) -> Iterable[Path]:
 def _export_observers(run: Run, target: str, folder: Path) -> Iterable[Path]:
     """The filter of each joint that was followed, in C."""
     joints = read_filter(run.path("follow"))
-    return write_observers(folder, {each.joint: Observer(each.filtered, each.noise, each.rate_hz) for each in joints})
+    return write_observers(folder, {row.joint: Observer(row.filtered, row.noise, row.rate_hz) for row in joints})
 
 
 def _written(folder: Path, text: str) -> tuple[Path]:

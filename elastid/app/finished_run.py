@@ -61,7 +61,7 @@ def export(
 
 def compare(study: FinishedRun | Path | str, *further: Path | str, folder: Path | str = "") -> Comparison:
     """The ranking of `elastid compare` over left-out configurations; further: studies of other models."""
-    return comparing.compare(_run_of(study, folder), [load(each) for each in further])
+    return comparing.compare(_run_of(study, folder), [load(path) for path in further])
 
 
 def _run_of(

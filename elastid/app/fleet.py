@@ -67,7 +67,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         html = partial(html_of_answer, answer, software())
         page = write_page(html, drawings_of_fleet(values, units, findings), folder, ("png",), name="fleet.html")
         keep_checksums(folder, WRITTEN)
-        for words in (*(f"fleet: {each}" for each in answer.sentences), str(table), str(page)):
+        for words in (*(f"fleet: {words}" for words in answer.sentences), str(table), str(page)):
             console.say(words)
         _raise_for(fleet.name, outcomes)
         return page

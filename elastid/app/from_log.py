@@ -81,8 +81,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     signals = [(g, x) for g, x in signals if g.name != clock.name and not (is_time(g.name) and is_clock(x))]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None:
-        raise DataError("records/channels", _no_guess([each for each, _ in signals]), first)
-    guess = guess if robot is None else in_order_of(robot, guess, {each.key: x for each, x in signals})
+        raise DataError("records/channels", _no_guess([signal for signal, _ in signals]), first)
+    guess = guess if robot is None else in_order_of(robot, guess, {signal.key: x for signal, x in signals})
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess.is_motion:
@@ -149,7 +149,7 @@ def _clock(log: Log) -> Clock:
 
 
 def _no_guess(signals: Sequence[ChannelGuess]) -> str:
-    named = ", ".join(f"{each.name} ({each.quantity or 'unknown'})" for each in signals[:8]) or "none"
+    named = ", ".join(f"{signal.name} ({signal.quantity or 'unknown'})" for signal in signals[:8]) or "none"
     return (
         "no names and units say which signals are torques (of motors, hammer or shaker) and which motions; log both, "
         "under headings such as tau_1 and q_1, or list a file of each under `also` in experiment.recorded.files. Those "
@@ -194,8 +194,8 @@ def _study(
     for name, joint in zip(names, guess.joints, strict=True):
         yield _channel("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
         yield _channel("y", f"motor {name}", joint.motion)
-    for other in () if guess.is_motion else guess.further:
-        yield f"      # {one_line(other.name)}: where it belongs to a joint or a frame, {{role: y, at: joint 1, ...}}"
+    for channel in () if guess.is_motion else guess.further:
+        yield f"      # {one_line(channel.name)}: where it belongs to a joint or a frame, {{role: y, at: joint 1, ...}}"
 
 
 def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
@@ -248,9 +248,9 @@ def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> 
     keys = [f"role: {role}", f"at: {_quoted(place)}", f"channel: {_quoted(guess.name)}"]
     keys += [f"column: {guess.column}"] if guess.column is not None else []
     if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
-        other = _DRIVE_UNIT[of_robot]
-        why = f"{why} a {quantity}; scale is the {other} of one {unit}"
-        quantity, unit, scale = of_robot, other, "1"
+        expected = _DRIVE_UNIT[of_robot]
+        why = f"{why} a {quantity}; scale is the {expected} of one {unit}"
+        quantity, unit, scale = of_robot, expected, "1"
     keys += [f"quantity: {quantity}", f"unit: {unit}"]
     keys += [f"scale: {scale}"] if scale else []
     if of_robot and quantity == "current":
@@ -328,7 +328,7 @@ def _is_of(name: str, joint: JointGuess) -> bool:
 def _at(joint: Joint, guess: JointGuess, why: str, values: Mapping[tuple[str, int | None], FloatArray]) -> JointGuess:
     """The guess at a joint of the robot, in units of a translation where that slides, in deg where rad leave limits."""
     torque, motion = (
-        replace(each, why=f"{each.why}; of {joint.name} by its {why}") for each in (guess.torque, guess.motion)
+        replace(channel, why=f"{channel.why}; of {joint.name} by its {why}") for channel in (guess.torque, guess.motion)
     )
     if joint.slides and torque.quantity == "torque":
         torque = replace(torque, quantity="force", unit="N")
@@ -349,7 +349,7 @@ def states_of(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> tu
     seen, states = list[FloatArray](), list[int]()
     for path in logs:
         mean, scatter = angles_of(path, form, motions)
-        there = [k for k, other in enumerate(seen) if np.all(np.abs(mean - other) < max(_MIN_TURN, 5 * scatter))]
+        there = [k for k, posture in enumerate(seen) if np.all(np.abs(mean - posture) < max(_MIN_TURN, 5 * scatter))]
         states.append(there[0] if there else len(seen))
         seen += [] if there else [mean]
     return states, "the joints stand at other angles" if len(seen) > 1 else "all logs are of one state of the structure"

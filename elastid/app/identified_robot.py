@@ -46,9 +46,9 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut |
     for place in () if friction is None else friction.taken_places():
         joint = place.removeprefix("motor ")
         rough -= {place} | ({f"joint {joint}"} & {f"joint {name}" for name in rigid})
-    own = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
+    sliding = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
     return frozenset(
-        own | {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
+        sliding | {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
     )
 
 
@@ -100,8 +100,8 @@ def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
         f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
         "On the side of the link, with standard deviation and 95 % interval:",
         *(
-            f"  {each.name} = {each.value:.9g} {each.unit}, std {each.std:.3g}, {each.low:.6g} to {each.high:.6g}"
-            for each in result.numbers
+            f"  {row.name} = {row.value:.9g} {row.unit}, std {row.std:.3g}, {row.low:.6g} to {row.high:.6g}"
+            for row in result.numbers
         ),
     )
     return yaml_text(with_identified_friction(robot, result), comments)
@@ -205,10 +205,10 @@ def with_effects(robot: Robot, gears: GearResult) -> Robot:
         level = gears.level("friction", joint.name)
         if level > 0 and joint.motor is not None:
             laws[joint.name] = Friction(level), joint.motor.viscous * joint.motor.ratio**2
-    found = {effect.joint for effect in gears.effects}
+    known = {effect.joint for effect in gears.effects}
 
     def changed(joint: Joint) -> Joint:
-        if joint.name not in found or joint.spring is None:
+        if joint.name not in known or joint.spring is None:
             return joint
         behind = gears.level("behind", joint.name)
         friction = Friction(behind) if behind > 0 else joint.friction

@@ -53,7 +53,7 @@ def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
     except DataError:
         signals = [_column(log, i) for i in range(len(named))]
     units = log.units or [""] * len(named)
-    return [_signal_row(*each, unit, x) for each, unit, x in zip(named, units, signals, strict=True)]
+    return [_signal_row(*row, unit, x) for row, unit, x in zip(named, units, signals, strict=True)]
 
 
 def _column(log: TextLog, i: int) -> Iterator[FloatArray]:

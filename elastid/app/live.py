@@ -181,7 +181,7 @@ class Session:
         if not plans:
             return design
         measured = read_responses(self.folder.results(len(plans)) / "frf.h5")
-        shown = [(q.stochastic, q.excited.amplitude) for q in (each.quality for each in measured) if q is not None]
+        shown = [(q.stochastic, q.excited.amplitude) for q in (G.quality for G in measured) if q is not None]
         shares = [np.median((by_distortion / size) ** 2) for by_distortion, size in shown if by_distortion is not None]
         level = math.sqrt(np.mean(shares)) if shares else design.distortion
         return replace(design, distortion=level)
@@ -290,7 +290,7 @@ class Session:
         while True:
             path = self.folder.log(run)
             parts = [] if path is None else [path, *path.iterdir()] if path.is_dir() else [path]
-            size = sum(each.stat().st_size for each in parts)
+            size = sum(part.stat().st_size for part in parts)
             if path is not None and (self.asked.simulate or size == last):
                 return path
             last = size
@@ -312,7 +312,7 @@ class Session:
 
     def worst(self, used: Mapping[str, float]) -> str:
         """The parameter that uses most of the goal, in words."""
-        name = max(used, key=lambda each: used[each])
+        name = max(used, key=lambda joint: used[joint])
         goal = 100 * self.goal.widths[name]
         return f"{name} is known to {number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
 
@@ -444,14 +444,14 @@ def require_one_robot_in_any_posture(study: Study, path: str) -> None:
         )
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
     missing = sorted({*motors} - {*(simulated.outputs or motors)})
-    own = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
+    grouped = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
     offset = simulated.carrier is not None and simulated.carrier.kind == "offset"
     weighed = any(factor.configurations for factor in study.fit.weights.factors)
     for is_wrong, place in (
         (missing, "experiment.simulated.outputs"),
         (offset, "experiment.simulated.carrier"),
         (study.fit.robots, "fit.robots"),
-        (own, f"fit.parameters.{''.join(own[:1])}.per"),
+        (grouped, f"fit.parameters.{''.join(grouped[:1])}.per"),
         (weighed, "fit.weights.factors"),
         (study.experiment.without_payload, "experiment.without_payload"),
     ):

@@ -37,8 +37,8 @@ def robot_of(model: Any, name: str) -> Robot:
     for i in range(model.nsite):
         placement = Placement.of(_rotation(model.site_quat[i]), model.site_pos[i])
         frames.append(Frame(model.site(i).name or f"site {i}", names[int(model.site_bodyid[i])], placement))
-    own = model.names[: model.names.index(b"\0")].decode("utf-8", "replace")
-    return Robot(own or name, tuple(bodies), tuple(model.opt.gravity.tolist()), "", tuple(frames))
+    name_in_file = model.names[: model.names.index(b"\0")].decode("utf-8", "replace")
+    return Robot(name_in_file or name, tuple(bodies), tuple(model.opt.gravity.tolist()), "", tuple(frames))
 
 
 def _joint(model: Any, i: int) -> Joint:

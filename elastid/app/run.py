@@ -213,7 +213,7 @@ class Run:
         wanted, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
         if not all(any(self.folder.glob(n)) for n in row.leaves) or changed_texts(self.folder, row.texts):
             return False
-        if any(each.exists() and name not in self.stages for name, each in self.overwritten(stage).items()):
+        if any(path.exists() and name not in self.stages for name, path in self.overwritten(stage).items()):
             return False
         if path.suffix == ".h5":
             stamp = read_stamp(path)
@@ -235,7 +235,7 @@ class Run:
         """Refuse a stage that this study does not have; StudyError."""
         if name in self.stages:
             return
-        needed = next((each.needs for each in stages_of(self.study.kind).values() if each.name == name), "")
+        needed = next((spec.needs for spec in stages_of(self.study.kind).values() if spec.name == name), "")
         advice = f"; give it the section {needed}: {{}}, all of whose keys have defaults" if needed else ""
         raise StudyError(
             "study/stage",
@@ -260,8 +260,8 @@ class Run:
                 "run/earlier-stage",
                 f"{path} is missing, damaged, or made from another study, other data or other options: {command}",
             )
-        other = "" if stamp.code == wanted.code else f"was made by other code or versions ({stamp.software})"
-        if doubt := other or ("" if has_checksum(path) else "carries no checksum, so that damage would go unnoticed"):
+        why = "" if stamp.code == wanted.code else f"was made by other code or versions ({stamp.software})"
+        if doubt := why or ("" if has_checksum(path) else "carries no checksum, so that damage would go unnoticed"):
             again = f"`elastid run {self.loaded.path} {name}` makes it again"
             self.console.warn(f"{path} {doubt}, and is used as is; {again}")
 
@@ -319,10 +319,10 @@ def carry_out(run: Run, name: str) -> None:
     """Hand a stage its values, write its files, and report; its error, if it failed, once all are written."""
     stage = run.stages[name]
     artefacts = resolve_name(stage.function)(stage.sees(run.study), run.work(name))
-    own = run.path(name)
+    artefact = run.path(name)
     replaced = list(run.overwritten(name).values())
-    if artefacts.error is not None and own.name not in artefacts.files:
-        replaced.append(own)  # what a failed stage leaves does not stand beside an older result
+    if artefacts.error is not None and artefact.name not in artefacts.files:
+        replaced.append(artefact)  # what a failed stage leaves does not stand beside an older result
     for result in replaced:
         result.unlink(missing_ok=True)
     if name in ("fit", "gears") and not run.is_current("validate"):
@@ -347,8 +347,8 @@ def _report_damage(run: Run, path: Path, stage: Stage) -> None:
     damaged = [run.folder / name for name in changed_texts(run.folder, stage.texts)]
     if path.suffix == ".h5" and path.is_file() and not is_intact(path):
         damaged.append(path)
-    for each in damaged:
-        run.console.warn(f"{each} has changed since it was written; it is made again")
+    for file in damaged:
+        run.console.warn(f"{file} has changed since it was written; it is made again")
 
 
 def all_cores() -> int:

@@ -60,12 +60,12 @@ class Stage:
 def _seen(section: Any, keys: Iterable[str]) -> Any:
     """A section with these of its keys, and those below them."""
     seen = {}
-    for name in [each.name for each in fields(section)]:
+    for name in [field.name for field in fields(section)]:
         value = getattr(section, name)
         below = [key.partition(".")[2] for key in keys if key.startswith(f"{name}.")]
         without = [key.partition(".")[2] for key in keys if key.startswith(f"-{name}.")]
         if value is not None and name in keys and without:
-            value = _seen(value, [each.name for each in fields(value) if each.name not in without])
+            value = _seen(value, [field.name for field in fields(value) if field.name not in without])
         elif value is not None and below:
             value = _seen(value, below)
         if name in keys or below:
@@ -79,7 +79,7 @@ def files_of(study: Study) -> list[str]:
     names = [path for file in (() if recorded is None else recorded.files) for path in (file.path, *file.also)]
     of_tool = [tool.responses for tool in (study.tool, study.validation.tool) if tool is not None]
     of_responses = (study.experiment.responses, *of_tool)
-    return names + [file.path for each in of_responses if each is not None for file in each.files]
+    return names + [file.path for spec in of_responses if spec is not None for file in spec.files]
 
 
 # Keys of `experiment` that say where its data come from: the kinds of study with a robot.

@@ -45,13 +45,13 @@ def _mode_row(elastic: ElasticModel, model: FittedModel) -> ModeRow:
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
     shares = np.vstack([energy.share, energy.load])
-    own = shares[-1] < 0.5  # a pendulum under gravity is no mode of springs
+    kept = shares[-1] < 0.5  # a pendulum under gravity is no mode of springs
     return ModeRow(
-        *(configuration.name, modal.freq_hz[own], modal.zeta[own], modal.freq_std[own], modal.zeta_std[own]),
-        *(elastic.coordinates, shapes[:, own]),
+        *(configuration.name, modal.freq_hz[kept], modal.zeta[kept], modal.freq_std[kept], modal.zeta_std[kept]),
+        *(elastic.coordinates, shapes[:, kept]),
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
-        energy=shares[:, own],
-        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l, own], robot.gravity),
+        energy=shares[:, kept],
+        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l, kept], robot.gravity),
     )
 
 
@@ -67,7 +67,7 @@ def section(value: Any, names: str, **of_each: str) -> dict[str, Any]:
     """
     pairs = (name.partition("=") for name in names.split())
     content = {name: json_value(getattr(value, attribute or name)) for name, _, attribute in pairs}
-    return content | {name: [section(each, own) for each in getattr(value, name)] for name, own in of_each.items()}
+    return content | {name: [section(row, keys) for row in getattr(value, name)] for name, keys in of_each.items()}
 
 
 _AGAINST = "ratio ratio_std chi_square dof cause"
@@ -147,12 +147,12 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
         "schema": SCHEMA,
         "study": name,
         "verdict": validation.verdict,
-        "configurations": [section(each, agreement) for each in validation.configurations],
+        "configurations": [section(row, agreement) for row in validation.configurations],
         **_twin(twin),
         "predictions": [
-            section(each, "configuration motors inside rms_log_db by is_fitted")
-            | {"inputs": list(each.measured.inputs), "outputs": list(each.measured.outputs)}
-            for each in validation.predictions
+            section(row, "configuration motors inside rms_log_db by is_fitted")
+            | {"inputs": list(row.measured.inputs), "outputs": list(row.measured.outputs)}
+            for row in validation.predictions
         ],
     }
 
@@ -169,20 +169,20 @@ def friction_study_summary(
     measured = {joint.joint: joint.friction and joint.friction.measured for joint in result.joints}
     return _head(name, result.status, result.message) | {
         "parameters": {
-            each.name: section(each, "value std interval95=low unit meaning learnt_from")
-            | {"interval95": json_value((each.low, each.high))}
-            | ({} if each.truth is None else {"truth": each.truth})
-            for each in result.numbers
+            number.name: section(number, "value std interval95=low unit meaning learnt_from")
+            | {"interval95": json_value((number.low, number.high))}
+            | ({} if number.truth is None else {"truth": number.truth})
+            for number in result.numbers
         },
         "not_identified": [
             {"joint": joint.joint} | section(held, "part reason") for joint in result.joints for held in joint.held
         ],
         "motions": {
-            each.joint: section(each.motion, "misfit seconds")
-            | {"directions_apart": each.motion.terms.apart}
-            | section(each.motion.chosen, "relative_error")
-            for each in result.joints
-            if each.motion is not None
+            joint.joint: section(joint.motion, "misfit seconds")
+            | {"directions_apart": joint.motion.terms.apart}
+            | section(joint.motion.chosen, "relative_error")
+            for joint in result.joints
+            if joint.motion is not None
         },
         "rigid_bodies": [_rigid_body(body) for body in result.rigid_bodies],
         **_twin(twin),
@@ -236,7 +236,7 @@ def _head(name: str, status: str, message: str) -> dict[str, Any]:
 def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
     """Notes as a summary lists them, the same from many places once."""
     return [
-        section(group.first, "code severity places=place text") | {"places": [each for each in group.places if each]}
+        section(group.first, "code severity places=place text") | {"places": [place for place in group.places if place]}
         for group in grouped(notes)
     ]
 
@@ -250,7 +250,7 @@ def _twin(twin: TwinFindings) -> dict[str, Any]:
             | _shared(balance, balance, left)
             | {
                 "bands": [
-                    _shared(balance, each, "low_hz high_hz power left left_without_friction") for each in balance.bands
+                    _shared(balance, band, "low_hz high_hz power left left_without_friction") for band in balance.bands
                 ]
             }
             for balance in twin.balances

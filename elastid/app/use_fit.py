@@ -82,7 +82,7 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
         keep_checksums(run.folder, names)
         for table in used.answer.tables:
             run.console.detail(table.text)
-        for sentence in (*used.answer.sentences, ", ".join(str(run.folder / each) for each in names)):
+        for sentence in (*used.answer.sentences, ", ".join(str(run.folder / name) for name in names)):
             run.console.say(f"{name}: {sentence}")
         warn_of_distrust(run, name, result)
 
@@ -92,7 +92,7 @@ def map_study(
     normal: Vector | None, force: Vector | None,
 ) -> None:  # fmt: skip
     """Map at the postures of a path, of a grid of so many points along the longest side, or at random."""
-    if sum(each is not None for each in (path, grid, random)) > 1:
+    if sum(option is not None for option in (path, grid, random)) > 1:
         raise StudyError("options/invalid", "--path, --grid and --random exclude one another; give one of them")
     try:
         cut = Cut(load, cutting, normal or None, force or None)
@@ -163,10 +163,10 @@ def _given(run: Run, result: Result, frame: str | None, draws: int, asked: tuple
         judge, judge_name = framed(true_robot(study.as_robot(), simulated.truth)), "twin with the true numbers"
     drawn = draw_robots(result, draws, study.seed).robots if draws else ()
     # Where the rate of the study's controller is not known 500 Hz are usual.
-    own_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
+    study_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
     return Given(
         identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, drawn)), family.frame,
-        rate_hz or own_rate, bandwidth_hz, error_m,
+        rate_hz or study_rate, bandwidth_hz, error_m,
     )  # fmt: skip
 
 
@@ -184,8 +184,8 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
 
     rate_hz, delay: None for those of the study.
     """
-    own_hz = _own_rate(run)
-    hz = rate_hz or own_hz
+    study_hz = _own_rate(run)
+    hz = rate_hz or study_hz
     if hz is None:
         raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
 
@@ -193,9 +193,9 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
         """Loops of the fitted robot, with what is written of them."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         simulated = run.study.experiment.simulated
-        own_delay = 0 if simulated is None else simulated.controller.delay_samples
-        known = _today(run, own_hz or hz)
-        asked_delay = own_delay if delay is None else delay
+        rig_delay = 0 if simulated is None else simulated.controller.delay_samples
+        known = _today(run, study_hz or hz)
+        asked_delay = rig_delay if delay is None else delay
         loops = design_loops(run.study.name, result, family, asked_delay, draws, run.study.seed, known)
         files = {
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
@@ -280,8 +280,8 @@ def predict(run: Run, source: Path) -> None:
         if judged.balances:
             octaves_figure(judged.balances).savefig(run.folder / "prediction.png")
         keep_checksums(run.folder, ["prediction.json"])
-        for each in (*words, str(run.folder / "prediction.json")):
-            run.console.say(f"predict: {each}")
+        for sentence in (*words, str(run.folder / "prediction.json")):
+            run.console.say(f"predict: {sentence}")
 
 
 def _result_of(run: Run, source: Path, name: str) -> Path:
@@ -333,8 +333,8 @@ def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seq
     gears = read_gears(laid_open if laid_open.is_file() else None)
     fitted = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
-    own = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
-    twin = in_time(own, records, run.console, Execution(run.jobs))
+    validated = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
+    twin = in_time(validated, records, run.console, Execution(run.jobs))
     shifts = {G.configuration.name: fitted.at(G.configuration.name).response_shifts(G.freq_hz) for G in responses}
     judged = validate(responses, fitted.responses, [*shifts], shifts=shifts)
     content = {**validation_summary(study.name, judged, twin), "with": str(path)}

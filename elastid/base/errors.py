@@ -82,7 +82,7 @@ class Named(dict[str, T]):
 def check_kind(value: object, kind: type | UnionType, name: str, remedy: str) -> None:
     """TypeError where an argument is of another kind, or of none of several; remedy: how to get one of that kind."""
     if not isinstance(value, kind):
-        wanted = " or ".join(each.__name__ for each in get_args(kind) or (kind,))
+        wanted = " or ".join(type_.__name__ for type_ in get_args(kind) or (kind,))
         raise TypeError(f"{name} is of type {type(value).__name__}, not {wanted}; {remedy}")
 
 

@@ -87,7 +87,7 @@ def c_identifiers(joints: Iterable[str]) -> dict[str, str]:
 
 def unused(name: str, taken: Iterable[str], separator: str = " ") -> str:
     """The name, with a number behind it where another one differs from it at most in case."""
-    known = {each.casefold() for each in taken}
+    known = {name.casefold() for name in taken}
     number = 1
     while (numbered := name if number == 1 else f"{name}{separator}{number}").casefold() in known:
         number += 1

@@ -92,8 +92,8 @@ class Execution:
 
     def ordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> list[Value]:
         """[function(item) for item in items]."""
-        found = dict(self.unordered(function, items))
-        return [found[index] for index in range(len(items))]
+        results = dict(self.unordered(function, items))
+        return [results[index] for index in range(len(items))]
 
     def unordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
         """(index, function(item)) as they finish; in this process for one job or one item.
@@ -133,16 +133,16 @@ class Execution:
 
     def resumed(self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]) -> list[Value]:
         """`ordered`, resumed: values in the checkpoint under the names are known, new ones are kept there."""
-        found = {index: self.checkpoint[name] for index, name in enumerate(names) if name in self.checkpoint}
-        todo, known = [index for index in range(len(items)) if index not in found], len(found)
+        results = {index: self.checkpoint[name] for index, name in enumerate(names) if name in self.checkpoint}
+        todo, known = [index for index in range(len(items)) if index not in results], len(results)
 
         def with_known(done: int, total: int) -> None:
             self.progress(done + known, total + known)
 
         shown = replace(self, progress=with_known)
         for place, value in shown.unordered(function, [items[index] for index in todo]):
-            found[todo[place]] = self.checkpoint[names[todo[place]]] = value
-        return [found[index] for index in range(len(items))]
+            results[todo[place]] = self.checkpoint[names[todo[place]]] = value
+        return [results[index] for index in range(len(items))]
 
 
 HERE = Execution(0)

@@ -122,12 +122,12 @@ def check_different(noun: str, names: Iterable[str]) -> None:
     """
     known: dict[str, str] = {}
     for name in names:
-        other, known[_folded(name)] = known.get(_folded(name)), name
-        if other == name:
+        earlier, known[_folded(name)] = known.get(_folded(name)), name
+        if earlier == name:
             raise ValueError(f"{noun} {name} is given twice; leave one out")
-        if other is not None:
+        if earlier is not None:
             raise ValueError(
-                f"{noun} '{name}' differs from '{other}' in case or in a blank alone; give it a name of its own"
+                f"{noun} '{name}' differs from '{earlier}' in case or in a blank alone; give it a name of its own"
             )
 
 

@@ -113,14 +113,14 @@ class _Rules:
 def _rules(cls: Any) -> dict[str, _Rules]:
     """The rules of each field."""
     rules, hints, plain = {}, get_type_hints(cls, include_extras=True), get_type_hints(cls)
-    for each in fields(cls):
-        marks = list(_marks(hints[each.name]))
+    for member in fields(cls):
+        marks = list(_marks(hints[member.name]))
         key = next((mark for mark, _ in marks if isinstance(mark, Key)), None)
         units = next((mark.units for mark, _ in marks if isinstance(mark, InUnit)), ("1",))
         unit = "" if len(units) > 1 or units[0] in ("1", "Hz") else f" {units[0]}"
         names, by_name = next(((mark, inner) for mark, inner in marks if isinstance(mark, NameRule)), (None, False))
-        default = None if each.default is MISSING else each.default
-        rules[each.name] = _Rules(*_choice(plain[each.name]), key, unit, names, by_name, default)
+        default = None if member.default is MISSING else member.default
+        rules[member.name] = _Rules(*_choice(plain[member.name]), key, unit, names, by_name, default)
     return rules
 
 
@@ -130,8 +130,8 @@ def _marks(hint: Any, by_name: bool = False) -> Iterator[tuple[Any, bool]]:
     if origin is Annotated:
         yield from ((mark, by_name) for mark in inner[1:])
     inside = inner if origin in (Union, UnionType) else inner[:1] if origin in (Annotated, dict) else ()
-    for each in inside:
-        yield from _marks(each, by_name or origin is dict)
+    for argument in inside:
+        yield from _marks(argument, by_name or origin is dict)
 
 
 def _plain(value: Any) -> Any:

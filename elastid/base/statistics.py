@@ -132,9 +132,9 @@ class Spread:
         pointwise, together = np.array(std), np.array(std)
         normal = np.random.default_rng(0).standard_normal((LIMITS.numbers, len(self.errors)))
         for i, j in np.ndindex(std.shape[1:]):
-            own = self.errors[:, :, i, j]
+            errors = self.errors[:, :, i, j]
             size = np.where(np.isfinite(std[:, i, j]) & (std[:, i, j] > 0), std[:, i, j], 1.0)
-            ratio = np.abs(normal @ own if self.by == "linearisation" else own) / size
+            ratio = np.abs(normal @ errors if self.by == "linearisation" else errors) / size
             if ratio.size:
                 pointwise[:, i, j] *= np.quantile(ratio, level, axis=0)
                 together[:, i, j] *= np.quantile(ratio.max(axis=1), level)
@@ -162,7 +162,7 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
     def drawn(count: int) -> tuple[FloatArray, Any]:
         normal = rng.standard_normal((count, len(axes)))
         off = np.clip(normal @ axes, -LIMITS.draw, LIMITS.draw)
-        return normal, np.array([np.asarray(function(x + own)) - value for own in off])
+        return normal, np.array([np.asarray(function(x + error)) - value for error in off])
 
     if len(axes):
         normal, actual = drawn(LIMITS.checks)

@@ -64,8 +64,8 @@ def _spellings(unit: str) -> Iterator[str]:
 
 
 # Spellings of units that are read, too; messages, schema and `units_of` have the first one alone.
-_ALSO = {other: unit for unit in TABLE for other in _spellings(unit) if other not in TABLE}
-TABLE |= {other: TABLE[unit] for other, unit in _ALSO.items()}
+_ALSO = {spelling: unit for unit in TABLE for spelling in _spellings(unit) if spelling not in TABLE}
+TABLE |= {spelling: TABLE[unit] for spelling, unit in _ALSO.items()}
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?$")
 

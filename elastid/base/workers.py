@@ -215,8 +215,8 @@ def outcomes(
 
     def give(worker: Worker, is_new: bool = False) -> Iterator[tuple[int, Outcome]]:
         """The next item, or rest; of a worker that is dead already, the outcome of the item."""
-        own = waiting[worker.place % len(waiting)]
-        following = own.popleft() if own else None
+        queue = waiting[worker.place % len(waiting)]
+        following = queue.popleft() if queue else None
         message = REST if following is None else worker.end.packed((function if is_new else None, following[1]), is_new)
         if following is None:
             at_rest.append(worker)

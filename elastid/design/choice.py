@@ -171,8 +171,8 @@ def informations(
     """
     if len(configurations) < 400:  # less work than it takes to start other processes
         execution = replace(execution, jobs=1)
-    found = execution.ordered(partial(_information, prospect, x), configurations)
-    informative = {i: H for i, H in enumerate(found) if H is not None}
+    blocks = execution.ordered(partial(_information, prospect, x), configurations)
+    informative = {i: H for i, H in enumerate(blocks) if H is not None}
     if not informative:
         prospect.expected(configurations[0], x)  # raises with the reason
     return np.stack([*informative.values()]), np.array([*informative])

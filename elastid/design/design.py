@@ -72,7 +72,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
     known = with_tolerances(settled.parameters, settled.robot, settled.fit)
-    responses = [replace(own, parameters=known).expected(c, known.x) for own, c in settled.fitted(plan)]
+    responses = [replace(model, parameters=known).expected(c, known.x) for model, c in settled.fitted(plan)]
     is_taken_out = not settled.friction_is_left and bool(coulomb_levels(settled.robot).any())
     expected = forecast(responses, known.x, is_taken_out)
     notes = (

@@ -54,13 +54,13 @@ def rehearsed_peaks(
 
 def expected_peaks(rig: SimulatedRig, factor: FloatArray, base: FloatArray, q: int) -> dict[str, FloatArray]:
     """Peaks of all runs of the q-th configuration, from its base (5, n_u), by the linear response."""
-    plan, response, found = rig.plan, _response(rig, q), {}
+    plan, response, peaks = rig.plan, _response(rig, q), {}
     for run in plan.experiments:
         if run.configuration.name == plan.configurations[q].name:
             S = np.einsum("foi,fi->of", response, plan.R[q, run.realisation, run.experiment] * factor[q])
             peak = signal_peaks(plan.lines, S, 4).reshape(4, -1)
-            found[run.name] = base + np.concatenate([peak, peak[2:3]])
-    return found
+            peaks[run.name] = base + np.concatenate([peak, peak[2:3]])
+    return peaks
 
 
 def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
@@ -150,10 +150,10 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
     room = (1 - excitation.margin) * limit - base
     _, M, E, F, n_u = plan.R.shape
     crest = 2 * np.log(2 * F * E * M)
-    own = np.zeros((0, F, n_u))
+    given = np.zeros((0, F, n_u))
     if excitation.torque_rms != "limits":
         rms = torque_rms(excitation, rig.robot)
-        own = np.repeat(np.diag(1 / (2 * E * rms**2))[:, None, :], F, axis=1)
+        given = np.repeat(np.diag(1 / (2 * E * rms**2))[:, None, :], F, axis=1)
     costs = []
     for q, (torque, position, velocity, acceleration, turning_back) in enumerate(room):
         if excitation.torque_rms == "limits":
@@ -161,7 +161,7 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
         power = np.abs(_response(rig, q)) ** 2
         least = np.array([torque, position, np.minimum(velocity, turning_back), acceleration]).ravel()
         motion = np.swapaxes(power, 0, 1) * (crest / (2 * E * least**2))[:, None, None]
-        costs.append(np.concatenate([own, motion]))
+        costs.append(np.concatenate([given, motion]))
     return np.array(costs)
 
 

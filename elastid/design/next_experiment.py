@@ -219,7 +219,7 @@ def _ranked(
         n_u = len(problem.robot.driven)
         time_s = unit_time_s(problem.excitation, problem.experiment, n_u, periods)
         places = zip(H, rows.tolist(), strict=True)
-        return [_option(known, goal, own, configurations[i], periods, time_s) for own, i in places]
+        return [_option(known, goal, design, configurations[i], periods, time_s) for design, i in places]
 
     options = sorted(at(usual, candidates.configurations), key=lambda option: option.order)
     best = [option.configuration for option in options[:TRIED]]
@@ -264,7 +264,7 @@ def _within_envelope(
         first = replace(problem, robot=robot).rig(replace(plan, R=plan.R[:, :1]))
         _, use = within_limits(first, lowered, execution)
         plan = replace(plan, R=plan.R * use.factor[:, None, None, None, :])
-        closest = max(closest, use, key=lambda each: float(each.used.max()))
+        closest = max(closest, use, key=lambda use: float(use.used.max()))
     return plan, closest
 
 

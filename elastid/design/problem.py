@@ -100,12 +100,12 @@ class DesignProblem:
         spectra: dict[str, FloatArray] | None = None,
     ) -> Plan:
         """A plan in which all configurations without a spectrum of their own have the typical one, if there is one."""
-        own = dict(spectra or {})
+        spectra_of = dict(spectra or {})
         if self.typical is not None:
             for name in (*experiment.configurations, *(choice.configuration.name for choice in chosen)):
-                own.setdefault(name, self.typical)
+                spectra_of.setdefault(name, self.typical)
         loop = closed_loop_of(self.robot, self.simulated.controller, self.excitation.rate_hz)
-        return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, own, loop)
+        return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, spectra_of, loop)
 
     def rig(self, plan: Plan) -> SimulatedRig:
         """The rig that rehearses a plan: the simulated one without its truth."""
@@ -121,9 +121,9 @@ class DesignProblem:
             drawn = replace(self, excitation=replace(self.excitation, phases="random"))
         if self.design is None:
             return drawn.plan(experiment)
-        some = self.candidates(self.design).configurations[:8]
+        probes = self.candidates(self.design).configurations[:8]
         return drawn.plan(
-            experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(some)]
+            experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(probes)]
         )
 
     def at_equilibria(
@@ -150,10 +150,10 @@ class DesignProblem:
         """The measurement of configurations like the q-th of a plan; negative q count from the last."""
         q %= len(plan.configurations)
         distortion = 0.0 if self.design is None else self.design.distortion
-        own = replace(plan, configurations=(plan.configurations[q],), R=plan.R[q : q + 1, : plan.realisations[q]])
+        part = replace(plan, configurations=(plan.configurations[q],), R=plan.R[q : q + 1, : plan.realisations[q]])
         fixed = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated
         velocity, M = one_period(self.simulated.carrier, plan), self.experiment.realisations
-        return Prospect(*fixed, distortion, own, M, velocity, self.friction_is_left)
+        return Prospect(*fixed, distortion, part, M, velocity, self.friction_is_left)
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -145,8 +145,8 @@ class MultisineSpec:
                 "one of them, or take another flat"
             )
         if self.flat == "information" and (self.power or self.spectrum or self.phases in _SWEEPS):
-            other = f"phases: {self.phases}" if self.phases in _SWEEPS else "power and spectrum"
-            raise ValueError(f"flat: information finds the spectrum itself; leave out {other}, or take another flat")
+            key = f"phases: {self.phases}" if self.phases in _SWEEPS else "power and spectrum"
+            raise ValueError(f"flat: information finds the spectrum itself; leave out {key}, or take another flat")
 
     @property
     def levels(self) -> tuple[OneTorque, ...]:
@@ -154,10 +154,10 @@ class MultisineSpec:
         given = self.torque_rms
         if not isinstance(given, tuple):
             return (given,)
-        lists = tuple(each for each in given if isinstance(each, tuple))
+        lists = tuple(item for item in given if isinstance(item, tuple))
         if not lists:
-            return (tuple(each for each in given if not isinstance(each, tuple)),)
-        return tuple(each[0] if len(each) == 1 else each for each in lists)
+            return (tuple(item for item in given if not isinstance(item, tuple)),)
+        return tuple(item[0] if len(item) == 1 else item for item in lists)
 
     def at_level(self, level: int) -> MultisineSpec:
         """Multisine with one of its amplitudes, counted from 1."""

@@ -128,9 +128,9 @@ class Assembly:
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
         """The fit with every configuration linearised at x."""
-        own = partial(_part, self.linearisation, self.parameters, x, criterion)
+        part = partial(_part, self.linearisation, self.parameters, x, criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
-        return self._of(ElasticFit(self.parameters, tuple(each_at_home(own, pairs, self.home))))
+        return self._of(ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home))))
 
     def models(self, x: FloatArray) -> list[LinearModel]:
         """Every configuration linearised at x."""
@@ -223,16 +223,16 @@ def _part(
     parameters: Parameters,
     x: FloatArray,
     criterion: ResidualKind,
-    own: tuple[Response, Weights],
+    pair: tuple[Response, Weights],
 ) -> Part:
     """The part of one configuration linearised at x."""
-    response, weights = own
+    response, weights = pair
     model = linear_model(linearisation, response, parameters.expand(x, response.configuration.name))
     return part_of(response, model, weights, parameters, criterion)
 
 
-def _weigh(spec: FitSpec, own: tuple[Response, Weights]) -> Weights:
-    return weigh(own[0], spec, own[1].noise)
+def _weigh(spec: FitSpec, pair: tuple[Response, Weights]) -> Weights:
+    return weigh(pair[0], spec, pair[1].noise)
 
 
 def is_at_tool(response: Response) -> bool:

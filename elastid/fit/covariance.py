@@ -78,7 +78,7 @@ def information_shares(
     columns = np.nan_to_num(rising.T, nan=1.0)
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
     band = every[order][np.minimum(places, len(every) - 1)]
-    return np.array([own / (total + by_loads) for own in sums]), band
+    return np.array([part / (total + by_loads) for part in sums]), band
 
 
 def noise_dof(power: Sequence[FloatArray], dof: Sequence[float], by_loads: FloatArray) -> FloatArray:
@@ -146,17 +146,17 @@ def estimate_uncertainty(
     static_J = np.pad(static_J, ((0, 0), (0, len(factors))))  # no factor of the responses moves load tests
     configurations = list(zip(fit.parts, responses, weights, strict=True))
     R = np.vstack([np.diag(prior), static_J])
-    for own in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
-        R = np.asarray(np.linalg.qr(np.vstack([R, own]), mode="r"))
+    for block in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
+        R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
     half, singular_values, unreached = inverse_information(R)
     parts, floor_pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
     for sums in each_at_home(partial(sum_lines, bare, x, factors, half), configurations, home):
         for key, pull in sums.floor_pull.items():
             floor_pulls[key] = floor_pulls.get(key, 0.0) + pull
         parts.append(replace(sums, floor_pull={}))
-    own_J = np.vstack([np.diag(prior), static_J]) @ half.T  # of what is in no response, as that of the sums
-    static_J = own_J[len(prior) :]
-    meat, expected_cost, cost_dof = _noise(own_J, prior, fit.problem.dof, parts)
+    beside_J = np.vstack([np.diag(prior), static_J]) @ half.T  # of what is in no response, as that of the sums
+    static_J = beside_J[len(prior) :]
+    meat, expected_cost, cost_dof = _noise(beside_J, prior, fit.problem.dof, parts)
     noise = half.T @ meat @ half
     dof = fit.problem.dof
     correlated = correlation_length([part.autocovariance for part in parts], sum(part.n_residuals for part in parts))
@@ -173,7 +173,7 @@ def estimate_uncertainty(
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, A, half)])
     # Tolerances scatter from file to file, not from measurement to measurement.
     of_file = [i for i, p in enumerate(fit.parameters.free) if p.tolerated]
-    variance, of_file_J = np.diag(noise), own_J[of_file]
+    variance, of_file_J = np.diag(noise), beside_J[of_file]
     by_file = np.sum((of_file_J @ half) ** 2, axis=0)
     repeated = 1 - np.divide(by_file, variance, out=np.zeros(len(prior)), where=variance > 0)
     lasting = np.minimum(variance_left(of_file_J, half) / np.maximum(variance, 1e-300), 1 - repeated)
@@ -267,14 +267,14 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
 
 
 def _noise(
-    own_J: FloatArray, prior: FloatArray, dof: int, parts: Sequence[LineSums]
+    beside_J: FloatArray, prior: FloatArray, dof: int, parts: Sequence[LineSums]
 ) -> tuple[FloatArray, float, float]:
     """Covariance of J^T r (n, n) under the measured noise and the priors, the V that they lead to, and cost_dof.
 
-    In the variables of the sums.  own_J: rows of the priors 1 / s (n_x,), then of load tests.  Where no noise was
+    In the variables of the sums.  beside_J: rows of the priors 1 / s (n_x,), then of load tests.  Where no noise was
     measured the residuals are taken for it.
     """
-    meat, power = own_J.T @ own_J, float(np.count_nonzero(prior) + len(own_J) - len(prior))
+    meat, power = beside_J.T @ beside_J, float(np.count_nonzero(prior) + len(beside_J) - len(prior))
     known = any(part.noise is not None for part in parts)
     level, spread = sum(part.cost for part in parts) / max(dof, 1), 2 * power
     for part in parts:

@@ -62,7 +62,7 @@ class FittedRobot:
     @property
     def linear(self) -> tuple[LinearModel, ...]:
         """The linear models."""
-        return tuple(own.linear for own in self.models)
+        return tuple(model.linear for model in self.models)
 
     @property
     def theta(self) -> FloatArray:
@@ -81,16 +81,16 @@ class FittedRobot:
     def responses(self) -> tuple[Response, ...]:
         """The model's frequency response for each measured one: its lines, inputs, outputs, and its motion."""
         responses = []
-        for own, G in zip(self.models, self.measured, strict=True):
-            modelled = replace(own.response(G.freq_hz, sampled=True), rate_is_known=G.rate_is_known)
-            effect = effect_of_motion(self.model, own.linear, self.theta_of(G.configuration.name), G)
+        for model, G in zip(self.models, self.measured, strict=True):
+            modelled = replace(model.response(G.freq_hz, sampled=True), rate_is_known=G.rate_is_known)
+            effect = effect_of_motion(self.model, model.linear, self.theta_of(G.configuration.name), G)
             responses.append(modelled if effect is None else replace(modelled, G=modelled.G + effect))
         return tuple(responses)
 
     @property
     def response_std(self) -> tuple[FloatArray, ...]:
         """Standard deviation (F, n_y, n_u) of each of `responses` by that of the parameters, to first order."""
-        return tuple(own.response_std(G.freq_hz) for own, G in zip(self.models, self.measured, strict=True))
+        return tuple(model.response_std(G.freq_hz) for model, G in zip(self.models, self.measured, strict=True))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -117,8 +117,8 @@ def models_by_group(
 def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:
     """Parameters that count in a configuration: not those of other groups, nor those that its own replace."""
     local = result.parameters.configuration_of_its_own(configuration)
-    own = [p.stands_for for p in result.parameters if local in p.only]
-    return tuple(p for p in result.parameters if local in p.only or not (p.only or p.name in own))
+    local_names = [p.stands_for for p in result.parameters if local in p.only]
+    return tuple(p for p in result.parameters if local in p.only or not (p.only or p.name in local_names))
 
 
 def robots_by_group(
@@ -148,11 +148,11 @@ def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | N
     deviation = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
     owners = {*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)}
     left: dict[str, dict[str, float]] = {}
-    for each in tolerances_of(robot):
-        if each.owner in owners and (each.factor or each.name) in deviation:
-            std = deviation[each.factor or each.name]
-            if each.kind == "length" and result.parameters[each.name].log:
-                std *= result.values[each.name]
-            own = left.setdefault(each.owner, {})
-            own[each.kind] = max(own.get(each.kind, 0.0), std)
-    return replace(robot.tolerances, bodies=tuple(BodyTolerances(owner, **own) for owner, own in left.items()))
+    for given in tolerances_of(robot):
+        if given.owner in owners and (given.factor or given.name) in deviation:
+            std = deviation[given.factor or given.name]
+            if given.kind == "length" and result.parameters[given.name].log:
+                std *= result.values[given.name]
+            stds = left.setdefault(given.owner, {})
+            stds[given.kind] = max(stds.get(given.kind, 0.0), std)
+    return replace(robot.tolerances, bodies=tuple(BodyTolerances(owner, **stds) for owner, stds in left.items()))

@@ -85,9 +85,9 @@ def identify(
     assembly, fit, ends = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
         with _standing():
-            found = _with_found_floor(assembly, spec, fit, ends, execution.quiet)
+            estimate = _with_found_floor(assembly, spec, fit, ends, execution.quiet)
             fit = None  # of a thousand configurations some hundred MB
-            assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, ends)
+            assembly, optimum, uncertainty, result = _with_agreements(estimate, assembly, spec, ends)
             evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
@@ -207,16 +207,16 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
 
 def _check_robot(response: Response, robot: Robot) -> None:
     where, angles = f"configuration {response.configuration.name}", response.configuration.angles
-    other = "is this response from another robot?"
+    advice = "is this response from another robot?"
     if refused := robot.count_refusal(angles.size):
-        raise DataError("fit/responses", f"{where}: {refused}" + (f"; {other}" if angles.size else ""))
+        raise DataError("fit/responses", f"{where}: {refused}" + (f"; {advice}" if angles.size else ""))
     at_tool = any(map(is_load, response.inputs))
     known = robot.load_locations if at_tool else robot.motor_locations
     missing = [name for name in response.inputs if name not in known]
     if missing:
         has_not = f"the response has the input {', '.join(missing)}, which robot {robot.name} has not"
         both = " beside forces at frames, and a response is by the ones or by the others" if at_tool else ""
-        raise DataError("fit/responses", f"{has_not}{both}; there are {', '.join(known)}; {other}", where)
+        raise DataError("fit/responses", f"{has_not}{both}; there are {', '.join(known)}; {advice}", where)
     if response.motors != "free" and not at_tool:
         raise DataError(
             "fit/responses", f"torques of its motors, which are {response.motors}, cannot act on them", where
@@ -234,7 +234,7 @@ def _check_robot(response: Response, robot: Robot) -> None:
         try:
             robot.check_location(place)
         except StudyError as error:
-            raise DataError("fit/responses", f"an output, {error}; {other}", where) from None
+            raise DataError("fit/responses", f"an output, {error}; {advice}", where) from None
 
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:
@@ -342,31 +342,31 @@ def _with_found_floor(
     if first is not None:
         return assembly, *_estimate(assembly, first, ends, execution)
     bare, x = assembly.with_floor(None), ends[0][0].x
-    found = _estimate(bare, bare.at(x, spec.criterion), ends, execution)
+    estimate = _estimate(bare, bare.at(x, spec.criterion), ends, execution)
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
-    if found[0].end.converged and not found[2].exceeds_noise and not is_distorted:
-        return bare, *found
-    floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
-    del bare, found  # its weights are most of the memory of a fit
+    if estimate[0].end.converged and not estimate[2].exceeds_noise and not is_distorted:
+        return bare, *estimate
+    floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, estimate[0]))
+    del bare, estimate  # its weights are most of the memory of a fit
     return floored, *_estimate(floored, floored.at(x, spec.criterion), ends, execution)
 
 
-def _with_agreements(found: _Found, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Found:
+def _with_agreements(estimate: _Found, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Found:
     """The estimate with load tests and responses at the tool compared with the responses of the motors.
 
     Of what contradicts these the estimate is free, and its covariance holds the step to the estimate by all.
     """
     alone, at_tool = assembly.only(of_tool=False), assembly.only(of_tool=True)
     if (assembly.loads is None and not at_tool.responses) or not alone.responses:
-        return found
+        return estimate
     starts, hits = ends
-    begin = replace(starts[0], x=found[1].end.x)
+    begin = replace(starts[0], x=estimate[1].end.x)
 
-    def fitted(own: Assembly, searched: bool = False) -> _Found:
-        first = own.at(begin.x, spec.criterion)
-        ends = _from_all_starts(own, first, spec, Execution()) if searched else ((begin, *starts[1:]), hits)
+    def fitted(refitted: Assembly, searched: bool = False) -> _Found:
+        first = refitted.at(begin.x, spec.criterion)
+        ends = _from_all_starts(refitted, first, spec, Execution()) if searched else ((begin, *starts[1:]), hits)
         known = first if spec.weights.floor is not None else None
-        return _with_found_floor(own, spec, known, ends, Execution())
+        return _with_found_floor(refitted, spec, known, ends, Execution())
 
     def compared(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None
@@ -381,13 +381,13 @@ def _with_agreements(found: _Found, assembly: Assembly, spec: FitSpec, ends: _En
             of_motors = again
             static, tool = compared(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
-        return *found[:3], replace(found[3], static=static, tool=tool)
+        return *estimate[:3], replace(estimate[3], static=static, tool=tool)
     if tool is not None and not tool.disagrees:
         kept = fitted(replace(assembly, loads=None))
     else:
         kept = of_motors if _disagree(static) or static is None else fitted(replace(alone, loads=assembly.loads))
     pulls = _disagree(static) or (tool is not None and tool.disagrees and not tool.is_misread)
-    step = (found[3].x - kept[3].x) * pulls
+    step = (estimate[3].x - kept[3].x) * pulls
     covariance = kept[3].covariance + np.outer(step, step)
     return *kept[:3], replace(kept[3], static=static, tool=tool, covariance=covariance)
 

@@ -75,8 +75,8 @@ def _repeat(
     rng = np.random.default_rng(draw)
     drawn = (source.draw(rng) for source in sources)
     parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))
-    own = {p.name: _off_file(p, float(xi), rng) for p, xi in zip(fit.parameters.free, x, strict=True) if p.tolerated}
-    parameters = Parameters(tuple(own.get(p.name, p) for p in fit.parameters)) if own else fit.parameters
+    moved = {p.name: _off_file(p, float(xi), rng) for p, xi in zip(fit.parameters.free, x, strict=True) if p.tolerated}
+    parameters = Parameters(tuple(moved.get(p.name, p) for p in fit.parameters)) if moved else fit.parameters
     loads = fit.loads if fit.loads is None or static is None else fit.loads.drawn(static, rng)
     try:
         return solve(replace(fit, parts=parts, parameters=parameters, loads=loads).problem, x, FINE)
@@ -147,8 +147,8 @@ def profile_ends(
     A_inverse = np.asarray(np.linalg.pinv(best.hessian / 2, hermitian=True))
     free, labels = problem.parameters.free_names, [f"profile-{name}" for name in names]
     work = partial(_profile, problem, x, best.cost, A_inverse, variance)
-    found = (execution or Execution()).resumed(work, [free.index(name) for name in names], labels)
-    rows = {profile.name: profile.interval for profile in found}
+    profiles = (execution or Execution()).resumed(work, [free.index(name) for name in names], labels)
+    rows = {profile.name: profile.interval for profile in profiles}
     return np.array([rows.get(name, (np.nan, np.nan)) for name in free])
 
 

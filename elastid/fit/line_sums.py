@@ -129,8 +129,8 @@ def sum_lines(
     ratios = ratio_errors(part, response, mixing)
     ratio_pull = {name: np.einsum("pfab,fab->p", J.conj(), error).real for name, error in ratios.items()}
     noise_sums, error_sums = (power, spread, dof), (floor_power, floor_pull, ratio_pull)
-    own = response.freq_hz, _triangle(rows), power_of_lines
-    return LineSums(*own, lags, n_residuals, pull, *blocks, *noise_sums, *error_sums)
+    by_line = response.freq_hz, _triangle(rows), power_of_lines
+    return LineSums(*by_line, lags, n_residuals, pull, *blocks, *noise_sums, *error_sums)
 
 
 def _block(
@@ -171,11 +171,11 @@ def correlation_length(autocovariances: Sequence[FloatArray], n_residuals: int) 
 
     L is the last lag before rho falls to what chance explains, at most a quarter of the lines.
     """
-    power = sum(float(own[0]) for own in autocovariances if len(own))
-    longest = max((len(own) for own in autocovariances), default=0) // 4
+    power = sum(float(rho_q[0]) for rho_q in autocovariances if len(rho_q))
+    longest = max((len(rho_q) for rho_q in autocovariances), default=0) // 4
     tau = 1.0
     for lag in range(1, longest + 1):
-        rho = sum(float(own[lag]) for own in autocovariances if lag < len(own)) / max(power, 1e-300)
+        rho = sum(float(rho_q[lag]) for rho_q in autocovariances if lag < len(rho_q)) / max(power, 1e-300)
         if rho < np.sqrt(4 / max(n_residuals, 1)):  # two standard deviations of rho for white residuals
             break
         tau += 2 * rho

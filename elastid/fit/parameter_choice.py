@@ -45,7 +45,7 @@ def groups_of(
     StudyError for `per: robot` without robots.
     """
     per = spec.per
-    tapped = [each for each in configurations if each.endswith(AT_TOOL)]
+    tapped = [name for name in configurations if name.endswith(AT_TOOL)]
     if per == "robot":
         if not robots:
             text = "no robots are named; say which configurations are of which: fit.robots: {A: [c1, c2], B: [c3]}"
@@ -54,9 +54,9 @@ def groups_of(
     if per is None or not configurations:
         return {}
     if isinstance(per, str):
-        per = {each: (each,) for each in configurations if each not in tapped}
+        per = {posture: (posture,) for posture in configurations if posture not in tapped}
     return {
-        group: (*members, *(each for each in tapped if each.removesuffix(AT_TOOL) in members))
+        group: (*members, *(posture for posture in tapped if posture.removesuffix(AT_TOOL) in members))
         for group, members in per.items()
         if set(members) & set(configurations)
     }
@@ -113,7 +113,7 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Param
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio) for name, ratio in spec.ratios.items()]
     for name, (value, unit) in table.items():
-        log, own = name not in linear, grouped.get(name, {})
+        log, groups = name not in linear, grouped.get(name, {})
         if name not in wanted:
             chosen.append(Parameter(name, value, unit, log=log, free=False))
             continue
@@ -121,9 +121,9 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Param
         if name in coasting and asked.start is None and not asked.fixed:
             asked = replace(asked, start=coasting[name])
         parameter = _parameter(name, value, unit, asked, log)
-        everywhere = bool(own) and {c for only in own.values() for c in only} >= set(configurations)
+        everywhere = bool(groups) and {c for only in groups.values() for c in only} >= set(configurations)
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
-        further += (replace(parameter, name=f"{name}@{group}", only=only) for group, only in own.items())
+        further += (replace(parameter, name=f"{name}@{group}", only=only) for group, only in groups.items())
     return Parameters((*chosen, *further))
 
 
@@ -260,22 +260,22 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
     an offset of an axis acts in second order.
     """
-    tolerances = {each.name: each for each in tolerances_of(robot)}
+    tolerances = {given.name: given for given in tolerances_of(robot)}
     known = {parameter.name: parameter for parameter in parameters}
     asked = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
-    asked |= {n for key, own in spec.parameters.items() if own.fixed for n in matching(key, parameters.names)}
+    asked |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
     numbers: list[Parameter] = []
     factors: dict[str, Parameter] = {}
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
         number = known.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
-        own = tolerances.get(name)
-        if own is None or name in asked or (number.value == 0 and own.kind not in ("center_of_mass", "angle")):
+        given = tolerances.get(name)
+        if given is None or name in asked or (number.value == 0 and given.kind not in ("center_of_mass", "angle")):
             numbers += [number] * (name in known)
-        elif own.factor:
-            factors[own.factor] = replace(_within(Parameter(own.factor, 1.0, log=True), own.std), ratio=True)
-            numbers.append(replace(number, tie=Tie(own.factor, number.value)))
+        elif given.factor:
+            factors[given.factor] = replace(_within(Parameter(given.factor, 1.0, log=True), given.std), ratio=True)
+            numbers.append(replace(number, tie=Tie(given.factor, number.value)))
         else:
-            numbers.append(_within(number, own.std))
+            numbers.append(_within(number, given.std))
     written = {number.name for number in numbers}
     return Parameters((*numbers, *(p for p in parameters if p.name not in written), *factors.values()))
 

@@ -158,8 +158,8 @@ class Family:
                 weights[rows[place]] = 1.0
                 return weights
             name, _, axis = rest.rpartition(" ")
-            for own, share in zip("xyz", turned[name]["xyz".index(axis[-1])], strict=True):
-                weights[rows[f"{kind} {name} {axis[:-1]}{own}"]] = share
+            for along, share in zip("xyz", turned[name]["xyz".index(axis[-1])], strict=True):
+                weights[rows[f"{kind} {name} {axis[:-1]}{along}"]] = share
             return weights
 
         torques = dict(zip(model.inputs, np.eye(model.n_u, len(rows) + model.n_u, len(rows)), strict=True))
@@ -189,7 +189,7 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
     if isinstance(posture, Configuration):
         return posture
     if isinstance(posture, str):
-        return known[index_of(posture, [each.name for each in known], "fitted configuration")]
+        return known[index_of(posture, [posture.name for posture in known], "fitted configuration")]
     names = [joint.name for joint in robot.driven]
     if isinstance(posture, Mapping):
         for name in posture:
@@ -228,7 +228,7 @@ def _with_frames(robot: Robot, asked: Asked) -> tuple[Robot, str]:
     """The robot with a frame for the one that was asked for, and for each body that is named like one."""
     frame = asked.frame or default_frame(robot)
     if isinstance(frame, Frame):
-        others = tuple(each for each in robot.frames if each.name != frame.name)
+        others = tuple(known for known in robot.frames if known.name != frame.name)
         robot, frame = replace(robot, frames=(*others, frame)), frame.name
     return with_frames(robot, filter(None, [frame, *map(_frame_of, (*asked.inputs, *asked.outputs))])), frame
 

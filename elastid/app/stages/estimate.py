@@ -105,7 +105,7 @@ class RecordsOnShafts:
     E: FloatArray | None
 
     def __iter__(self) -> Iterator[Record]:
-        return (on_shafts(each, self.E) for each in read_records(self.path, self.configuration))
+        return (on_shafts(record, self.E) for record in read_records(self.path, self.configuration))
 
 
 def _artefacts(
@@ -164,8 +164,8 @@ def tool_responses(tool: ToolSpec | None, study: Study, base: Path) -> list[Resp
     if tool is None:
         return []
     experiment = replace(study.experiment, simulated=None, recorded=None, responses=tool.responses)
-    own = replace(study, experiment=experiment, estimator=replace(study.estimator, band_hz=None))
-    return [replace(G, motors=tool.motors, loop=tool.loop) for G in imported_responses(own, base)]
+    at_tool = replace(study, experiment=experiment, estimator=replace(study.estimator, band_hz=None))
+    return [replace(G, motors=tool.motors, loop=tool.loop) for G in imported_responses(at_tool, base)]
 
 
 def _of_another_run(path: Path, file: ResponseFileSpec, configuration: Configuration, robot: Robot | None) -> Response:

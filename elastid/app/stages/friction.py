@@ -72,13 +72,13 @@ def design_motions(study: Study, work: Work) -> Artefacts:
 
 def _write_motions(plan: FrictionPlan, folder: Path, stamp: Stamp) -> None:
     shutil.rmtree(folder, ignore_errors=True)
-    limits = {each.joint: each.limits for each in plan.designs}
+    limits = {design.joint: design.limits for design in plan.designs}
     for motion in plan.motions:
         path = folder / f"{motion.name}.csv"
         if motion.planned is not None:
-            own = pass_reference(motion.planned, limits[motion.joint], plan.rate_hz)
-            signals = {name: getattr(own, name) for name in ("position", "velocity", "acceleration")}
-            write_reference(path, own.rate_hz, **signals)
+            signals_of_pass = pass_reference(motion.planned, limits[motion.joint], plan.rate_hz)
+            signals = {name: getattr(signals_of_pass, name) for name in ("position", "velocity", "acceleration")}
+            write_reference(path, signals_of_pass.rate_hz, **signals)
         elif motion.torque is not None:
             write_reference(path, plan.rate_hz, torque=motion.torque)
 
@@ -115,9 +115,9 @@ def levels(study: Study, work: Work) -> Artefacts:
 
     def report(console: Console) -> None:
         said = [note for record in measured.records for note in record.notes]
-        console.notes(note for each in joint_levels for note in each.notes if note not in said)
-        for each in joint_levels:
-            console.say(f"levels: joint {each.joint}: {_level_words(each)}")
+        console.notes(note for levels in joint_levels for note in levels.notes if note not in said)
+        for levels in joint_levels:
+            console.say(f"levels: joint {levels.joint}: {_level_words(levels)}")
 
     return Artefacts({"levels.h5": lambda path, stamp: stored.write_levels(path, joint_levels, stamp)}, report)
 
@@ -138,10 +138,10 @@ def friction(study: Study, work: Work) -> Artefacts:
     execution = Execution(work.jobs)
     twin = friction_twin(identified, result.joints, measured, controller, execution)
     judged = predict_logs(identified, result.joints, others, controller, execution) if left_out else NO_TWIN
-    reported = [note for each in joint_levels for note in each.notes]
+    reported = [note for levels in joint_levels for note in levels.notes]
 
     def report(console: Console) -> None:
-        console.notes(note for each in result.joints for note in each.notes if note not in reported)
+        console.notes(note for joint in result.joints for note in joint.notes if note not in reported)
         console.say(f"friction: {result.message}")
         for words in (*twin.words, *(f"left out: {words}" for words in judged.words)):
             console.say(f"friction: {words}")
@@ -183,7 +183,7 @@ def conclude(run: Run) -> None:
     leaves = (*run.stages["report"].leaves, *run.stages["friction"].leaves[1:])
     files = [run.folder / name for name in leaves]
     run.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
-    missing = [f"joint {each.joint}: {part_words(held)}" for each in result.joints for held in each.missing]
+    missing = [f"joint {joint.joint}: {part_words(held)}" for joint in result.joints for held in joint.missing]
     if result.status == "failed":
         raise FitError("friction/no-record", f"{result.message}; the notes above say why", "no friction was identified")
     if result.status == "misfit":
@@ -222,9 +222,9 @@ def follow_friction(study: Study, work: Work) -> Artefacts:
         raise StudyError("filter/start", "; ".join(note.text for note in notes))
 
     def report(console: Console) -> None:
-        console.notes([*notes, *(note for each in followed for note in each.notes)])
-        for each in followed:
-            console.say(f"follow: joint {each.joint}: {_words(each)}")
+        console.notes([*notes, *(note for joint in followed for note in joint.notes)])
+        for joint in followed:
+            console.say(f"follow: joint {joint.joint}: {_words(joint)}")
 
     return Artefacts({"filter.h5": lambda path, stamp: stored.write_filter(path, tuple(followed), stamp)}, report)
 
@@ -232,8 +232,8 @@ def follow_friction(study: Study, work: Work) -> Artefacts:
 def _records_of(measured: FrictionRecords, joint: str) -> tuple[FrictionRecord, ...]:
     """The motions of a joint that moved alone, in the order of time."""
     together = [record.name for record in measured.records]
-    own = [record for record in measured.records if record.joint == joint and together.count(record.name) == 1]
-    chosen = [record for record in own if record.purpose in ("passes", "motion")]
+    alone = [record for record in measured.records if record.joint == joint and together.count(record.name) == 1]
+    chosen = [record for record in alone if record.purpose in ("passes", "motion")]
     return tuple(sorted(chosen, key=lambda record: record.start_s))
 
 
@@ -250,7 +250,7 @@ def _followed(
     if identified.friction is None or identified.viscous is None:
         raise StudyError("filter/start", "no friction was identified from which a filter could start", f"joint {name}")
     laws = frictions(with_laws(robot, {name: (identified.friction, identified.viscous)}))
-    law = next(each for each in laws if each.place == f"motor {name}")
+    law = next(law for law in laws if law.place == f"motor {name}")
     joint = _joint(robot, identified, records, spec, law, identified.viscous)
     motions = tuple(_motion(record, _gravity(identified), records[0].start_s) for record in records)
     angle = max(_count(record) for record in records) / np.sqrt(12)

@@ -54,7 +54,7 @@ def gears(study: Study, work: Work) -> Artefacts:
     content = with_gear_section(_summary(files_of["fit"].with_name("summary.json")), result, rows, opened)
     names = [response.configuration.name for response in every]
     files: dict[str, Write] = {"summary.json": as_json(content)}
-    files |= {file: text(each) for file, each in robot_files(study.name, robot, final, friction, names, opened)}
+    files |= {file: text(spec) for file, spec in robot_files(study.name, robot, final, friction, names, opened)}
     files["gears.h5"] = lambda path, stamp: write_gears(path, opened, stamp)
 
     def report(console: Console) -> None:
@@ -114,28 +114,28 @@ def with_gear_section(
     """
     parameters = dict(content["parameters"])
     for row in rows if not gears.refused else ():
-        known = {name: each for name, each in parameters[row.name].items() if name not in ("profile95", "bootstrap95")}
+        known = {name: x for name, x in parameters[row.name].items() if name not in ("profile95", "bootstrap95")}
         own = {"value": result.values[row.name], "std": result.std[row.name], "interval95": result.interval(row.name)}
         parameters[row.name] = known | section(row, "value=estimate std interval95=interval") | {"linear": own}
-    found = {
+    numbers = {
         "refused": gears.refused,
-        "numbers": {each.name: _number(sheet.joint, each) for sheet in gears.sheets for each in sheet.numbers},
+        "numbers": {number.name: _number(sheet.joint, number) for sheet in gears.sheets for number in sheet.numbers},
         "largest_torque": {sheet.joint: sheet.peak for sheet in gears.sheets},
         "notes": listed(gears.notes),
     }
     final = with_gears(result, gears)
     content = {**content, "status": final.status, "message": final.message}
-    return {**content, "parameters": json_value(parameters), "gears": json_value(found)}
+    return {**content, "parameters": json_value(parameters), "gears": json_value(numbers)}
 
 
-def _number(joint: str, each: GearNumber) -> dict[str, Any]:
-    known: dict[str, Any] = {"joint": joint, **section(each, "meaning unit value std")}
-    known |= {"interval95": each.interval if each.is_seen else None, "bound95": None if each.is_seen else each.bound}
-    if each.order:
-        known |= section(each, "order phase phase_std")
-    if math.isfinite(each.rated_share):
-        known["of_rated"] = each.rated_share
-    if each.maker_unit:
-        size = each.value if each.is_seen else each.bound
-        known |= {"maker_unit": each.maker_unit, "in_maker_unit": size * each.factor}
+def _number(joint: str, row: GearNumber) -> dict[str, Any]:
+    known: dict[str, Any] = {"joint": joint, **section(row, "meaning unit value std")}
+    known |= {"interval95": row.interval if row.is_seen else None, "bound95": None if row.is_seen else row.bound}
+    if row.order:
+        known |= section(row, "order phase phase_std")
+    if math.isfinite(row.rated_share):
+        known["of_rated"] = row.rated_share
+    if row.maker_unit:
+        size = row.value if row.is_seen else row.bound
+        known |= {"maker_unit": row.maker_unit, "in_maker_unit": size * row.factor}
     return known

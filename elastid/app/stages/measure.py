@@ -115,18 +115,18 @@ def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> t
     }
     named |= {response.configuration.name: response.configuration for response in responses}
     tests = placed_tests(loads.tests, named)
-    if experiment.simulated is None or all(each.test.deflection is not None for each in tests):
+    if experiment.simulated is None or all(load.test.deflection is not None for load in tests):
         return tests
     truth = true_robot(study.as_robot(), experiment.simulated.truth)
-    own = tuple(load_of(each, truth) for each in tests)
+    given = tuple(load_of(load, truth) for load in tests)
     model = formulate(
-        with_frames(truth, (name for load in own for name in (load.frame, load.read_at))), experiment.simulated.model
+        with_frames(truth, (name for load in given for name in (load.frame, load.read_at))), experiment.simulated.model
     )
-    exact, _ = LoadedRobot.of(model, own, [model.theta] * len(own), ()).deflections([model.theta] * len(own))
+    exact, _ = LoadedRobot.of(model, given, [model.theta] * len(given), ()).deflections([model.theta] * len(given))
     draws = np.random.SeedSequence([study.seed, len(tests)]).spawn(len(tests))
     return tuple(
-        each if each.test.deflection is not None else replace(each, test=_measured(each.test, y, draw))
-        for each, y, draw in zip(tests, exact, draws, strict=True)
+        load if load.test.deflection is not None else replace(load, test=_measured(load.test, y, draw))
+        for load, y, draw in zip(tests, exact, draws, strict=True)
     )
 
 

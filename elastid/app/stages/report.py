@@ -94,16 +94,16 @@ def report_responses(study: Study, work: Work) -> Artefacts:
     if friction is not None and study.estimator.friction == "auto" and not friction.shapes:
         friction = None
     geometry = modal.geometry or geometry_of_files(study.experiment.responses, work.base)
-    of_band = [np.isin(G.freq_hz, own.at_hz) for G, own in zip(responses, modes, strict=True)]
+    of_band = [np.isin(G.freq_hz, picked.at_hz) for G, picked in zip(responses, modes, strict=True)]
     shown = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
     stamp = work.stamp
     content = ResponsesContent(study.name, shown, modes, stamp.study, stamp.shown, friction, geometry)
     lines = []
-    for own in modes:
-        frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in own.freq_hz)
-        words = f"modes at {frequencies} {own.frequency_unit}" if frequencies else "no mode"
-        lines.append(f"report: {own.configuration}: {words}")
-        lines += [f"report: {own.configuration}: {note.text}" for note in own.notes]
+    for picked in modes:
+        frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in picked.freq_hz)
+        words = f"modes at {frequencies} {picked.frequency_unit}" if frequencies else "no mode"
+        lines.append(f"report: {picked.configuration}: {words}")
+        lines += [f"report: {picked.configuration}: {note.text}" for note in picked.notes]
     lines += [f"{question} {' '.join(sentences)}" for question, sentences in questions_of_responses(content)]
     tables: dict[str, Write] = {
         "modes.csv": lambda path, stamp: write_modes_csv(path, modes),

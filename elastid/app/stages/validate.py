@@ -59,15 +59,15 @@ def validate(study: Study, work: Work) -> Artefacts:
     responses, result = read_responses(work.sources["estimate"]), read_fit(work.sources["fit"])
     fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
     gears = read_gears(work.sources.get("gears"))
-    own = Validated(study, fitted, read_friction(work.sources["estimate"]), gears)
+    basis = Validated(study, fitted, read_friction(work.sources["estimate"]), gears)
     records = work.sources.get("measure")
     if records is None and study.experiment.responses is None:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is simulated in time")
     with work.execution() as execution:
-        twin = in_time(own, records, work.console, execution)
-    judged = _validation(own)
-    at_tool = at_tool_predicted(own, tool_responses(study.validation.tool, study, work.base))
-    tapped = at_tool_predicted(own, tool_responses(study.tool, study, work.base), is_fitted=True)
+        twin = in_time(basis, records, work.console, execution)
+    judged = _validation(basis)
+    at_tool = at_tool_predicted(basis, tool_responses(study.validation.tool, study, work.base))
+    tapped = at_tool_predicted(basis, tool_responses(study.tool, study, work.base), is_fitted=True)
     judged = replace(judged, predictions=(*at_tool, *tapped))
     balances = twin.balances
 
@@ -90,42 +90,42 @@ def validate(study: Study, work: Work) -> Artefacts:
     )
 
 
-def in_time(own: Validated, records: Path | None, console: Console, execution: Execution) -> TwinFindings:
+def in_time(basis: Validated, records: Path | None, console: Console, execution: Execution) -> TwinFindings:
     """The torques of the fitted robot part by part, and its motion along a record; nothing without records."""
     if records is None:
         return NO_TWIN
-    return TwinFindings(_balances(own, records, console, execution), _twin_runs(own, records))
+    return TwinFindings(_balances(basis, records, console, execution), _twin_runs(basis, records))
 
 
-def _validation(own: Validated) -> Validation:
+def _validation(basis: Validated) -> Validation:
     """Prediction errors."""
-    left_out, responses = own.left_out, own.responses
-    modelled = own.fitted.responses
+    left_out, responses = basis.left_out, basis.responses
+    modelled = basis.fitted.responses
     lines = {response.configuration.name: response.freq_hz for response in responses}
-    shifts = {name: own.fitted.at(name).response_shifts(lines[name]) for name in left_out if name in lines}
+    shifts = {name: basis.fitted.at(name).response_shifts(lines[name]) for name in left_out if name in lines}
     return validate_responses(responses, modelled, left_out, shifts)
 
 
 def at_tool_predicted(
-    own: Validated, measured: Sequence[Response], is_fitted: bool = False
+    basis: Validated, measured: Sequence[Response], is_fitted: bool = False
 ) -> tuple[PredictedResponse, ...]:
     """Responses at the tool with their predictions; is_fitted: but for configurations that were left out."""
-    tool = own.fitted.result.tool
+    tool = basis.fitted.result.tool
     counted = is_fitted and tool is not None and not tool.disagrees
     return tuple(
-        predict_response(own.fitted.result, G, is_fitted=counted and G.configuration.name not in own.left_out)
+        predict_response(basis.fitted.result, G, is_fitted=counted and G.configuration.name not in basis.left_out)
         for G in measured
     )
 
 
-def _balances(own: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
+def _balances(basis: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
     """The torque of each motor in the first record of every configuration of records.h5.
 
     It is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
     """
-    fitted, names, E = own.fitted, read_configurations(path), shaft_couplings(own.study.robot)
+    fitted, names, E = basis.fitted, read_configurations(path), shaft_couplings(basis.study.robot)
     try:
-        rigid = elastic_twin.rigid_linearisation(fitted, own.study.model)
+        rigid = elastic_twin.rigid_linearisation(fitted, basis.study.model)
     except StudyError as error:
         console.say(f"validate: the torque is not divided into parts: {error}")
         return ()
@@ -135,7 +135,7 @@ def _balances(own: Validated, path: Path, console: Console, execution: Execution
         if (name := response.configuration.name) in names
         and (parts := elastic_twin.model_parts(fitted, rigid, name)) is not None
     ]
-    of_each = execution.ordered(partial(_balanced, path, own.friction, E, own.study.estimator), models)
+    of_each = execution.ordered(partial(_balanced, path, basis.friction, E, basis.study.estimator), models)
     return tuple(balance for of_motors in of_each for balance in of_motors)
 
 
@@ -149,17 +149,17 @@ def _balanced(
     return elastic_twin.elastic_balances(first, net, parts, response.freq_hz, spec)
 
 
-def _twin_runs(own: Validated, path: Path) -> tuple[TwinRun, ...]:
+def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
     """A simulation along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
-    chosen = next((name for name in own.left_out if name in names), names[0])
-    result = with_gears(own.fitted.result, own.gears)
-    responses = [each for each in own.responses if each.configuration.name == chosen]
+    chosen = next((name for name in basis.left_out if name in names), names[0])
+    result = with_gears(basis.fitted.result, basis.gears)
+    responses = [response for response in basis.responses if response.configuration.name == chosen]
     if not responses:
         return ()
-    ((robot, _),) = robots_by_group(result, own.study.as_robot(), [chosen]).values()
-    moved = with_findings(robot, own.friction, own.gears)
+    ((robot, _),) = robots_by_group(result, basis.study.as_robot(), [chosen]).values()
+    moved = with_findings(robot, basis.friction, basis.gears)
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
     delay_s = result.parameters.numbers(result.x, chosen).get(DELAY, 0.0)
-    return elastic_twin.elastic_runs(record, moved, band_hz, delay_s, own.study.model)
+    return elastic_twin.elastic_runs(record, moved, band_hz, delay_s, basis.study.model)

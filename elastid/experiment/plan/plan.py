@@ -260,8 +260,8 @@ def make_plan(
     """
     given = [ChosenConfiguration(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
     everyone = [
-        (level, replace(each, configuration=replace(each.configuration, name=at_level(each.configuration.name, level))))
-        for each in (*given, *chosen)
+        (level, replace(pick, configuration=replace(pick.configuration, name=at_level(pick.configuration.name, level))))
+        for pick in (*given, *chosen)
         for level in range(1, len(excitation.levels) + 1)
     ]
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)

@@ -79,7 +79,7 @@ class FrictionRun:
 
     def _friction(self) -> FloatArray:
         """The friction's numbers (n, 9 n_f) along the path; the temperature is that of the joint that moves."""
-        contacts, own = self.plant.loop.contacts, (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
+        contacts, sides = self.plant.loop.contacts, (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
 
         n = len(self.path.position)
         # It changes slowly: straight lines between those of a hundred samples.
@@ -90,7 +90,7 @@ class FrictionRun:
             loads = loads_of(contacts, self.plant.model.robot, replace(self.plant.point, u=u))
             T = None if self.temperature is None else float(self.temperature[moment])
             pairs = zip(contacts.laws, loads, strict=True)
-            return np.concatenate([np.zeros(0), *(law.curve(x, T if law.place in own else None) for law, x in pairs)])
+            return np.concatenate([np.zeros(0), *(law.curve(x, T if law.place in sides else None) for law, x in pairs)])
 
         try:
             table = np.array([curves(moment, u) for moment, u in zip(moments.tolist(), holding, strict=True)])
@@ -120,8 +120,8 @@ def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> tup
     exact over a step of constant power. Hours are not simulated sample by sample: P of a pass, or of a warm-up between
     its tests, is the mean of tau_f v at the law's torque and the temperature at the beginning of the step.
     """
-    own = next(driven for driven in robot.driven if driven.name == joint)
-    viscous = own.viscous + (own.motor.viscous * own.motor.ratio**2 if own.motor is not None else 0.0)
+    driven = next(driven for driven in robot.driven if driven.name == joint)
+    viscous = driven.viscous + (driven.motor.viscous * driven.motor.ratio**2 if driven.motor is not None else 0.0)
     laws = [law for law in frictions(robot) if law.place in (f"motor {joint}", f"joint {joint}")]
     times, temperatures, powers = [0.0], [spec.start_degc], list[float]()
     for start, end, speed in _activities(plan, joint):

@@ -113,14 +113,14 @@ def true_plant(
     robot = true_robot(robot, spec.truth).carrying(start.carries)
     model = model_of(robot, spec.model)
     point = equilibrium(model, model.theta, start)
-    own, substeps = poles(model, contacts(model, frictions(robot)), point.q), spec.steps(rate_hz, highest_hz)
+    s, substeps = poles(model, contacts(model, frictions(robot)), point.q), spec.steps(rate_hz, highest_hz)
     if spec.substeps is None:
-        substeps = max(substeps, affordable_steps(own, rate_hz, robot.name))
-    elif substeps < (needed := least_steps(own, 1 / rate_hz)):
+        substeps = max(substeps, affordable_steps(s, rate_hz, robot.name))
+    elif substeps < (needed := least_steps(s, 1 / rate_hz)):
         raise StudyError(
             "experiment/simulated",
             f"{substeps} steps a sample cannot follow the fastest motion of robot {robot.name} in configuration "
-            f"{start.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or friction at standstill); take "
+            f"{start.name} (a pole of {np.abs(s).max():.4g} 1/s: its stiffest mode, or friction at standstill); take "
             f"at least {needed}, or raise the rate",
             "experiment.simulated.substeps",
         )

@@ -216,9 +216,9 @@ class RecordedSpec:
     def repeat_refusal(self, number: int) -> str:
         """Why a file may not have the numbers of an earlier one; empty where it has further periods, or none has."""
         file = self.files[number]
-        earlier = [each for each in self.files[:number] if each.run == file.run]
-        periods = {self.period_of(each) for each in (*earlier[:1], file)}
-        is_repeated = any((each.path, each.samples) == (file.path, file.samples) for each in earlier)
+        earlier = [before for before in self.files[:number] if before.run == file.run]
+        periods = {self.period_of(of_run) for of_run in (*earlier[:1], file)}
+        is_repeated = any((before.path, before.samples) == (file.path, file.samples) for before in earlier)
         if not earlier or (len(periods) == 1 and None not in periods and not is_repeated):
             return ""
         return (

@@ -170,11 +170,11 @@ class GainsSpec:
                     (name,),
                     f"{len(values)} numbers for {len(joints)} driven joints; give one for all or one for each",
                 )
-        for i, own in enumerate(self.notches):
-            if own.joint not in joints:
-                yield ("notches", i, "joint"), f"no driven joint is called '{own.joint}'; there are {', '.join(joints)}"
-            if own.freq_hz >= rate_hz / 2:
-                yield ("notches", i, "freq_hz"), _too_fast(own.freq_hz, rate_hz)
+        for i, notch in enumerate(self.notches):
+            if notch.joint not in joints:
+                yield ("notches", i, "joint"), f"no driven joint '{notch.joint}'; there are {', '.join(joints)}"
+            if notch.freq_hz >= rate_hz / 2:
+                yield ("notches", i, "freq_hz"), _too_fast(notch.freq_hz, rate_hz)
         if self.low_pass_hz is not None and (fastest := float(np.max(self.low_pass_hz))) >= rate_hz / 2:
             yield ("low_pass_hz",), _too_fast(fastest, rate_hz)
 

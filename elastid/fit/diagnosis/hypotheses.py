@@ -57,7 +57,7 @@ def angle(index: ModificationIndex) -> str:
 
 def angles(index: ModificationIndex) -> str:
     """Offsets of an axis that differ between configurations, the largest first."""
-    by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda each: -abs(each[0]))
+    by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda pair: -abs(pair[0]))
     where = ", ".join(
         f"{math.degrees(step):+.2g} deg in {member.partition('@')[2]}" for step, member in by_size[: LIMITS.named]
     )

@@ -290,7 +290,7 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
 
 def _sentence(index: ModificationIndex, evidence: Evidence) -> str:
     result = evidence.result
-    by_name = {other.name: phrase(other, evidence) for other in reversed(result.indices)}
+    by_name = {index.name: phrase(index, evidence) for index in reversed(result.indices)}
     alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.named]]
     same = f" (or {', or '.join(alternatives)}: the data cannot distinguish them)" if alternatives else ""
     name, change = index.most_moved(result.parameters.free_names)

@@ -81,7 +81,7 @@ def score(evidence: Evidence) -> Scores:
     chosen, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
     sums = partial(_sums, held, fit.parameters, x, columns, chosen, thinning(few, RESIDUALS))
     every_sum = each_at_home(sums, fit.parts, evidence.execution)
-    A, b, V, counted, names = _added((own for own in every_sum if own is not None), len(x))
+    A, b, V, counted, names = _added((sums for sums in every_sum if sums is not None), len(x))
     numbers, scale = _held_numbers(names, evidence, held, x)
     every, lines = np.concatenate([np.ones(len(x)), scale]), counted / max(fit.n_residuals, 1)
     A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
@@ -144,15 +144,15 @@ def _sums(
 def _added(every: Iterable[_Sums], n_x: int) -> _Sums:
     names: dict[str, int] = {}
     A, b, V, counted = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0, 0
-    for own_A, own_b, own_V, own_count, held in every:
+    for A_q, b_q, V_q, count_q, held in every:
         for name in held:
             names.setdefault(name, len(names))
         more = n_x + len(names) - len(b)
         A, b = np.pad(A, (0, more)), np.pad(b, (0, more))
         places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in held]]).astype(int)
-        A[np.ix_(places, places)] += own_A
-        b[places] += own_b
-        V, counted = V + own_V, counted + own_count
+        A[np.ix_(places, places)] += A_q
+        b[places] += b_q
+        V, counted = V + V_q, counted + count_q
     return A, b, V, counted, tuple(names)
 
 
@@ -219,8 +219,8 @@ def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, st
     for body in robot.bodies:
         yield f"payload_{body.name}", "payload", inertial(body)
         for posture in postures:
-            own = [f"{name}@{posture}" for name in inertial(body)]  # none but of the last body
-            yield f"payload_{body.name}@{posture}", "payload of one posture", own
+            numbers = [f"{name}@{posture}" for name in inertial(body)]  # none but of the last body
+            yield f"payload_{body.name}@{posture}", "payload of one posture", numbers
     for joint in robot.driven:
         yield f"angles_{joint.name}", "angles by posture", [f"angle_{joint.name}@{posture}" for posture in postures]
 
@@ -298,7 +298,7 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
 
     def index(i: int) -> ModificationIndex:
         """The modification index of candidate i, with the candidates that it cannot be distinguished from."""
-        candidate, (own, _, occam), drop = every[i], steps[i], float(drops[i])
+        candidate, (step, _, occam), drop = every[i], steps[i], float(drops[i])
         members = [test.numbers[k] for k in candidate.places]
         is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
@@ -309,11 +309,11 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
             values=np.array([number.value for number in members]),
             units=tuple(number.unit for number in members),
             log=tuple(number.log for number in members),
-            steps=own,
+            steps=step,
             std=test.std(candidate) * math.sqrt(max(scores.level, 0.0)),
             drop=drop / scores.lines,
             share=drop / max(scores.excess, drop, 1e-300),
-            effects=test.effects(candidate, own),
+            effects=test.effects(candidate, step),
             alike=tuple(every[j].name for j in sorted(equal, key=lambda j: -drops[j])),
             place=place,
             occam=float(occam),

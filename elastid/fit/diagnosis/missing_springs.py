@@ -81,8 +81,8 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     """The springs at the stiffnesses about which V has a minimum."""
     assembly, optimum, held = evidence.assembly, evidence.optimum, scores.held
     every, x = spread_out(len(optimum.fit.parts)), optimum.end.x
-    some = replace(optimum.fit, parts=optimum.fit.parts[every])
-    fit, models = thinned(some), _models(evidence, held, assembly.responses[every])
+    part_of_fit = replace(optimum.fit, parts=optimum.fit.parts[every])
+    fit, models = thinned(part_of_fit), _models(evidence, held, assembly.responses[every])
     springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
     damped = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
     evaluated, ratio = evaluate(fit, x), float(np.median(damped)) if damped else 1e-3
@@ -92,7 +92,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
         stiffnesses = _stiffnesses(name, used, fit)
         costs = released_costs(evaluated, used, name, stiffnesses, ratio, fit.prior_slopes)
         for k in stiffnesses[_minima(costs, LIMITS.variances * scores.level) & (costs < LIMITS.screened_ratio * V)]:
-            sprung = _with_spring(some, name, float(k), ratio, models, assembly)
+            sprung = _with_spring(part_of_fit, name, float(k), ratio, models, assembly)
             known = dict(zip(assembly.parameters.free_names, x.tolist(), strict=True))
             start = np.array([known.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
             thin, every_one = thinned(sprung), np.ones(len(start), dtype=bool)

@@ -83,7 +83,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
             followed[name] = (of_all * cost, x_end, Reading(name, SCALE, lambda _, values: values))
     least = as_read - LIMITS.explained_share * excess
-    good = sorted((each for each in followed.values() if each[0] < least), key=lambda each: each[0])
+    good = sorted((curve for curve in followed.values() if curve[0] < least), key=lambda curve: curve[0])
     if not good:
         return indices
     cost, x_end, best = good[0]
@@ -291,8 +291,8 @@ def best_forms(
     for form in FORMS:
         low, high = np.clip(sorted((0.3 * T_0, 2.0 * T_0)), -limit, limit).tolist()
         options = {"maxiter": LIMITS.iterations, "xatol": 1e-4 * max(abs(low), abs(high))}
-        found = minimize_scalar(lambda T, form=form: at(T, form).cost, bounds=(low, high), options=options)
-        yield Late(near.replace("delay", form, 1), float(found.x), at(float(found.x), form))
+        least = minimize_scalar(lambda T, form=form: at(T, form).cost, bounds=(low, high), options=options)
+        yield Late(near.replace("delay", form, 1), float(least.x), at(float(least.x), form))
 
 
 def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
@@ -320,19 +320,19 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
         for role, places in zip("yu", _channels(evaluated), strict=True)
         for place in places
     }
-    delays = [each for each in indices if each.name in channels and each.share > LIMITS.stated_share][: LIMITS.followed]
-    extended = [each for each in indices if each not in delays]
-    for own in delays:
-        forms = best_forms(evaluated, prior, free, own.name, channels[own.name], float(own.steps[0]))
+    delays = [row for row in indices if row.name in channels and row.share > LIMITS.stated_share][: LIMITS.followed]
+    extended = [index for index in indices if index not in delays]
+    for delay in delays:
+        forms = best_forms(evaluated, prior, free, delay.name, channels[delay.name], float(delay.steps[0]))
         best = sorted(forms, key=lambda late: late.prediction.cost)
         least = best[0].prediction.cost
         tolerance = LIMITS.variances * scores.level + LIMITS.form_share * max(least - noise, 0.0)
         equal = [late for late in best if late.prediction.cost < least + tolerance]  # cannot be distinguished
         for late in equal:
             share = (cost - late.prediction.cost) / excess
-            alike = (*(other.name for other in equal if other is not late), *own.alike)
-            values, drop = own.values * (late.name == own.name), share * scores.excess / scores.lines
-            changed = replace(own, name=late.name, members=(late.name,), values=values, steps=np.array([late.time]))
+            alike = (*(index.name for index in equal if index is not late), *delay.alike)
+            values, drop = delay.values * (late.name == delay.name), share * scores.excess / scores.lines
+            changed = replace(delay, name=late.name, members=(late.name,), values=values, steps=np.array([late.time]))
             effects = late.prediction.step
             extended.append(replace(changed, drop=drop, share=share, effects=effects, alike=alike))
     return extended

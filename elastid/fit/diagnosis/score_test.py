@@ -247,15 +247,15 @@ def _moments(p: FloatArray) -> FloatArray:
 def _of_moments(numbers: list[HeldNumber]) -> FloatArray:
     """delta (n_m, 10), relative where log, by the moments of a load."""
     mass = numbers[0].value
-    own: dict[str, dict[int, float]] = {"m": {0: 1.0}} | {f"c{axis}": {1 + i: 1 / mass} for i, axis in enumerate("xyz")}
-    own["I"] = {4: 1.0, 5: 1.0, 6: 1.0}  # of a single number, as in a plane
+    J: dict[str, dict[int, float]] = {"m": {0: 1.0}} | {f"c{axis}": {1 + i: 1 / mass} for i, axis in enumerate("xyz")}
+    J["I"] = {4: 1.0, 5: 1.0, 6: 1.0}  # of a single number, as in a plane
     for i, axis in enumerate("xyz"):
-        own[f"I{axis}{axis}"] = {4 + j: 1.0 for j in range(3) if j != i}
-    own |= {f"I{a}{b}": {4 + k: -1.0} for k, (a, b) in enumerate(_PAIRS) if a != b}
-    own |= {f"I{b}{a}": {4 + k: -1.0} for k, (a, b) in enumerate(_PAIRS) if a != b}
+        J[f"I{axis}{axis}"] = {4 + j: 1.0 for j in range(3) if j != i}
+    J |= {f"I{a}{b}": {4 + k: -1.0} for k, (a, b) in enumerate(_PAIRS) if a != b}
+    J |= {f"I{b}{a}": {4 + k: -1.0} for k, (a, b) in enumerate(_PAIRS) if a != b}
     A = np.zeros((len(numbers), 10))
     for row, number in zip(A, numbers, strict=True):
-        for place, factor in own.get(_key(number.name), {}).items():
+        for place, factor in J.get(_key(number.name), {}).items():
             row[place] = factor / number.value if number.log else factor
     return A
 

@@ -124,10 +124,10 @@ def _residuals(
 def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
     """Load tests next to the deflections of `alone`, the fit of the responses without them."""
     now = SecondSource.of(alone, partial(_residuals, loads, alone.parameters), loads.n_residuals)
-    found, least = agreement(now, alone)
-    if found.disagrees and np.isfinite(least):
-        found = replace(found, cause=_softer_or_stiffer(found.ratio - 1))
-    return StaticAgreement(**vars(found), readings=_readings(loads, alone, now))
+    compared, least = agreement(now, alone)
+    if compared.disagrees and np.isfinite(least):
+        compared = replace(compared, cause=_softer_or_stiffer(compared.ratio - 1))
+    return StaticAgreement(**vars(compared), readings=_readings(loads, alone, now))
 
 
 def _readings(loads: StaticLoads, alone: Result, now: SecondSource) -> tuple[LoadReading, ...]:
@@ -136,8 +136,8 @@ def _readings(loads: StaticLoads, alone: Result, now: SecondSource) -> tuple[Loa
     by_responses_std = np.linalg.norm(slopes @ now.root, axis=1)
     numbers = np.column_stack([loads.measured, loads.std, predicted, by_responses_std]).tolist()
     return tuple(
-        LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *own)
-        for i, (x, y, z), own in zip(loads.owners, rows, numbers, strict=True)
+        LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *row)
+        for i, (x, y, z), row in zip(loads.owners, rows, numbers, strict=True)
     )
 
 
@@ -163,22 +163,22 @@ def _tool_residuals(
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     """Responses at the tool, those of `assembly`, next to `alone`, the fit to the motors' responses."""
     fit, now = _beside(assembly.with_floor(alone.floor), alone)
-    found, with_factor = agreement(now, alone)
+    result, with_factor = agreement(now, alone)
     is_misread = False
-    if found.disagrees:
-        others = [(_beside(replace(assembly, responses=other).with_floor(alone.floor), alone)[1], words)
-                  for other, words in _tool_readings(assembly.responses)]  # fmt: skip
-        least, reading = min(((other.least()[0], words) for other, words in others), key=lambda trial: trial[0])
-        is_misread = explains(now, found.chi_square, least)
-        if with_factor < least and abs(found.ratio - 1) < LIMITS.largest:
+    if result.disagrees:
+        others = [(_beside(replace(assembly, responses=read).with_floor(alone.floor), alone)[1], words)
+                  for read, words in _tool_readings(assembly.responses)]  # fmt: skip
+        least, reading = min(((trial.least()[0], words) for trial, words in others), key=lambda trial: trial[0])
+        is_misread = explains(now, result.chi_square, least)
+        if with_factor < least and abs(result.ratio - 1) < LIMITS.largest:
             is_misread, reading = False, (
-                f"all responses at the tool are {found.ratio:.4g} times as large: check unit and calibration of "
+                f"all responses at the tool are {result.ratio:.4g} times as large: check unit and calibration of "
                 "hammer and sensor, and whether the current of the motors is their torque"
             )  # fmt: skip
-            found = replace(found, cause=reading)
-        found = replace(found, cause=reading if is_misread else found.cause)
+            result = replace(result, cause=reading)
+        result = replace(result, cause=reading if is_misread else result.cause)
     compared = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
-    return ToolAgreement(**vars(found), responses=compared, is_misread=is_misread)
+    return ToolAgreement(**vars(result), responses=compared, is_misread=is_misread)
 
 
 def _beside(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource]:
@@ -200,7 +200,7 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
         every = []
         for G in responses:
             s = 2j * np.pi * G.freq_hz[:, None, None]
-            noise, total = (scaled(own, np.abs(s) ** (2 * power)) for own in (G.noise, G.total))
+            noise, total = (scaled(part, np.abs(s) ** (2 * power)) for part in (G.noise, G.total))
             every.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
         return tuple(every)
 

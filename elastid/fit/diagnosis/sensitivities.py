@@ -75,11 +75,11 @@ class HeldModel:
             with suppress(ElastidError, ValueError):
                 held = cls(Linearisation.of_robot(extended, assembly.model, (*robot.geometry, *channels)), rigid)
                 theta = held.theta(assembly.parameters, assembly.parameters.x, fitted.configuration.name)
-                own = theta[: len(held.linearisation.model.parameters)]
-                held.linearisation.at(fitted.configuration, own, places_of(fitted), fitted.quantity)
+                of_model = theta[: len(held.linearisation.model.parameters)]
+                held.linearisation.at(fitted.configuration, of_model, places_of(fitted), fitted.quantity)
                 return replace(held, loads=_loads(assembly))
-        own_names = (*assembly.parameters.names, *channels)
-        return cls(Linearisation.of_robot(robot, assembly.model, own_names), {}, _loads(assembly))
+        free_names = (*assembly.parameters.names, *channels)
+        return cls(Linearisation.of_robot(robot, assembly.model, free_names), {}, _loads(assembly))
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -297,14 +297,14 @@ def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
     .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2), \qquad k\, (1 - e\, \tau_{min}^4 / \tau^4)
     """
     columns = {}
-    for joint in (each.name for each in response.robot.driven):
+    for joint in (driven.name for driven in response.robot.driven):
         loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
         most, spring = max(loads.values(), default=0.0), f"k_{joint}"
         if most > 0 and min(loads.values()) < LOAD_RATIO * most and spring in response.slopes:
-            own, least = loads[response.model.configuration.name], max(min(loads.values()), NO_LOAD * most)
+            load, least = loads[response.model.configuration.name], max(min(loads.values()), NO_LOAD * most)
             slope = response.value(spring) * response.slopes[spring]
-            columns[f"load_{joint}"] = (own / most) ** 2 * slope
-            columns[f"play_{joint}"] = -((least / max(own, least)) ** 4) * slope
+            columns[f"load_{joint}"] = (load / most) ** 2 * slope
+            columns[f"play_{joint}"] = -((least / max(load, least)) ** 4) * slope
     return columns
 
 

@@ -307,9 +307,9 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     typical = float(np.median(change))
     if np.any(np.abs(change - math.copysign(2 * math.log(2 * math.pi), typical)) > math.log(LIMITS.factor_spread)):
         return ()
-    unit, other = ("rad/s", "Hz") if typical > 0 else ("Hz", "rad/s")
+    unit, taken = ("rad/s", "Hz") if typical > 0 else ("Hz", "rad/s")
     text = (
-        f"{math.exp(typical):.3g} times the start: are frequencies in {unit}, where {other} was taken (39 times), or "
+        f"{math.exp(typical):.3g} times the start: are frequencies in {unit}, where {taken} was taken (39 times), or "
         "motions in degrees (57 times, with the inertias)? All stiffnesses are off by it, and no residual shows it"
     )
     return (Note("fit/frequency-unit", text, ", ".join(result.parameters.free[i].name for i in stiff)),)

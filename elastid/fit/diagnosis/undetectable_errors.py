@@ -134,14 +134,14 @@ def find_rigid_parts(result: Result, scores: Scores, robot: Robot) -> tuple[Rigi
 
 def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
     """dx / dc (n,) of elastic rotations of the base, and the compliance c that shows in residuals, by their names."""
-    test, found = scores.test, dict[str, tuple[FloatArray, float]]()
+    test, errors = scores.test, dict[str, tuple[FloatArray, float]]()
     for place, number in enumerate(test.numbers):
         if number.name.startswith("base_"):
             information = float(test.S[place, place]) / scores.lines
             is_visible = bool(test.known[place]) and information > 0
             visible = math.sqrt(LIMITS.drop / information) if is_visible else math.inf
-            found[f"base about {number.name[-1]}"] = test.response[:n, place], visible
-    return found
+            errors[f"base about {number.name[-1]}"] = test.response[:n, place], visible
+    return errors
 
 
 def find_elastic_base(result: Result) -> tuple[Note, ...]:

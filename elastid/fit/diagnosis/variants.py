@@ -43,18 +43,18 @@ def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: 
     is_explained = explained > LIMITS.whole and not any(i.group == SCALE for i in indices)
     if not evidence.is_unexplained or is_explained:
         return indices
-    judged = sorted((_judged(each, evidence, scores) for each in _variants(evidence)), key=lambda trial: trial[1])
+    judged = sorted((_judged(variant, evidence, scores) for variant in _variants(evidence)), key=lambda trial: trial[1])
     # V that the file's own robot reaches from the study's start is no merit of a variant.
     as_stated = min(_judged(Variant("", "", evidence.assembly), evidence, scores)[1], scores.cost)
     first, least = judged[0]
-    found = []
+    chosen = []
     if as_stated - least > LIMITS.half * (as_stated - scores.noise):
         equal = tuple(index.name for index, V in judged[1:] if least > LIMITS.equal_drop * V)
-        found.append(replace(first, alike=equal))
-    if max(explained, *(index.share for index in found), 0.0) <= LIMITS.whole:
-        found += [index for index in _with_load(evidence, scores) if index.share > LIMITS.half]
+        chosen.append(replace(first, alike=equal))
+    if max(explained, *(index.share for index in chosen), 0.0) <= LIMITS.whole:
+        chosen += [index for index in _with_load(evidence, scores) if index.share > LIMITS.half]
     shares = {index.name: index.share for index in indices}
-    better = {i.name: i for i in found if i.share > shares.get(i.name, 0.0)}
+    better = {i.name: i for i in chosen if i.share > shares.get(i.name, 0.0)}
     return [*(index for index in indices if index.name not in better), *better.values()]
 
 
@@ -67,7 +67,7 @@ def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[Modif
             fit = thinned(variant.assembly.at(start, variant.assembly.spec.criterion), LIMITS.residuals)
             V, end = settle(AS_READ, fit, start, np.ones(len(start), dtype=bool))
             V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
-            cost, x = min((cost, x), (V, end), key=lambda each: each[0])
+            cost, x = min((cost, x), (V, end), key=lambda point: point[0])
     return against(ModificationIndex(variant.name, variant.family), cost, x, evidence, scores), cost
 
 
@@ -75,17 +75,17 @@ def _variants(evidence: Evidence) -> Iterator[Variant]:
     """Every variant by its name."""
     yield from _angles(evidence)
     yield from _encoders(evidence)
-    own = evidence.assembly
-    robot, parameters = own.linearisation.model.robot, own.parameters
-    for name, family, other, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
+    base = evidence.assembly
+    robot, parameters = base.linearisation.model.robot, base.parameters
+    for name, family, varied, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
         about = _about(parameters, numbers)
-        yield Variant(name, family, Assembly.of(own.responses, other, own.spec, about, own.model, (), own.weights))
+        yield Variant(name, family, Assembly.of(base.responses, varied, base.spec, about, base.model, (), base.weights))
 
 
 def _angles(evidence: Evidence) -> Iterator[Variant]:
     """The study with the angles of its configurations in the other unit, direction or order."""
-    own = evidence.assembly
-    driven = own.linearisation.model.robot.driven
+    assembly = evidence.assembly
+    driven = assembly.linearisation.model.robot.driven
     turns, n = np.array([not joint.slides for joint in driven]), len(driven)
     degree = math.radians(1)
     changes = {
@@ -98,29 +98,29 @@ def _angles(evidence: Evidence) -> Iterator[Variant]:
     for i, (first, second) in enumerate(pairwise(driven)):
         order = [*range(i), i + 1, i, *range(i + 2, n)]
         changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
-    stated = np.array([G.configuration.angles for G in own.responses])
+    stated = np.array([G.configuration.angles for G in assembly.responses])
     for name, change in changes.items():
         stood = stated @ change.T
         if not np.allclose(stood, stated):
-            places = [replace(G.configuration, angles=row) for G, row in zip(own.responses, stood, strict=True)]
-            responses = (replace(G, configuration=place) for G, place in zip(own.responses, places, strict=True))
-            yield Variant(name, "postures", replace(own, responses=tuple(responses)))
+            places = [replace(G.configuration, angles=row) for G, row in zip(assembly.responses, stood, strict=True)]
+            responses = (replace(G, configuration=place) for G, place in zip(assembly.responses, places, strict=True))
+            yield Variant(name, "postures", replace(assembly, responses=tuple(responses)))
 
 
 def _encoders(evidence: Evidence) -> Iterator[Variant]:
     """The study with encoders of an axis, or of all axes, on the other side of the elastic gear."""
-    own = evidence.assembly
-    elastic = [joint.name for joint in own.linearisation.model.robot.driven if joint.is_flexible]
+    assembly = evidence.assembly
+    elastic = [joint.name for joint in assembly.linearisation.model.robot.driven if joint.is_flexible]
     for side, now, then in (("behind", "motor", "joint"), ("before", "joint", "motor")):
         moved = {f"{now} {name}": f"{then} {name}" for name in elastic}
-        read = [place for place in moved if any(place in G.outputs for G in own.responses)]
+        read = [place for place in moved if any(place in G.outputs for G in assembly.responses)]
         for places in (*([place] for place in read), *([read] if len(read) > 1 else ())):
             whose = f"encoder of axis {places[0].partition(' ')[2]}" if len(places) == 1 else "encoders of all axes"
             outputs = {place: moved[place] for place in places}
             responses = tuple(
-                replace(G, outputs=tuple(outputs.get(place, place) for place in G.outputs)) for G in own.responses
+                replace(G, outputs=tuple(outputs.get(place, place) for place in G.outputs)) for G in assembly.responses
             )
-            yield Variant(f"{whose} {side} the gear", "side of the encoder", replace(own, responses=responses))
+            yield Variant(f"{whose} {side} the gear", "side of the encoder", replace(assembly, responses=responses))
 
 
 # Name, family, robot, and the numbers about which tolerances are.
@@ -208,28 +208,28 @@ def _carrying(
     evidence: Evidence, body: str, mass: float, place: FloatArray
 ) -> tuple[float, FloatArray, FloatArray] | None:
     """V, mass (kg) and place (m) of a load (4,) in the axes of a body, and x (n_x,) of the fit with it from a start."""
-    own = evidence.assembly
+    given = evidence.assembly
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
-    robot = replace(own.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
+    robot = replace(given.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
     numbers = (
         Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.load_std)),
         *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.load_std))
           for n, v in zip(names, place, strict=True)),
         Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
     )  # fmt: skip
-    file, known = own.parameters, dict(zip(own.parameters.free_names, evidence.result.x.tolist(), strict=True))
+    file, known = given.parameters, dict(zip(given.parameters.free_names, evidence.result.x.tolist(), strict=True))
     every = {p.name: p for p in (*file, *numbers)}
     in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
     parameters = Parameters((*in_order, *every.values()))
     asked = {p.name for p in file.free if not p.tolerated}
     x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
     try:
-        assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
+        assembly = Assembly.of(given.responses, robot, given.spec, parameters, given.model, (), given.weights)
         for _ in range(LIMITS.rounds):
-            fit = assembly.at(x, own.spec.criterion)
+            fit = assembly.at(x, given.spec.criterion)
             _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
-        cost = assembly.at(x, own.spec.criterion).evaluate(x).cost
+        cost = assembly.at(x, given.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
         return None
     values = dict(zip(parameters.free_names, x.tolist(), strict=True))

@@ -228,10 +228,10 @@ class CompressedResiduals(Kept):
             q = (hermitian(basis) @ left[:, :, None])[:, :, 0]
             left = left - (basis @ q[:, :, None])[:, :, 0]
         else:
-            own, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
-            size = np.hypot(own, mirror * has_mirror)
+            gain, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
+            size = np.hypot(gain, mirror * has_mirror)
             Q, weights = (
-                np.stack([own, mirror * has_mirror], axis=2) / np.where(size > 0, size, 1.0)[:, :, None],
+                np.stack([gain, mirror * has_mirror], axis=2) / np.where(size > 0, size, 1.0)[:, :, None],
                 form(size),
             )
             if self.criterion != "complex":

@@ -89,9 +89,9 @@ class Part(Kept):
         """Cost, gradient and normal matrix without the derivatives of every element."""
         columns = Columns(self.kernel)
         form = columns.elements, columns.is_symmetric, self.kernel.takes_compiled
-        own = CompressedResiduals(*form, self.measured, self.gain, self.criterion, self.whitening)
+        residuals = CompressedResiduals(*form, self.measured, self.gain, self.criterion, self.whitening)
         known = self.compressed
-        return NormalEquations(columns, known if known is not None and known.has_data_of(own) else own)
+        return NormalEquations(columns, known if known is not None and known.has_data_of(residuals) else residuals)
 
     @property
     def n_residuals(self) -> int:
@@ -154,8 +154,8 @@ class Chunk(Kept):
         """The parts in groups with the same theta and the same wanted parameters at any x."""
         groups: dict[tuple[str, tuple[str, ...]], list[Part]] = {}
         for part in self.parts:
-            own = self.parameters.configuration_of_its_own(part.configuration)
-            groups.setdefault((own, part.kernel.wanted), []).append(part)
+            of_its_own = self.parameters.configuration_of_its_own(part.configuration)
+            groups.setdefault((of_its_own, part.kernel.wanted), []).append(part)
         return tuple(map(tuple, groups.values()))
 
 
@@ -218,7 +218,7 @@ class ElasticFit:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
         try:
             every = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
-            V, g, A = (sum(each) for each in zip(*every, strict=True))  # in the order of the chunks
+            V, g, A = (sum(terms) for terms in zip(*every, strict=True))  # in the order of the chunks
             r, J = self.static(x)
         except np.linalg.LinAlgError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
@@ -294,8 +294,8 @@ def elastic_fit(
     at all (an axis that does not couple), and weighs element by element; the complex one weighs those that err together
     jointly, where the weights know how.  StudyError where a response has an input or output that the model has not.
     """
-    each = zip(responses, models, weights, strict=True)
-    return ElasticFit(parameters, tuple(part_of(*own, parameters, criterion) for own in each))
+    triples = zip(responses, models, weights, strict=True)
+    return ElasticFit(parameters, tuple(part_of(*triple, parameters, criterion) for triple in triples))
 
 
 def part_of(

@@ -61,11 +61,11 @@ class NoiseShapes:
     def of(cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, weakness: FloatArray | None) -> NoiseShapes:
         """weakness (F,): the inverse of the excitation's power, where it is known."""
         f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
-        own = np.stack([f ** (2 * MOTION_ORDER[quantity] - power) for power in (0.0, 2.0, 4.0)])
+        motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - power) for power in (0.0, 2.0, 4.0)])
         torque = [np.ones_like(f), f**-2.0]
         if weakness is not None and np.all(weakness > 0):
             torque.append(weakness.mean() / weakness)
-        return cls(own, np.stack(torque), G)
+        return cls(motion, np.stack(torque), G)
 
     def on(self, lines: BoolArray) -> NoiseShapes:
         """Shapes on some of the lines."""
@@ -92,7 +92,7 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     level = np.einsum("faa->a", S).real / F
     if not np.all(level > 0):
         diagonal = np.diag(level + MIN_VARIANCE_SHARE * max(float(level.max()), 1e-200))
-        return lambda other: np.broadcast_to(diagonal, (len(other.G), n_y, n_y)).astype(np.complex128)
+        return lambda at: np.broadcast_to(diagonal, (len(at.G), n_y, n_y)).astype(np.complex128)
     scale = np.sqrt(level)
     S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]
     floor = MIN_VARIANCE_SHARE * np.eye(n_y)
@@ -104,10 +104,10 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
         WSW = np.asarray(W @ S @ W)
         t = np.einsum("fab,fba->f", W, S).real / n_y
         w = np.minimum(1.0, 1.0 / np.maximum(t, 1e-300))
-        (own, torque), (own_expected, torque_expected) = _powers(WSW, w, shapes, g), _powers(W, w, shapes, g)
-        a, b = a * _ratio(own, own_expected), b * _ratio(torque, torque_expected)
-    return lambda other: np.asarray(
-        (_sum(a, b, other, other.G / scale[:, None]) + floor) * np.outer(scale, scale), np.complex128
+        (motion, torque), (motion_expected, torque_expected) = _powers(WSW, w, shapes, g), _powers(W, w, shapes, g)
+        a, b = a * _ratio(motion, motion_expected), b * _ratio(torque, torque_expected)
+    return lambda at: np.asarray(
+        (_sum(a, b, at, at.G / scale[:, None]) + floor) * np.outer(scale, scale), np.complex128
     )
 
 
@@ -121,8 +121,8 @@ def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> 
 
 def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """sum_k w_k tr(Q W) of the noise on the outputs (p, n_y), and of torques (q, n_u)."""
-    own = (shapes.own * w) @ np.einsum("faa->fa", W).real
-    return own, (shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real
+    motion = (shapes.own * w) @ np.einsum("faa->fa", W).real
+    return motion, (shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real
 
 
 def _ratio(measured: FloatArray, expected: FloatArray) -> FloatArray:
@@ -146,7 +146,7 @@ class SmoothedNoise(Kept):
 
     def is_of(self, response: Response) -> bool:
         """True if this is what `smooth_noise` finds, the numbers of the response being the very same."""
-        return any(self.measured is own for own in (response.total, response.noise)) and np.array_equal(
+        return any(self.measured is matrix for matrix in (response.total, response.noise)) and np.array_equal(
             self.G, response.G
         )
 
@@ -182,16 +182,16 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
         return None
     F, n_y, n_u = response.G.shape
     if known.form == "diagonal":
-        variance, own = np.zeros(response.G.shape), np.zeros(F)
+        variance, kept = np.zeros(response.G.shape), np.zeros(F)
         for i, j in np.ndindex(n_y, n_u):
             variance[:, i, j], kappa = smooth_variance(known.variance[:, i, j], response.G[:, i, j], known.dof)
-            own = np.maximum(own, kappa)
-        return SmoothedNoise(known, Covariance(variance, known.dof), own, own, response.G)
+            kept = np.maximum(kept, kappa)
+        return SmoothedNoise(known, Covariance(variance, known.dof), kept, kept, response.G)
     S = known.matrix if known.left is None or known.right is None else known.right
     assert S is not None
     if math.isinf(known.dof):
         return SmoothedNoise(known, known, np.zeros(F), np.zeros(F), response.G)
-    covariance, own_matrix, own_variance = smooth_covariance(S, _model(response, known, S), known.dof)
+    covariance, kept_matrix, kept_variance = smooth_covariance(S, _model(response, known, S), known.dof)
     power = np.einsum("faa->fa", covariance).real
     covariance = kept_beside(S, covariance)
     if known.left is None:
@@ -199,7 +199,7 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
     else:
         variance = power[:, :, None] * np.einsum("faa->fa", known.left).real[:, None, :]
         smooth = Covariance(variance, known.dof, known.left, covariance)
-    return SmoothedNoise(known, smooth, own_variance, own_matrix, response.G)
+    return SmoothedNoise(known, smooth, kept_variance, kept_matrix, response.G)
 
 
 def _model(response: Response, known: Covariance, S: ComplexArray) -> ComplexArray:
@@ -321,11 +321,11 @@ def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[
     power = np.abs(G) ** 2
     followed = np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300)))
     width = min(_width(1, dof), int(known.sum()))
-    rough, wanted = (own - moving_mean(own, width) for own in (followed[known], np.log(variance[known])))
+    rough, wanted = (log - moving_mean(log, width) for log in (followed[known], np.log(variance[known])))
     a = float(rough @ wanted / max(rough @ rough, 1e-300)) if np.abs(rough).max() > 1e-9 else 0.0
     model = np.exp(min(max(a, 0.0), 1.0) * (followed - followed.mean()))
-    smooth, _, own = smooth_covariance(variance[:, None, None].astype(complex), model[:, None, None], dof)
-    return smooth[:, 0, 0].real, own
+    smooth, _, kept = smooth_covariance(variance[:, None, None].astype(complex), model[:, None, None], dof)
+    return smooth[:, 0, 0].real, kept
 
 
 def moving_mean(values: Any, width: int) -> Any:
