@@ -76,7 +76,7 @@ def simulate(
     study = _consistent(Study("records", seed, robot, excitation=spec, experiment=repeated))
     plan = make_plan(study.excitation or spec, study.experiment, robot, seed=seed)
     rig = SimulatedRig(robot, study.experiment, plan, seed=seed)
-    return tuple(rig.measure(each) for each in rig.experiments)
+    return tuple(rig.measure(trial) for trial in rig.experiments)
 
 
 def choose(robot: Robot, *names: str, **settings: Mapping[str, Any]) -> Parameters:

@@ -123,8 +123,8 @@ class DenavitHartenberg:
         standard = self.convention == "standard"
         placement = before if standard else _chained(before, across)
         mounting = _chained(turn, along, across) if standard else _chained(turn, along)
-        own = (link.joint, *link.elastic), link.mass, link.center_of_mass, self._inertia(link)
-        return Body(link.body_name, parent, placement, *own, mounting)
+        contents = (link.joint, *link.elastic), link.mass, link.center_of_mass, self._inertia(link)
+        return Body(link.body_name, parent, placement, *contents, mounting)
 
     def _inertia(self, link: Link) -> InertiaTensor:
         if self.inertia_about == "center_of_mass":

@@ -123,11 +123,11 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     laws: dict[str, tuple[Friction, float]] = {}
     for joint in changed.driven:
         names = {term.path: term.name(joint.name) for term in TERMS.values()}
-        own = {path: values[name] for path, name in names.items() if name in values and name in known}
+        numbers = {path: values[name] for path, name in names.items() if name in values and name in known}
         law = law_of(changed, joint.name)
-        if own and law is not None and joint.motor is not None:
-            viscous = own.pop("viscous", joint.motor.viscous * joint.motor.ratio**2)
-            laws[joint.name] = replaced(law, {tuple(path.split(".")): x for path, x in own.items()}), viscous
+        if numbers and law is not None and joint.motor is not None:
+            viscous = numbers.pop("viscous", joint.motor.viscous * joint.motor.ratio**2)
+            laws[joint.name] = replaced(law, {tuple(path.split(".")): x for path, x in numbers.items()}), viscous
     return with_laws(changed, laws) if laws else changed
 
 

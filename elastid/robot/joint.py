@@ -251,11 +251,11 @@ class Motor:
 
     def numbers(self, joint: str) -> Numbers:
         """Jm_ and fm_ of a joint, km_ and dm_ of the motor's shaft, on the motor side."""
-        own: Numbers = {f"Jm_{joint}": ("kg*m^2", ("inertia",)), f"fm_{joint}": ("N*m*s/rad", ("viscous",))}
+        entries: Numbers = {f"Jm_{joint}": ("kg*m^2", ("inertia",)), f"fm_{joint}": ("N*m*s/rad", ("viscous",))}
         if self.spring is None:
-            return own
+            return entries
         shaft = {f"{name[0]}m{name[1:]}": place for name, place in self.spring.numbers(joint).items()}
-        return own | below("spring", shaft)
+        return entries | below("spring", shaft)
 
 
 @section

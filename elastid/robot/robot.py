@@ -87,9 +87,9 @@ def check_carrier(joint: Joint, robot: Robot) -> None:
 def check_tolerances(robot: Robot) -> None:
     """ValueError for tolerances of a body, loop or payload that the robot does not have."""
     known = [*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)]
-    for each in robot.tolerances.bodies if isinstance(robot.tolerances, Tolerances) else ():
-        if each.name not in known:
-            raise ValueError(f"tolerances: no body is called {each.name}; {did_you_mean(each.name, known)}")
+    for entry in robot.tolerances.bodies if isinstance(robot.tolerances, Tolerances) else ():
+        if entry.name not in known:
+            raise ValueError(f"tolerances: no body is called {entry.name}; {did_you_mean(entry.name, known)}")
 
 
 # A frame's places: translation of its origin along its axes, and rotation about them.

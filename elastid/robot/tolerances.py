@@ -99,8 +99,8 @@ class Tolerances:
         body: the name of the body, loop or payload that it belongs to.
         """
         kind = kind_of(path)
-        own = next((getattr(each, kind, None) for each in self.bodies if each.name == body), None)
-        value = getattr(self, kind, EXACT) if own is None else own
+        number = next((getattr(entry, kind, None) for entry in self.bodies if entry.name == body), None)
+        value = getattr(self, kind, EXACT) if number is None else number
         return 0.0 if value == EXACT else float(value)
 
 

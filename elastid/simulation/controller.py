@@ -92,14 +92,14 @@ def filters_of(joints: Sequence[str], controller: Controller, rate_hz: float) ->
     given = controller.gains
     sections: dict[str, list[FloatArray]] = {joint: [] for joint in joints}
     if given is not None:
-        for own in given.notches:
-            sections[own.joint].append(notch(own.freq_hz, own.width, own.depth, rate_hz))
+        for spec in given.notches:
+            sections[spec.joint].append(notch(spec.freq_hz, spec.width, spec.depth, rate_hz))
         corners = () if given.low_pass_hz is None else np.broadcast_to(given.low_pass_hz, len(joints))
         for joint, corner in zip(joints, corners, strict=False):
             sections[joint].append(low_pass(corner, rate_hz))
     if not controller.delay_samples and not any(sections.values()):
         return None
-    rows = tuple(tuple(tuple(each.tolist()) for each in own) for own in sections.values())
+    rows = tuple(tuple(tuple(section.tolist()) for section in chain) for chain in sections.values())
     return Filters(rows, controller.delay_samples)
 
 
@@ -161,7 +161,7 @@ def rigid_rates(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """T (n, n_q, n_u), q' and q'' (n, n_q) of the rigid robot at q (n, n_q) by those of its motors (n, n_u)."""
     T = rigid_motion(model, q)
-    v, a = ((T @ each[:, :, None])[:, :, 0] for each in (velocity, acceleration))
+    v, a = ((T @ rate[:, :, None])[:, :, 0] for rate in (velocity, acceleration))
     if model.robot.loops:
         step_s = 1e-4  # of the central difference
         before, after = (rigid_motion(model, q + sign * step_s * v) for sign in (-1, 1))
@@ -183,8 +183,8 @@ Section: TypeAlias = tuple[float, float, float, float, float, float]
 def notch(freq_hz: FloatArray, width: FloatArray, depth: FloatArray, rate_hz: float) -> FloatArray:
     """Sections (..., 6) of notches N."""
     omega = 2 * np.pi * np.asarray(freq_hz)
-    one, square = np.ones_like(omega), omega**2
-    return _sampled((one, depth * width * omega, square), (one, width * omega, square), omega, rate_hz)
+    ones, square = np.ones_like(omega), omega**2
+    return _sampled((ones, depth * width * omega, square), (ones, width * omega, square), omega, rate_hz)
 
 
 def low_pass(freq_hz: FloatArray, rate_hz: float) -> FloatArray:
@@ -219,25 +219,25 @@ class Filters:
         """H (..., n_u) at freq_hz (...)."""
         z_inverse = np.exp(-2j * np.pi * np.asarray(freq_hz) / rate_hz)
         columns = []
-        for own in self.sections:
+        for chain in self.sections:
             H = z_inverse**self.delay
-            for each in own:
-                H = H * section_response(np.array(each), z_inverse)
+            for section in chain:
+                H = H * section_response(np.array(section), z_inverse)
             columns.append(H)
         return np.stack(columns, axis=-1)
 
     @property
     def matrices(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """A (n, n), B (n, n_u), C (n_u, n), D (n_u, n_u): x_(k+1) = A x_k + B e_k, u_k = C x_k + D e_k."""
-        each = [self._of_motor(own) for own in self.sections]
-        A, B, C, D = (block_diag(*parts) for parts in zip(*each, strict=True))
+        systems = [self._of_motor(chain) for chain in self.sections]
+        A, B, C, D = (block_diag(*parts) for parts in zip(*systems, strict=True))
         return A, B, C, D
 
     def _of_motor(self, sections: tuple[Section, ...]) -> tuple[FloatArray, ...]:
         from scipy.signal import tf2ss  # takes a while
 
         A, B, C, D = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))
-        parts = [tf2ss(each[:3], each[3:]) for each in sections] + [_DELAY] * self.delay
+        parts = [tf2ss(section[:3], section[3:]) for section in sections] + [_DELAY] * self.delay
         for a, b, c, d in parts:
             A = np.block([[A, np.zeros((len(A), len(a)))], [b @ C, a]])
             B, C, D = np.vstack([B, b @ D]), np.hstack([d @ C, c]), d @ D

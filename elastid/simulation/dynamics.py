@@ -283,7 +283,7 @@ def _solved(Phi: ca.SX, right: ca.SX, parts: Partition) -> tuple[ca.SX, ca.SX]:
     for place, column in enumerate(independent):
         Z[column, place] = 1
     for i, column in enumerate(columns):
-        for place, other in enumerate(independent):
-            Z[column, place] = -rows[i][other]
+        for place, coordinate in enumerate(independent):
+            Z[column, place] = -rows[i][coordinate]
         a[column] = rows[i][n_q]
     return ca.sparsify(Z), ca.sparsify(a)

@@ -18,7 +18,7 @@ from elastid.validation.comparison import Refit
 
 # Types of the parts by their kind in a file.
 _TYPES = {"local optimum": LocalOptimum, "profile": Profile, "refit": Refit}
-_KIND_OF = {each: kind for kind, each in _TYPES.items()}
+_KIND_OF = {type_: kind for kind, type_ in _TYPES.items()}
 
 
 @dataclass(frozen=True, eq=False)

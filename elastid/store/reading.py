@@ -96,7 +96,7 @@ def _read_mapping(item: Any, kind: Kind, label: Label) -> dict[str, Any]:
 
 
 def _read_union(item: Any, kind: Kind, _: Label) -> Any:
-    types = {each.__name__: each for each in kind.parts}
+    types = {part.__name__: part for part in kind.parts}
     return read_dataclass(item, types[item.attrs["type"]])
 
 
@@ -125,7 +125,7 @@ def _read_column(item: Any, annotation: Any, label: Label = NO_LABEL) -> list[An
 def _read_rows(group: Any, kind: Kind) -> list[Any]:
     """A table of a dataclass, column by column."""
     n, known = _scalar(group.attrs["length"], Kind("scalar", int)), fields_of(kind.type)
-    columns = {each.name: _read_column(group[each.name], each.annotation, each.label) for each in known} if n else {}
+    columns = {part.name: _read_column(group[part.name], part.annotation, part.label) for part in known} if n else {}
     if any(len(column) != n for column in columns.values()):
         raise ValueError(f"a table of {n} rows with columns of {[len(column) for column in columns.values()]}")
     return [kind.type(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
@@ -199,7 +199,7 @@ def _axes(dataset: Any) -> str:
     labels = np.asarray(dataset.attrs.get("DIMENSION_LABELS", []))
     if labels.shape != (dataset.ndim,):
         labels = np.full(dataset.ndim, "")
-    words = (each.decode(errors="replace") if isinstance(each, bytes) else str(each) for each in labels)
+    words = (label.decode(errors="replace") if isinstance(label, bytes) else str(label) for label in labels)
     return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(words, dataset.shape, strict=True)) + ")"
 
 

@@ -88,10 +88,10 @@ def read_twin(path: Path | str, kind: str) -> TwinFindings:
 
 def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
     """map.csv: a row for each posture with all quantities, SI, and their standard deviations and intervals."""
-    each = [(q.name, (q.value, q.std, *q.interval)) for q in workspace.quantities]
+    blocks = [(q.name, (q.value, q.std, *q.interval)) for q in workspace.quantities]
     heads = ["posture", *(f"joint {name}" for name in workspace.joints), "x", "y", "z", "limiting spring"]
-    heads += [f"{name}{end}" for name, _ in each for end in ("", " std", " low", " high")]
-    numbers = [column for _, columns in each for column in columns]
+    heads += [f"{name}{end}" for name, _ in blocks for end in ("", " std", " low", " high")]
+    numbers = [column for _, columns in blocks for column in columns]
     columns = [workspace.asked + 1, *workspace.angles.T, *workspace.position.T, workspace.limiting_springs, *numbers]
     write_rows(path, [heads, *zip(*(np.asarray(column).tolist() for column in columns), strict=True)])
 

@@ -71,7 +71,7 @@ def _kind_of_annotation(annotation: Any) -> Kind:
         number = arguments[-1]
         return Kind("array", get_args(number)[0] if get_origin(number) is np.dtype else number)
     if origin in (Union, UnionType):
-        present = tuple(each for each in arguments if each is not NoneType)
+        present = tuple(option for option in arguments if option is not NoneType)
         if len(present) < len(arguments):
             return Kind("optional", parts=(present[0] if len(present) == 1 else reduce(or_, present),))
         return Kind("union", parts=arguments)
@@ -93,9 +93,9 @@ def _fields_of(kind: Any) -> tuple[FieldKind, ...]:
     """The fields that a dataclass is made of."""
     hints = get_type_hints(kind)
     return tuple(
-        FieldKind(each.name, hints[each.name], label_of(each), each.default == () or each.default_factory is dict)
-        for each in fields(kind)
-        if each.init
+        FieldKind(part.name, hints[part.name], label_of(part), part.default == () or part.default_factory is dict)
+        for part in fields(kind)
+        if part.init
     )
 
 
@@ -111,8 +111,8 @@ def has_own_groups(annotation: Any, label: Label = NO_LABEL) -> bool:
 
 def _has_arrays(annotation: Any) -> bool:
     kind = kind_of_annotation(annotation)
-    inner = [each.annotation for each in fields_of(annotation)] if kind.form == "fields" else kind.parts
-    return kind.form in ("array", "union") or any(_has_arrays(each) for each in inner)
+    inner = [part.annotation for part in fields_of(annotation)] if kind.form == "fields" else kind.parts
+    return kind.form in ("array", "union") or any(_has_arrays(part) for part in inner)
 
 
 def is_array(annotation: Any) -> bool:
@@ -162,11 +162,11 @@ def json_value(value: Any, number: Callable[[float], Any] = or_null) -> Any:
     if isinstance(value, float):
         return number(float(value))
     if isinstance(value, Mapping):
-        return {name: json_value(each, number) for name, each in value.items()}
+        return {name: json_value(entry, number) for name, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [json_value(each, number) for each in value]
+        return [json_value(entry, number) for entry in value]
     if hasattr(value, "__dataclass_fields__"):
-        return {each.name: json_value(getattr(value, each.name), number) for each in fields_of(type(value))}
+        return {part.name: json_value(getattr(value, part.name), number) for part in fields_of(type(value))}
     return value
 
 
@@ -179,21 +179,21 @@ def from_json(content: Any, annotation: Any) -> Any:
         case "scalar":
             return math.nan if kind.type is float and content is None else kind.type(content)
         case "array" if isinstance(content, list):
-            return np.array([math.nan if each is None else each for each in content], kind.type)
+            return np.array([math.nan if number is None else number for number in content], kind.type)
         case "array":
             part = float if kind.type is np.complex128 else kind.type
             return np.array(content["values"], part).view(kind.type).reshape(content["shape"])
         case "fields":
-            if not content.keys() <= {each.name for each in fields_of(kind.type)}:
+            if not content.keys() <= {slot.name for slot in fields_of(kind.type)}:
                 raise ValueError(f"{', '.join(content)} are not the fields of {kind.type.__name__}")
-            known = [each for each in fields_of(kind.type) if each.name in content]
-            return kind.type(**{each.name: from_json(content[each.name], each.annotation) for each in known})
+            known = [slot for slot in fields_of(kind.type) if slot.name in content]
+            return kind.type(**{slot.name: from_json(content[slot.name], slot.annotation) for slot in known})
         case "mapping":
-            return {name: from_json(each, kind.parts[0]) for name, each in content.items()}
+            return {name: from_json(entry, kind.parts[0]) for name, entry in content.items()}
         case "sequence":
-            return tuple(from_json(each, kind.parts[0]) for each in content)
+            return tuple(from_json(entry, kind.parts[0]) for entry in content)
         case _:
-            return tuple(from_json(each, part) for each, part in zip(content, kind.parts, strict=True))
+            return tuple(from_json(entry, part) for entry, part in zip(content, kind.parts, strict=True))
 
 
 # Texts along a group of named entries, whose own names are escaped: none of them is this.
@@ -243,23 +243,23 @@ def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, a
     group = group.create_group(name)
     scopes = (_Scope(group, value), *above)
     inner, labelled = [], []
-    for each in fields_of(type(value)):
-        content = getattr(value, each.name)
-        if content is None or (each.may_be_empty and not content):
+    for part in fields_of(type(value)):
+        content = getattr(value, part.name)
+        if content is None or (part.may_be_empty and not content):
             continue
         if hasattr(content, "__dataclass_fields__"):
-            inner.append(each)
+            inner.append(part)
             continue
-        dataset = write_value(group, each.name, content, each.annotation, each.label, scopes)
+        dataset = write_value(group, part.name, content, part.annotation, part.label, scopes)
         if dataset is not None:
-            scopes[0].axes[each.name] = dataset
+            scopes[0].axes[part.name] = dataset
             # The times of a large record would take as much room as its signals.
-            if each.label.axes and not isinstance(content, LargeArray):
-                labelled.append((dataset, each.label.axes))
+            if part.label.axes and not isinstance(content, LargeArray):
+                labelled.append((dataset, part.label.axes))
     for dataset, axes in labelled:
         _attach(dataset, axes, scopes)
-    for each in inner:
-        write_value(group, each.name, getattr(value, each.name), each.annotation, each.label, scopes)
+    for part in inner:
+        write_value(group, part.name, getattr(value, part.name), part.annotation, part.label, scopes)
 
 
 def _write_union(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:
@@ -287,9 +287,9 @@ def _write_sequence(group: Any, name: str, value: Iterable[Any], kind: Kind, lab
     entries, names, name_of = group.create_group(name), [], attrgetter(label.entry) if label.entry else None
     if name_of is not None and isinstance(value, tuple) and len(set(map(name_of, value))) < len(value):
         name_of = None
-    for i, each in enumerate(value):
-        names.append(str(i) if name_of is None else str(name_of(each)))
-        write_value(entries, group_name(names[-1]), each, annotation, above=above)
+    for i, entry in enumerate(value):
+        names.append(str(i) if name_of is None else str(name_of(entry)))
+        write_value(entries, group_name(names[-1]), entry, annotation, above=above)
     if name_of is not None:
         entries.create_dataset(NAMES, data=names, dtype=TEXT)
     return None
@@ -299,8 +299,8 @@ def _write_record(group: Any, name: str, value: tuple[Any, ...], kind: Kind, lab
     if _are_numbers(kind.parts):
         return _described(group.create_dataset(name, data=np.array(value, kind.parts[0])), name, label, above)
     inner = group.create_group(name)
-    for i, (each, annotation) in enumerate(zip(value, kind.parts, strict=True)):
-        write_value(inner, str(i), each, annotation)
+    for i, (entry, annotation) in enumerate(zip(value, kind.parts, strict=True)):
+        write_value(inner, str(i), entry, annotation)
     return None
 
 
@@ -326,16 +326,16 @@ def _write_column(group: Any, name: str, values: Sequence[Any], annotation: Any,
         number, shape = (kind.type, (-1,)) if kind.form == "scalar" else (kind.parts[0], (-1, len(kind.parts)))
         data = np.array(values, number).reshape(shape if values else (0, *shape[1:]))
         return _described(group.create_dataset(name, data=data), name, label, above)
-    if kind.form == "array" and len({each.shape for each in values}) < 2:
+    if kind.form == "array" and len({array.shape for array in values}) < 2:
         data = np.stack(values) if values else np.zeros(0, kind.type)
         return _described(group.create_dataset(name, data=data), name, label, above)
     if kind.form == "fields":
         inner = group.create_group(name)
         inner.attrs["length"] = len(values)
-        columns = [(each, [getattr(value, each.name) for value in values]) for each in fields_of(kind.type) if values]
-        axes = [_write_column(inner, each.name, c, each.annotation, each.label, above) for each, c in columns]
+        columns = [(part, [getattr(value, part.name) for value in values]) for part in fields_of(kind.type) if values]
+        axes = [_write_column(inner, part.name, c, part.annotation, part.label, above) for part, c in columns]
         return axes[0] if axes else None
-    group.create_dataset(name, data=[json.dumps(json_value(each, float)) for each in values], dtype=TEXT)
+    group.create_dataset(name, data=[json.dumps(json_value(value, float)) for value in values], dtype=TEXT)
     return None
 
 
@@ -363,7 +363,7 @@ def _unit(unit: str, scopes: tuple[_Scope, ...]) -> str:
 
 
 def _attribute(scopes: tuple[_Scope, ...], name: str, default: Any) -> Any:
-    return next((getattr(each.value, name) for each in scopes if hasattr(each.value, name)), default)
+    return next((getattr(scope.value, name) for scope in scopes if hasattr(scope.value, name)), default)
 
 
 def _attach(dataset: Any, axes: tuple[str, ...], scopes: tuple[_Scope, ...]) -> None:
@@ -420,7 +420,7 @@ class Writer:
         """A file at a path, in place of one that is there."""
         given = dict(zip(self.parts, (value, *others), strict=False)) | named
         content = {name: (given.get(name, default), annotation) for name, (annotation, default) in self.parts.items()}
-        content = {n: (tuple(each) if isinstance(each, list) else each, type_) for n, (each, type_) in content.items()}
+        content = {n: (tuple(part) if isinstance(part, list) else part, type_) for n, (part, type_) in content.items()}
         write_artefact(path, self.kind, stamp, content, self.entries)
 
 

@@ -71,21 +71,21 @@ def load_fleet(path: Path) -> Fleet:
 
 
 def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
-    for own in spec.members or _rows(path.parent / str(spec.table)):
+    for member in spec.members or _rows(path.parent / str(spec.table)):
         overrides = []
-        for key, value in {**spec.set, **own.set}.items():
+        for key, value in {**spec.set, **member.set}.items():
             text = value if isinstance(value, str) else repr(value)
-            filled = text.replace("{robot}", own.robot).replace("{date}", own.date)  # other braces stay
+            filled = text.replace("{robot}", member.robot).replace("{date}", member.date)  # other braces stay
             overrides.append(f"{key}={filled}")
-        yield Member(own.robot, own.date, tuple(overrides))
+        yield Member(member.robot, member.date, tuple(overrides))
 
 
 def _rows(path: Path) -> Iterator[MemberSpec]:
     for place, row in read_table(path, "members"):
         if missing := [name for name in (ROBOT, DATE) if name not in row]:
             raise StudyError("files/table", f"no column is called {missing[0]}", f"{path}:1:1")
-        own = {key: value for key, value in row.items() if key not in (ROBOT, DATE) and value}
+        values = {key: value for key, value in row.items() if key not in (ROBOT, DATE) and value}
         try:
-            yield MemberSpec(row[ROBOT], row[DATE], own)
+            yield MemberSpec(row[ROBOT], row[DATE], values)
         except ValueError as error:
             raise StudyError("files/table", str(error), str(place)) from None

@@ -72,7 +72,7 @@ def _column(place: str, head: str, joints: Sequence[str]) -> tuple[str, str]:
     bare = name.removeprefix("joint ").strip()
     if bare in joints:
         return f"joint {bare}", unit
-    known = [*_SINGLE, *(each for names in _KEYS.values() for each in names)]
+    known = [*_SINGLE, *(word for names in _KEYS.values() for word in names)]
     if name not in known:
         raise StudyError(
             "files/table",

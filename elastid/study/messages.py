@@ -144,8 +144,8 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
         return path
     entries = {
         str(entry["name"]): (key, i)
-        for key, each in section.items()
-        for i, entry in enumerate(each if isinstance(each, list) else [])
+        for key, value in section.items()
+        for i, entry in enumerate(value if isinstance(value, list) else [])
         if isinstance(entry, dict) and entry.get("name")
     }
     places = {name: re.search(rf"(?<![\w.-]){re.escape(name)}(?!\w|[.-]\w)", message) for name in (*section, *entries)}

@@ -138,7 +138,7 @@ def _describe(option: Any, with_example: bool = True) -> str:
         return f"one of {', '.join(str(word) for word in arguments)}"
     if origin is tuple:
         count = "" if arguments[1:] == (...,) else f" of {len(arguments)}"
-        entries = dict.fromkeys(_describe(each, with_example=False) for each in _options(arguments[0]))
+        entries = dict.fromkeys(_describe(choice, with_example=False) for choice in _options(arguments[0]))
         return f"a list{count}, each {' or '.join(entries)}"
     if origin is dict:
         return "a mapping of names"
@@ -220,17 +220,17 @@ def explain(asked: str) -> str:
         return f"{asked}\n  {CODES[asked]}"
     keys = {key.path: key for key in every_key()}
     steps, wanted = {path: _steps(path) for path in keys}, _steps(asked)
-    if any(_agree(each[: len(wanted)], wanted) and each[len(wanted) - 1] == "<name>" for each in steps.values()):
+    if any(_agree(parts[: len(wanted)], wanted) and parts[len(wanted) - 1] == "<name>" for parts in steps.values()):
         wanted = wanted[:-1]  # of a name the mapping that holds it
     exact = [key for path, key in keys.items() if _agree(steps[path], wanted)]
-    found = exact or [key for path, key in keys.items() if _agree(steps[path][-len(wanted) :], wanted)]
-    if not found:
-        names = {".".join(each[-n:]): ".".join(each) for each in reversed(steps.values()) for n in (len(each), 1)}
+    matches = exact or [key for path, key in keys.items() if _agree(steps[path][-len(wanted) :], wanted)]
+    if not matches:
+        names = {".".join(parts[-n:]): ".".join(parts) for parts in reversed(steps.values()) for n in (len(parts), 1)}
         close = get_close_matches(".".join(wanted), names, n=1)
         nearest = f"did you mean '{names[close[0]]}'?" if close else f"there are {', '.join(names_in(Study))}"
         owner = "a fleet" if asked.startswith("fleet.") else "a study"
         raise StudyError("study/unknown-key", f"{owner} has no key {asked}; {nearest}")
-    return "\n\n".join(map(_explanation, found))
+    return "\n\n".join(map(_explanation, matches))
 
 
 def overview() -> str:
@@ -275,7 +275,7 @@ def _default(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, tuple):
-        return f"[{', '.join(_default(each) for each in value)}]"
+        return f"[{', '.join(_default(entry) for entry in value)}]"
     return "{}" if is_dataclass(value) or value == {} else str(value)
 
 

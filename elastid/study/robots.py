@@ -92,18 +92,18 @@ def _plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         entries = {}
         for field in fields(value):
-            own, default = getattr(value, field.name), field.default
+            content, default = getattr(value, field.name), field.default
             if field.default_factory is not MISSING:
                 default = field.default_factory()
-            is_unlimited = isinstance(own, float) and math.isinf(own)  # which a file says by leaving it out
-            if own is not None and (default is MISSING or own != default) and not is_unlimited:
-                entries[field.name] = _plain(own)
+            is_unlimited = isinstance(content, float) and math.isinf(content)  # which a file says by leaving it out
+            if content is not None and (default is MISSING or content != default) and not is_unlimited:
+                entries[field.name] = _plain(content)
         return entries
     if isinstance(value, dict):
-        return {key: _plain(own) for key, own in value.items()}
+        return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, tuple | list):
         inner = CommentedSeq(map(_plain, value))
-        if all(not isinstance(each, dict) for each in inner):
+        if all(not isinstance(entry, dict) for entry in inner):
             inner.fa.set_flow_style()
         return inner
     if isinstance(value, str) and value.lower() in _YAML_1_1_WORDS:

@@ -36,7 +36,7 @@ def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
     given = {"q": q, "v": v, "lambda_": multipliers}
 
     def function(name: str, inputs: tuple[str, ...], output: str, value: ca.SX) -> ca.Function:
-        return ca.Function(name, [given[each] for each in inputs], [value], list(inputs), [output], {"cse": True})
+        return ca.Function(name, [given[symbol] for symbol in inputs], [value], list(inputs), [output], {"cse": True})
 
     closing = (
         function("constraint", ("q",), "phi", m.constraint(q, theta)),
@@ -60,7 +60,7 @@ def _equilibria(model: FittedRobot) -> ca.Function:
     columns = [np.stack([getattr(point, name) for point in points], axis=1) for name in ("q", "lambda_", "u")]
     names = ["q", "lambda_", "u"] if model.model.n_c else ["q", "u"]
     kept = columns if model.model.n_c else [columns[0], columns[2]]
-    return ca.Function("equilibria", [], [ca.SX(ca.DM(each)) for each in kept], [], names)
+    return ca.Function("equilibria", [], [ca.SX(ca.DM(column)) for column in kept], [], names)
 
 
 def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:

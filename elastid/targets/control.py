@@ -47,7 +47,7 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     parameters, units (p,) and known (p, 6) of each, SI: value, std, the ends of the 95 % interval, and the parts of std
     by noise and by the tolerances of the robot's file.
     """
-    systems = [own.state_space() for own in model.models]
+    systems = [plant.state_space() for plant in model.models]
     first, numbers = systems[0], known_numbers(model)
     arrays = {"configurations": np.array([system.configuration.name for system in systems])}
     arrays |= {name: np.array(getattr(first, name)) for name in ("inputs", "outputs", "quantity")}

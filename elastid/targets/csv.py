@@ -31,28 +31,28 @@ def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
 
 
 def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
-    places = list(dict.fromkeys(place for own in modes for place in own.places))
+    places = list(dict.fromkeys(place for basis in modes for place in basis.places))
     columns = "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "phase_collinearity"
     yield "configuration", *columns, *(f"{part}_{place}" for place in places for part in ("re", "im", "std"))
-    for own in modes:
-        shapes, std = own.place_shapes
-        numbers = zip(own.freq_hz, own.freq_std, own.zeta, own.zeta_std, own.collinearity, strict=True)
+    for basis in modes:
+        shapes, std = basis.place_shapes
+        numbers = zip(basis.freq_hz, basis.freq_std, basis.zeta, basis.zeta_std, basis.collinearity, strict=True)
         for r, row in enumerate(numbers):
             entries: list[Any] = []
             for place in places:
-                if place in own.places:
-                    i = own.places.index(place)
+                if place in basis.places:
+                    i = basis.places.index(place)
                     entries += [shapes[i, r].real, shapes[i, r].imag, std[i, r]]
                 else:
                     entries += ["", "", ""]
-            yield own.configuration, *row, *entries
+            yield basis.configuration, *row, *entries
 
 
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
     paths = [write_rows(folder / "parameters.csv", _parameters(model)), write_rows(folder / "modes.csv", _modes(model))]
-    for own, G in zip(model.models, model.measured, strict=True):
-        fitted, std = own.response(G.freq_hz, sampled=True).G, own.response_std(G.freq_hz)
+    for plant, G in zip(model.models, model.measured, strict=True):
+        fitted, std = plant.response(G.freq_hz, sampled=True).G, plant.response_std(G.freq_hz)
         name = G.configuration.name
         paths.append(write_rows(folder / f"{file_name(name)}-fitted.csv", _response(G, fitted, std**2)))
         paths.append(_measured(folder, G))
@@ -71,7 +71,7 @@ def write_friction_csv(folder: Path, result: FrictionResult) -> tuple[Path, ...]
 
     Its columns after the numbers: how much of each other number of the regressor a base parameter contains.
     """
-    rows = [(each.name, each.unit, each.value, each.std, each.low, each.high) for each in result.numbers]
+    rows = [(number.name, number.unit, number.value, number.std, number.low, number.high) for number in result.numbers]
     head = "parameter", "unit", "value", "std"
     paths = [write_rows(folder / "parameters.csv", [(*head, "lower_95", "upper_95"), *rows])]
     for i, body in enumerate(result.rigid_bodies, start=1):
@@ -96,12 +96,12 @@ def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
 
 def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
     yield "configuration", "mode", "frequency_hz", "damping_ratio", "frequency_std", "damping_ratio_std"
-    for own in model.models:
-        modal = own.modes()
-        columns = (each.tolist() for each in (modal.freq_hz, modal.zeta, modal.freq_std, modal.zeta_std))
+    for plant in model.models:
+        modal = plant.modes()
+        columns = (column.tolist() for column in (modal.freq_hz, modal.zeta, modal.freq_std, modal.zeta_std))
         for i, (*values, freq_std, zeta_std) in enumerate(zip(*columns, strict=True), start=1):
             # A mode of held numbers alone has no std.
-            yield own.linear.configuration.name, i, *values, freq_std or "", zeta_std or ""
+            yield plant.linear.configuration.name, i, *values, freq_std or "", zeta_std or ""
 
 
 def _response(measured: Response, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:

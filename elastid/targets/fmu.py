@@ -328,9 +328,9 @@ def write_units(folder: Path, subject: Subject, stem: str) -> tuple[Path, ...]:
     compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
     paths = tuple(folder / f"{stem}_fmi{version}.fmu" for version in (2, 3))
     for version, path in zip((2, 3), paths, strict=True):
-        other = "fmi3.c" if version == 2 else "fmi2.c"
+        surplus = "fmi3.c" if version == 2 else "fmi2.c"
         names = _compiled_sources(version, subject.move is not None)
-        content: dict[str, str | bytes] = {f"sources/{name}": text for name, text in sources.items() if name != other}
+        content: dict[str, str | bytes] = {f"sources/{name}": text for name, text in sources.items() if name != surplus}
         content["modelDescription.xml"] = described[version]
         if version == 3:
             content["sources/buildDescription.xml"] = build_description(names)

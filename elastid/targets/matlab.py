@@ -34,8 +34,8 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     toolboxes as far as they go.
     """
     fitted = [
-        _response(own.response(G.freq_hz, sampled=True).G, G, own.response_std(G.freq_hz) ** 2)
-        for own, G in zip(model.models, model.measured, strict=True)
+        _response(plant.response(G.freq_hz, sampled=True).G, G, plant.response_std(G.freq_hz) ** 2)
+        for plant, G in zip(model.models, model.measured, strict=True)
     ]
     numbers = [
         {
@@ -44,7 +44,7 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         }
         for p in known_numbers(model)
     ]  # fmt: skip
-    measured, systems = list(map(_measured, model.measured)), [_system(own.state_space()) for own in model.models]
+    measured, systems = list(map(_measured, model.measured)), [_system(plant.state_space()) for plant in model.models]
     content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers, "tool": [_tool(model)]}
     data, script = folder / "model.mat", folder / "load_model.m"
     return _written(data, content, script, model.name, model.measured[0])
@@ -86,15 +86,15 @@ def _system(system: Any) -> dict[str, Any]:
 def _tool(model: FittedRobot) -> dict[str, Any]:
     """The robot at a frame with its motors held, in all postures; the names alone of one that cannot bend."""
     configurations = [linear.configuration for linear in model.linear]
-    named: dict[str, Any] = {"configurations": np.array([each.name for each in configurations], dtype=object)}
+    named: dict[str, Any] = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)
     ports = tuple(f"{kind} {frame} {axis}" for kind in ("force", "torque") for axis in "xyz")
     asked = Asked(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
     try:
-        systems = [model.result.family(asked, each.name).at(each).state_space() for each in configurations]
+        systems = [model.result.family(asked, posture.name).at(posture).state_space() for posture in configurations]
     except StudyError:
         return named
-    stacks = {name: np.stack([getattr(each, name) for each in systems], axis=2) for name in "ABCD"}
+    stacks = {name: np.stack([getattr(system, name) for system in systems], axis=2) for name in "ABCD"}
     first = systems[0]
     return named | stacks | {
         "frame": frame,

@@ -168,18 +168,18 @@ def _tendons(root: ET.Element, robot: Robot) -> None:
             ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
 
 
-def _rub(root: ET.Element, found: Robot) -> None:
+def _rub(root: ET.Element, robot: Robot) -> None:
     """Coulomb friction of motors, and of joints that turn with motor angle and twist together."""
     hinges = {element.get("name"): element for element in root.iter("joint") if element.get("name")}
-    for joint in found.driven:
+    for joint in robot.driven:
         if joint.motor is not None and joint.motor.dry_friction is not None:
             level = abs(joint.motor.ratio) * joint.motor.dry_friction.coulomb
             hinges[f"motor {joint.name}"].set("frictionloss", repr(float(level)))
-        if joint.friction is None or joint not in found.flexible:
+        if joint.friction is None or joint not in robot.flexible:
             continue
         tendons = root.find("tendon")
         tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
-        fixed = next((each for each in tendons if each.get("name") == f"joint {joint.name}"), None)
+        fixed = next((tendon for tendon in tendons if tendon.get("name") == f"joint {joint.name}"), None)
         if fixed is None:
             fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}")
             for part in ("motor", "twist"):

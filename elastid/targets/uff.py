@@ -50,15 +50,15 @@ def write_uff(
     places = dict.fromkeys(place for response in responses for place in (*response.outputs, *response.inputs))
     nodes, points = _located(list(places), geometry)
     folder.mkdir(parents=True, exist_ok=True)
-    paths, own_modes = [], {own.configuration: own for own in modes}
+    paths, mode_sets = [], {basis.configuration: basis for basis in modes}
     for response in responses:
         path = folder / f"{file_name(response.configuration.name)}.uff"
         with replacing(path) as temporary, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # Written as text: pyuff overwrites binary files with headers alone.
             sets = [*_geometry_sets(geometry, points), *_sets(name, response, nodes)]
-            if response.configuration.name in own_modes:
-                sets += _mode_sets(name, own_modes[response.configuration.name], nodes)
+            if response.configuration.name in mode_sets:
+                sets += _mode_sets(name, mode_sets[response.configuration.name], nodes)
             pyuff.UFF(str(temporary)).write_sets(sets, "overwrite")
         paths.append(path)
     table = folder / "nodes.csv"
@@ -91,7 +91,7 @@ def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[dict
     def at(point: str, direction: str) -> str:
         return f"{point}{direction}" if point.isdigit() else f"{point} {direction}"
 
-    where = {place: found for place in places if (found := geometry.direction_of(place)) is not None}
+    where = {place: spot for place in places if (spot := geometry.direction_of(place)) is not None}
     names = {place: at(point, direction.lstrip("+-")) for place, (point, direction) in where.items()}
     nodes = numbered((*(names.get(place, place) for place in places), *(at(point, "x") for point in geometry.points)))
     signs = {place: -1 if direction.startswith("-") else 1 for place, (_, direction) in where.items()}

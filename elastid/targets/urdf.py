@@ -74,10 +74,10 @@ def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatAr
         ET.SubElement(root, "link", name=body.name)
         _fixed(root, body.name, parent, body.name, axis_pose)
         parent, axis_pose = body.name, np.eye(4)
-    own = axis_pose @ _matrix(body.mounting)
+    seat = axis_pose @ _matrix(body.mounting)
     if body.mass or np.any(body.inertia_matrix):
-        _inertial(next(link for link in root.iter("link") if link.get("name") == parent), body, own)
-    return parent, own
+        _inertial(next(link for link in root.iter("link") if link.get("name") == parent), body, seat)
+    return parent, seat
 
 
 def _link_name(root: ET.Element, robot: Robot, name: str) -> str:

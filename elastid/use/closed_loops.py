@@ -64,8 +64,8 @@ class Plants:
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
         unit, responses = np.eye(self.A.shape[-1]), []
-        for A, B, C, own in zip(self.A, self.B, self.C, freq_hz, strict=True):  # all at once take gigabytes
-            z = np.exp(2j * np.pi * own / self.rate_hz)[:, None, None]
+        for A, B, C, lines_hz in zip(self.A, self.B, self.C, freq_hz, strict=True):  # all at once take gigabytes
+            z = np.exp(2j * np.pi * lines_hz / self.rate_hz)[:, None, None]
             responses.append(C @ np.linalg.solve(z * unit - A, B.astype(complex)))
         return np.array(responses)
 
@@ -98,9 +98,9 @@ class PostureFamily:
         family = result.family(Asked(inputs=motors, outputs=motors, motors="free"))
         linear, inertia = [], []
         for posture in postures:
-            own = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
+            model = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
             chain = torque_elements(family.robot.chain)
-            linear.append(replace(own, chain=chain, gains=(), hold=None))
+            linear.append(replace(model, chain=chain, gains=(), hold=None))
             q = equilibrium(family.model, family.theta, posture).q
             inertia.append(tune(family.model, q, 1 / (2 * np.pi), 1.0).kp)
         return cls(family, tuple(linear), np.array(inertia), rate_hz)
@@ -108,7 +108,7 @@ class PostureFamily:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the postures."""
-        return tuple(own.configuration.name for own in self.linear)
+        return tuple(linear.configuration.name for linear in self.linear)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -123,7 +123,7 @@ class PostureFamily:
     def draws(self, result: Result, count: int, seed: int) -> Plants:
         """count times Q plants of robots drawn from the fit (`draw_robots`), the postures of each robot in a row."""
         pieces = [self._plants(x) for x in draw_robots(result, count, seed).x]
-        parts = (np.concatenate([getattr(own, name) for own in pieces]) for name in ("A", "B", "C", "inertia"))
+        parts = (np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("A", "B", "C", "inertia"))
         return Plants(self.rate_hz, *parts)
 
     @cached_property
@@ -131,14 +131,14 @@ class PostureFamily:
         """Modes of the fitted robot in each posture, by rising frequency; StudyError where no spring swings."""
         return tuple(map(self._modes, self.linear))
 
-    def _modes(self, own: LinearModel) -> tuple[PlantMode, ...]:
-        theta = self._theta(own)
-        known = modes(own, theta)
-        point = equilibrium(self.family.model, self.family.theta, own.configuration)
-        energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(own, known.shapes))
-        strained, M = np.nan_to_num(energy.share).argmax(axis=0), own.matrices(theta)[0]
+    def _modes(self, linear: LinearModel) -> tuple[PlantMode, ...]:
+        theta = self._theta(linear)
+        known = modes(linear, theta)
+        point = equilibrium(self.family.model, self.family.theta, linear.configuration)
+        energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, known.shapes))
+        strained, M = np.nan_to_num(energy.share).argmax(axis=0), linear.matrices(theta)[0]
         parts = (
-            np.abs(own.B.T @ known.shapes) ** 2 / np.einsum("im,ij,jm->m", known.shapes.conj(), M, known.shapes).real
+            np.abs(linear.B.T @ known.shapes) ** 2 / np.einsum("im,ij,jm->m", known.shapes.conj(), M, known.shapes).real
         )
         parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
         # A pendulum under gravity has less than half of its strain energy in springs.
@@ -147,21 +147,21 @@ class PostureFamily:
             raise StudyError(
                 "use/gains",
                 "no spring of the robot swings behind its motors, so that none limits them",
-                f"posture {own.configuration.name}",
+                f"posture {linear.configuration.name}",
             )
         return tuple(
             PlantMode(float(known.freq_hz[m]), energy.springs[strained[m]], tuple(parts[:, m].tolist())) for m in sprung
         )
 
-    def _theta(self, own: LinearModel, x: FloatArray | None = None) -> FloatArray:
+    def _theta(self, linear: LinearModel, x: FloatArray | None = None) -> FloatArray:
         e = self.family.estimated
         known = Estimated.of(
-            e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, own.configuration.name, e.doubts
+            e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, linear.configuration.name, e.doubts
         )  # fmt: skip
         return known.theta(known.x if x is None else x)
 
     def _plants(self, x: FloatArray) -> Plants:
-        pieces = [_sampled(own, self._theta(own, x), self.rate_hz) for own in self.linear]
+        pieces = [_sampled(linear, self._theta(linear, x), self.rate_hz) for linear in self.linear]
         A, B, C = (np.array(part) for part in zip(*pieces, strict=True))
         return Plants(self.rate_hz, A, B, C, self.inertia)
 
@@ -218,8 +218,8 @@ def grid(plants: Plants, lines: int, per_mode: int) -> FloatArray:
     spread = np.sinh(np.linspace(-3, 3, per_mode)) / np.sinh(3)
     most = int(counts.sum(axis=1).max(initial=0))
     rows = []
-    for own, z, keep in zip(freq_hz, zeta, counts, strict=True):
-        centres, widths = own[keep], np.clip(8 * z[keep], 0.02, 0.4)
+    for modes_hz, z, keep in zip(freq_hz, zeta, counts, strict=True):
+        centres, widths = modes_hz[keep], np.clip(8 * z[keep], 0.02, 0.4)
         near = (centres[:, None] * (1 + widths[:, None] * spread)).ravel()
         padding = np.geomspace(base[0], top, (most - len(centres)) * per_mode + 2)[1:-1] * (1 + 1e-6)
         rows.append(np.sort(np.clip(np.concatenate([base, near, padding]), base[0], top)))
@@ -242,8 +242,8 @@ class Scene:
 
     def closed(self, gains: Gains, filters: Filters | None) -> Closed:
         """The loops of gains (n_u,) or (N, n_u)."""
-        each = Gains(*(np.atleast_2d(part)[:, None] for part in (gains.kp, gains.kd, gains.ki)))
-        F, F_r = controller_response(each, filters, self.freq_hz, self.plants.rate_hz)
+        stack = Gains(*(np.atleast_2d(part)[:, None] for part in (gains.kp, gains.kd, gains.ki)))
+        F, F_r = controller_response(stack, filters, self.freq_hz, self.plants.rate_hz)
         S = np.asarray(np.linalg.inv(np.eye(self.P.shape[-1]) + F[..., :, None] * self.P))
         return Closed(self, gains, filters, S, 1 - np.einsum("...ij,...ji->...i", self.P, S) * F_r)
 
@@ -320,5 +320,5 @@ def closed_loop_poles(plants: Plants, gains: Gains, filters: Filters | None) -> 
 
 def _blocks(rows: list[list[FloatArray]]) -> FloatArray:
     """Block matrices (N, m, n) of blocks (N, ., .) or (., .)."""
-    N = np.broadcast_shapes(*((1, *each.shape)[-3:-2] for row in rows for each in row))
-    return np.asarray(np.block([[np.broadcast_to(each, (*N, *each.shape[-2:])) for each in row] for row in rows]))
+    N = np.broadcast_shapes(*((1, *block.shape)[-3:-2] for row in rows for block in row))
+    return np.asarray(np.block([[np.broadcast_to(block, (*N, *block.shape[-2:])) for block in row] for row in rows]))

@@ -118,11 +118,11 @@ class Cascade:
     def filters(self, rate_hz: float) -> Filters:
         """Notches, low pass and delay."""
         sections: list[list[FloatArray]] = [[] for _ in self.low_pass_hz]
-        for axis, own in zip(self.axes, self.notches, strict=True):
-            sections[axis].append(notch(own[0], own[1], own[2], rate_hz))
-        for each, corner in zip(sections, self.low_pass_hz, strict=True):
-            each.append(low_pass(corner, rate_hz))
-        return Filters(tuple(tuple(tuple(part.tolist()) for part in each) for each in sections), self.delay)
+        for axis, row in zip(self.axes, self.notches, strict=True):
+            sections[axis].append(notch(row[0], row[1], row[2], rate_hz))
+        for chain, corner in zip(sections, self.low_pass_hz, strict=True):
+            chain.append(low_pass(corner, rate_hz))
+        return Filters(tuple(tuple(tuple(part.tolist()) for part in chain) for chain in sections), self.delay)
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
         """F (..., n_u) at freq_hz (...)."""
@@ -135,7 +135,7 @@ class Cascade:
         for rows in (*np.arange(3 * n).reshape(3, n), *np.arange(3 * n, len(x))[:, None]):
             step = np.zeros(len(x))
             step[rows] = _STEP
-            ahead, behind = (self.at(x + each).response(freq_hz, rate_hz) for each in (step, -step))
+            ahead, behind = (self.at(x + shift).response(freq_hz, rate_hz) for shift in (step, -step))
             slopes[..., rows] = np.log(ahead / behind)[..., self.owners[rows]] / (2 * _STEP)
         return slopes
 
@@ -154,16 +154,16 @@ class Cascade:
             return tuple(float(f"{value:.6g}") for value in values)
 
         pairs = zip(self.axes, self.notches, strict=True)
-        notches = tuple(NotchSpec(joints[axis], *rounded(own)) for axis, own in pairs)
+        notches = tuple(NotchSpec(joints[axis], *rounded(row)) for axis, row in pairs)
         parts = self.position_gain, self.velocity_gain, 1 / self.position_gain, self.low_pass_hz
         position, velocity, integral, corner = map(rounded, parts)
         gains = GainsSpec(position, velocity, integral, notches, corner)
         return ControllerSpec(kind="cascade", gains=gains, delay_samples=self.delay)
 
 
-def _keeps(scene: Scene, own: Cascade, limit_db: float) -> bool:
+def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
     """True if all loops are stable with peaks within the limit."""
-    return bool(own.on(scene).peaks_db.max() <= limit_db)
+    return bool(cascade.on(scene).peaks_db.max() <= limit_db)
 
 
 def slowed(cascade: Cascade, is_kept: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
@@ -193,8 +193,8 @@ def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]
 
 def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:
     """Better and better controllers that keep the limit on all plants; FitError where no gain does."""
-    kept = [own for own in rules(scene.plants, first_mode_hz, delay) if _keeps(scene, own, limit_db)]
-    best = max(kept, key=lambda own: own.reached(scene), default=None)
+    kept = [cascade for cascade in rules(scene.plants, first_mode_hz, delay) if _keeps(scene, cascade, limit_db)]
+    best = max(kept, key=lambda cascade: cascade.reached(scene), default=None)
     if best is None:
         raise FitError(
             "use/gains",
@@ -205,8 +205,8 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
     best = searched(scene, best, limit_db) or best
     yield best
     for _ in range(MAX_NOTCHES * len(best.velocity_gain)):
-        tried = [searched(scene, own, limit_db, rounds=2) for own in _with_notch(scene, best)]
-        start = max(filter(None, tried), key=lambda own: own.reached(scene), default=best)
+        tried = [searched(scene, cascade, limit_db, rounds=2) for cascade in _with_notch(scene, best)]
+        start = max(filter(None, tried), key=lambda cascade: cascade.reached(scene), default=best)
         gained = searched(scene, start, limit_db) or best
         if gained.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
             return
@@ -230,8 +230,8 @@ def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
 def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
     """The best that rounds of sequential quadratic programming find; None for a start that no slowing helps."""
 
-    def is_kept(own: Cascade) -> bool:
-        return _keeps(scene, own, limit_db)
+    def is_kept(cascade: Cascade) -> bool:
+        return _keeps(scene, cascade, limit_db)
 
     @lru_cache(maxsize=2)
     def known(x: bytes) -> tuple[FloatArray, FloatArray]:
@@ -251,9 +251,9 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
                 "type": "ineq", "fun": lambda x: known(x.tobytes())[0], "jac": lambda x: known(x.tobytes())[1],
             },
         )  # fmt: skip
-        found = slowed(best.at(np.clip(solved.x, low, high)), is_kept, 20) if np.isfinite(solved.x).all() else None
-        gained = -np.inf if found is None else found.reached(scene) - best.reached(scene)
-        best = found if found is not None and gained > 0 else best
+        trial = slowed(best.at(np.clip(solved.x, low, high)), is_kept, 20) if np.isfinite(solved.x).all() else None
+        gained = -np.inf if trial is None else trial.reached(scene) - best.reached(scene)
+        best = trial if trial is not None and gained > 0 else best
         reach /= 3 if gained < 0.005 else 1
         if reach < 0.05:
             break
@@ -266,7 +266,7 @@ def room(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, Floa
     closed = form.on(scene)
     S, sizes = closed.S, closed.size
     parts = np.array_split(np.arange(sizes.shape[1]), _BANDS)
-    lines = np.array([part[own[part].argmax()] for own in sizes for part in parts])
+    lines = np.array([part[size[part].argmax()] for size in sizes for part in parts])
     rows = np.repeat(np.arange(len(sizes)), _BANDS)
     left_db = limit_db - 0.02 - 20 * np.log10(sizes[rows, lines])
     # d sigma = -Re u^H S dF P S v in scaled coordinates.
@@ -290,11 +290,11 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
     fine = Scene.of(estimate, lines=600, per_mode=41)
     drawn = None if draws is None else Scene.of(draws, lines=120, per_mode=9)
 
-    def excess(own: Cascade) -> float:
+    def excess(cascade: Cascade) -> float:
         """dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
-        peaks = [float(own.on(fine).peaks_db.max())]
+        peaks = [float(cascade.on(fine).peaks_db.max())]
         if drawn is not None:
-            of_draws = own.on(drawn).peaks_db.reshape(-1, Q).max(axis=1)
+            of_draws = cascade.on(drawn).peaks_db.reshape(-1, Q).max(axis=1)
             peaks.append(float(np.quantile(of_draws, 0.95, method="higher")))
         return max(peaks) - LIMIT_DB
 
@@ -306,12 +306,12 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
             break
         limit_db -= min(above + 0.01, 1.5)
     # Slowing may cost one of them half its bandwidth, and another nothing.
-    kept = [own for each in tried if (own := slowed(each, lambda one: excess(one) <= 0)) is not None]
+    kept = [result for start in tried if (result := slowed(start, lambda cascade: excess(cascade) <= 0)) is not None]
     if not kept:
         raise FitError(
             "use/gains", "no gains keep the sensitivity below 6 dB on 95 % of the draws: the fit knows too little"
         )
-    return max(kept, key=lambda own: own.reached(scene))
+    return max(kept, key=lambda cascade: cascade.reached(scene))
 
 
 @frozen_value
@@ -338,9 +338,9 @@ class LoopState:
 def assess(name: str, family: PostureFamily, drawn: Plants | None, gains: Gains, filters: Filters | None) -> LoopState:
     """A controller of gains (n_u,) or (Q, n_u) in the Q postures of a family; drawn: D times as many plants."""
     plants, axes = family.estimate, family.axes
-    own = Scene.of(plants, 600, 41).closed(gains, filters)
-    causes = tuple("; ".join(_causes(own, q, modes, axes)) for q, modes in enumerate(family.modes))
-    peaks, bandwidth = own.peaks_db, own.bandwidth_hz
+    loops = Scene.of(plants, 600, 41).closed(gains, filters)
+    causes = tuple("; ".join(_causes(loops, q, modes, axes)) for q, modes in enumerate(family.modes))
+    peaks, bandwidth = loops.peaks_db, loops.bandwidth_hz
     ends, drawn_peaks = np.full((2, *peaks.shape), np.nan), np.zeros(0)
     if drawn is not None:
         D = len(drawn) // len(plants)
@@ -349,25 +349,25 @@ def assess(name: str, family: PostureFamily, drawn: Plants | None, gains: Gains,
         # Sorted: quantiles of infinities would be NaN.
         ends = np.sort(of_draws, axis=0)[[int(0.025 * (D - 1)), int(np.ceil(0.975 * (D - 1)))]]
         drawn_peaks = of_draws.max(axis=1)
-    size_db = 20 * np.log10(own.size)
+    size_db = 20 * np.log10(loops.size)
     return LoopState(
-        name, family.names, axes, peaks, ends[0], ends[1], causes, bandwidth, drawn_peaks, own.scene.freq_hz, size_db
+        name, family.names, axes, peaks, ends[0], ends[1], causes, bandwidth, drawn_peaks, loops.scene.freq_hz, size_db
     )
 
 
-def _causes(own: Closed, q: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> Iterator[str]:
+def _causes(loops: Closed, q: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> Iterator[str]:
     """Axis and mode of each peak that limits, by rising frequency."""
-    size, root = np.pad(own.size[q], 1, constant_values=0.0), np.sqrt(own.scene.plants.inertia[q])
+    size, root = np.pad(loops.size[q], 1, constant_values=0.0), np.sqrt(loops.scene.plants.inertia[q])
     peaks = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:]))
     # A peak within 0.5 dB of the largest one limits the gains as well.
-    binding = peaks[own.size[q, peaks] >= own.size[q].max() * 10 ** (-0.5 / 20)]
-    for line in binding if own.stable[q] else [int(own.size[q].argmax())]:
-        freq_hz = float(own.scene.freq_hz[q, line])
-        left, _, right = np.linalg.svd(own.S[q, line] / root[:, None] * root)
+    binding = peaks[loops.size[q, peaks] >= loops.size[q].max() * 10 ** (-0.5 / 20)]
+    for line in binding if loops.stable[q] else [int(loops.size[q].argmax())]:
+        freq_hz = float(loops.scene.freq_hz[q, line])
+        left, _, right = np.linalg.svd(loops.S[q, line] / root[:, None] * root)
         i = int(np.abs(left[:, 0] * right[0]).argmax())
-        own_modes = [mode for mode in modes if mode.parts[i] >= _MOVED]
-        near = min(own_modes, key=lambda each: abs(np.log(each.freq_hz / freq_hz)), default=None)
-        if not own.stable[q]:
+        movers = [mode for mode in modes if mode.parts[i] >= _MOVED]
+        near = min(movers, key=lambda mode: abs(np.log(mode.freq_hz / freq_hz)), default=None)
+        if not loops.stable[q]:
             yield f"unstable, at {freq_hz:.3g} Hz in axis {axes[i]}"
         elif near is not None and abs(near.freq_hz / freq_hz - 1) <= _NEAR:
             yield f"axis {axes[i]} at {freq_hz:.3g} Hz: mode at {near.freq_hz:.3g} Hz, {near.spring}"
@@ -413,8 +413,8 @@ class Today:
     def state(self, family: PostureFamily, drawn: Plants | None) -> LoopState:
         """The controller in all postures; its gains may follow from a bandwidth, which is another in each."""
         model, theta = family.family.model, family.family.theta
-        each = [gains_of(model, equilibrium(model, theta, own.configuration).q, self.spec) for own in family.linear]
-        gains = Gains(*(np.array([getattr(own, name) for own in each]) for name in ("kp", "kd", "ki")))
+        sets = [gains_of(model, equilibrium(model, theta, case.configuration).q, self.spec) for case in family.linear]
+        gains = Gains(*(np.array([getattr(tuning, name) for tuning in sets]) for name in ("kp", "kd", "ki")))
         return assess(TODAY, family, drawn, gains, filters_of(family.axes, self.spec, self.rate_hz))
 
 
@@ -431,9 +431,9 @@ def design_loops(
 
     state = None
     if today is not None:
-        own = replace(family, rate_hz=today.rate_hz)
-        state = today.state(own, drawn_of(own))
-    drawn, first_hz = drawn_of(family), min(mode.freq_hz for own in family.modes for mode in own)
-    found = robust(family.estimate, drawn, first_hz, delay_samples)
-    designed = assess(DESIGNED, family, drawn, found.gains, found.filters(family.rate_hz))
-    return Loops(name, family.axes, family.rate_hz, draws, state, designed, found)
+        variant = replace(family, rate_hz=today.rate_hz)
+        state = today.state(variant, drawn_of(variant))
+    drawn, first_hz = drawn_of(family), min(mode.freq_hz for modes in family.modes for mode in modes)
+    cascade = robust(family.estimate, drawn, first_hz, delay_samples)
+    designed = assess(DESIGNED, family, drawn, cascade.gains, cascade.filters(family.rate_hz))
+    return Loops(name, family.axes, family.rate_hz, draws, state, designed, cascade)

@@ -91,8 +91,8 @@ def answers(
     linear, theta, modes = fitted.linear, fitted.theta, fitted.modes()
     freq_hz = modes.freq_hz
     peak_hz, chatter_hz, (n, f) = _extremes(linear, theta, modes, lines_hz, cut)
-    own = np.append([_REST * freq_hz.min(initial=lines_hz[0]), peak_hz, chatter_hz], curve_hz)
-    H, shifts = frequency_response(linear, theta, own), fitted.response_shifts(own)
+    grid_hz = np.append([_REST * freq_hz.min(initial=lines_hz[0]), peak_hz, chatter_hz], curve_hz)
+    H, shifts = frequency_response(linear, theta, grid_hz), fitted.response_shifts(grid_hz)
 
     def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> float:
         """Of Re a^T G b."""
@@ -102,23 +102,23 @@ def answers(
     principal, axes = np.linalg.eigh((C + C.T) / 2)
     principal, axes = principal[::-1], axes[:, ::-1]
     softest, load = axes[:, 0], np.array(cut.load)
-    found = {"softest_compliance": (principal[0], std(0, softest, softest))}
-    found |= {f"compliance_{name}": (C[i, i], std(0, np.eye(3)[i], np.eye(3)[i])) for i, name in enumerate("xyz")}
+    results = {"softest_compliance": (principal[0], std(0, softest, softest))}
+    results |= {f"compliance_{name}": (C[i, i], std(0, np.eye(3)[i], np.eye(3)[i])) for i, name in enumerate("xyz")}
     deflection = float(np.linalg.norm(C @ load))
-    found["deflection"] = deflection, std(0, C @ load / max(deflection, 1e-300), load)
+    results["deflection"] = deflection, std(0, C @ load / max(deflection, 1e-300), load)
     known = np.full((3, 2), np.nan)
     known[: len(freq_hz)] = np.column_stack([freq_hz, modes.freq_std])[:3]
-    found |= {f"frequency_{i + 1}": tuple(known[i]) for i in range(3)}
+    results |= {f"frequency_{i + 1}": tuple(known[i]) for i in range(3)}
     U, sizes, Vh = np.linalg.svd(H[1])
-    found["dynamic_compliance"] = sizes[0], std(1, U[:, 0].conj(), Vh[0].conj())
+    results["dynamic_compliance"] = sizes[0], std(1, U[:, 0].conj(), Vh[0].conj())
     least = float((n @ H[2] @ f).real)
     depth = -1 / (2 * cut.cutting_coefficient * least) if least < 0 else np.inf
-    found["depth_of_cut"] = depth, depth / -least * std(2, n, f) if least < 0 else np.nan
+    results["depth_of_cut"] = depth, depth / -least * std(2, n, f) if least < 0 else np.nan
     u = linear.Z @ np.linalg.solve(linear.matrices(theta)[2], linear.readout(theta)[0].T @ softest)
     along, moved = softest @ H[3:] @ softest, softest @ shifts[:, 3:] @ softest
     magnitude = np.maximum(np.abs(along), 1e-300)
     robot = family.model.robot_at(family.theta)
-    return {name: np.array(each) for name, each in found.items()} | {
+    return {name: np.array(value) for name, value in results.items()} | {
         "axes": axes, "chatter_hz": chatter_hz, "magnitude": magnitude,
         "share": strain_energy(family.model, family.theta, point, u[:, None].astype(complex)).share[:, 0],
         "magnitude_std": np.linalg.norm((along.conj() * moved).real / magnitude, axis=0),
@@ -207,7 +207,7 @@ class WorkspaceMap:
 
     def __getitem__(self, name: str) -> Quantity:
         """A quantity by its name."""
-        return {each.name: each for each in self.quantities}[name]
+        return {quantity.name: quantity for quantity in self.quantities}[name]
 
     def __len__(self) -> int:
         return len(self.angles)
@@ -242,26 +242,26 @@ def map_workspace(
     family = fitted if isinstance(fitted, Family) else fitted.family(Asked(frame=frame, axes="world"))
     lines = default_lines(family, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
-    rows, found = [], np.zeros(len(angles), bool)
-    for i, own in enumerate(angles):
+    rows, rests = [], np.zeros(len(angles), bool)
+    for i, point in enumerate(angles):
         with suppress(StudyError):
-            rows.append(answers(family, _posture(family, own), lines, curve, cut))
-            found[i] = True
-    if not found.any():
+            rows.append(answers(family, _posture(family, point), lines, curve, cut))
+            rests[i] = True
+    if not rests.any():
         raise StudyError(
             "robot/no-rest",
             f"robot {family.robot.name} finds no rest in any of the {len(angles)} postures; they may be outside the "
             "reach of its loops, or its springs too soft for its weight",
         )
-    each = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    quantities = tuple(Quantity(key, text, unit, *each.pop(key).T) for key, (unit, text) in QUANTITIES.items())
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    quantities = tuple(Quantity(key, text, unit, *columns.pop(key).T) for key, (unit, text) in QUANTITIES.items())
     driven = family.robot.driven
     return WorkspaceMap(
         name=name or family.robot.name, frame=family.frame, joints=tuple(joint.name for joint in driven),
-        angles=angles[found], asked=np.flatnonzero(found), refused=tuple(np.flatnonzero(~found).tolist()),
+        angles=angles[rests], asked=np.flatnonzero(rests), refused=tuple(np.flatnonzero(~rests).tolist()),
         springs=family.model.springs, curve_hz=curve, quantities=quantities, load=cut.load,
         cutting_coefficient=cut.cutting_coefficient, is_path=is_path, sliding=tuple(joint.slides for joint in driven),
-        **each,
+        **columns,
     )  # fmt: skip
 
 
@@ -271,9 +271,9 @@ def _posture(family: Family, angles: FloatArray) -> Configuration:
 
 def default_lines(family: Family, angles: FloatArray) -> FloatArray:
     """LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
-    some: list[FloatArray] = []
-    for own in angles[:: max(1, len(angles) // 20)][:20]:
+    samples: list[FloatArray] = []
+    for point in angles[:: max(1, len(angles) // 20)][:20]:
         with suppress(StudyError):
-            some.append(family.at(_posture(family, own)).modes().freq_hz[:6])
-    freq_hz = np.concatenate(some) if some else np.array([2.0, 50.0])
+            samples.append(family.at(_posture(family, point)).modes().freq_hz[:6])
+    freq_hz = np.concatenate(samples) if samples else np.array([2.0, 50.0])
     return np.geomspace(freq_hz.min() / 2, 2 * freq_hz.max(), LINES)

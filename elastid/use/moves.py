@@ -38,8 +38,8 @@ class MotionLimits:
     def of(cls, robot: Robot) -> MotionLimits:
         """Limits of the driven joints."""
         limits = [joint.limits for joint in robot.driven]
-        angle = np.array([each.angle for each in limits], float)
-        return cls(angle, *(np.array([getattr(each, kind) for each in limits], float) for kind in KINDS))
+        angle = np.array([limit.angle for limit in limits], float)
+        return cls(angle, *(np.array([getattr(limit, kind) for limit in limits], float) for kind in KINDS))
 
     @property
     def range(self) -> tuple[FloatArray, FloatArray]:

@@ -119,8 +119,8 @@ class CommandedRobot:
         seat = layout.named[names.index(self.frame)]
         error = position(layout, turned, seat, (0.0, 0.0, 0.0)) - p
         if self.is_posed:
-            own = ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
-            error = ca.vertcat(error, LEVER / 2 * sum(ca.cross(R[:, i], own[:, i]) for i in range(3)))
+            axes = ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
+            error = ca.vertcat(error, LEVER / 2 * sum(ca.cross(R[:, i], axes[:, i]) for i in range(3)))
         results = [ca.densify(part) for part in (error, ca.jacobian(error, q))]
         return ca.Function("tool", [q, p, ca.vec(R)], results, {"cse": True})
 
@@ -388,9 +388,9 @@ def shortest(
     def can(duration: float) -> bool:
         if duration > LONGEST_S:
             return False
-        own = move.in_time(duration)
-        planned = plan(commanded, own, limits, margin_s, replace(SETTINGS, iterations=30))
-        return planned.is_feasible and bool(planned_error(commanded, own, planned).max() <= error_m)
+        motion = move.in_time(duration)
+        planned = plan(commanded, motion, limits, margin_s, replace(SETTINGS, iterations=30))
+        return planned.is_feasible and bool(planned_error(commanded, motion, planned).max() <= error_m)
 
     # The rigid robot, which is not far from the elastic one, needs about this.
     duration = first_duration(commanded, move, limits)

@@ -30,7 +30,7 @@ def limits_of(robot: Robot) -> FloatArray:
     """Lower and upper angle (n_u, 2) of the driven joints; a full turn, or 0 for those that slide, without limits."""
     whole = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
     given = [joint.limits.angle for joint in robot.driven]
-    limits = np.array([each if own is None else own for own, each in zip(given, whole, strict=True)], float)
+    limits = np.array([span if limit is None else limit for limit, span in zip(given, whole, strict=True)], float)
     return np.where(np.isfinite(limits), limits, np.array(whole))
 
 
@@ -111,8 +111,8 @@ def follow_path(
     for i in range(1, len(position)):
         if not reached[i - 1]:
             continue
-        own = rotation if rotation is None else rotation[i : i + 1]
-        q, left = _descend(robot, frame, position[i : i + 1], own, angles[i - 1 : i])
+        turn = rotation if rotation is None else rotation[i : i + 1]
+        q, left = _descend(robot, frame, position[i : i + 1], turn, angles[i - 1 : i])
         if left[0] < _REACHED:
             angles[i], reached[i] = q[0], True
     return angles, reached

@@ -167,7 +167,7 @@ class TunedMove(References):
 
     def __getitem__(self, name: str) -> Outcome:
         """An outcome by its name."""
-        return {each.name: each for each in self.outcomes}[name]
+        return {outcome.name: outcome for outcome in self.outcomes}[name]
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,7 @@ class _Asked:
         given, commanded, limits = self.given, self.commanded, self.limits
         n = len(given.draws)
         samples = round((self.move.duration + 2 * self.margin_s + SETTLING_S) * given.rate_hz) * n
-        own = TwinLoop.of(given.identified, commanded.model, given.frame, self.gains, given.rate_hz, samples)
+        loop = TwinLoop.of(given.identified, commanded.model, given.frame, self.gains, given.rate_hz, samples)
         narrowed = limits
         for attempt in range(PASSES):
             progress(attempt * (n + 1), PASSES * (n + 1))
@@ -283,8 +283,8 @@ class _Asked:
             used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
             errors, most = [], np.abs(references.torque).max(axis=0)
             for i, robot in enumerate(given.draws):
-                q, torque = own.follow(references, robot)
-                errors.append(np.linalg.norm(own.tool(q, robot) - target, axis=1))
+                q, torque = loop.follow(references, robot)
+                errors.append(np.linalg.norm(loop.tool(q, robot) - target, axis=1))
                 most = np.maximum(most, np.abs(torque).max(axis=0))
                 velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * given.rate_hz
                 used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
@@ -295,7 +295,7 @@ class _Asked:
             narrowed = narrowed.narrowed(
                 {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
             )
-        kind = max(used, key=lambda each: float(used[each].max()))
+        kind = max(used, key=lambda key: float(used[key].max()))
         joint = commanded.robot.driven[int(np.argmax(used[kind]))].name
         raise DataError(
             "use/move",
@@ -317,7 +317,7 @@ class _Asked:
             CATALOGUE: sampled(of_catalogue, elastic, given.rate_hz, SETTLING_S),
             IDENTIFIED: references,
         }
-        outcomes = [judge.outcome(name, each, target, move.duration) for name, each in commands.items()]
+        outcomes = [judge.outcome(name, command, target, move.duration) for name, command in commands.items()]
         if len(drawn):
             low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
             outcomes[-1] = replace(outcomes[-1], low=low, high=high)

@@ -244,13 +244,13 @@ class Agreement:
 
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
     """Root mean square over elements or configurations of so many lines each, NaN without lines."""
-    some = lines > 0
-    return float(np.sqrt(np.average(rms[some] ** 2, weights=lines[some]))) if some.any() else math.nan
+    mask = lines > 0
+    return float(np.sqrt(np.average(rms[mask] ** 2, weights=lines[mask]))) if mask.any() else math.nan
 
 
 def are_white(agreements: Sequence[Agreement]) -> bool:
     """True if the residuals of all configurations together are white; of white ones FALSE_ALARM are called coloured."""
-    return not together([each.white_p for each in agreements]) < FALSE_ALARM
+    return not together([result.white_p for result in agreements]) < FALSE_ALARM
 
 
 def noise_p(agreements: Sequence[Agreement]) -> float:
@@ -261,8 +261,8 @@ def noise_p(agreements: Sequence[Agreement]) -> float:
 def power_ratio(agreements: Sequence[Agreement]) -> tuple[float, float]:
     """Power of the residuals over that of the noise, of all configurations together, and its degrees of freedom."""
     known = [(a.power_dof, a.power_ratio) for a in agreements if math.isfinite(a.power_ratio) and a.power_dof > 0]
-    dof = sum(own for own, _ in known)
-    return (sum(own * ratio for own, ratio in known) / dof, dof) if known else (math.nan, 0.0)
+    dof = sum(weight for weight, _ in known)
+    return (sum(weight * ratio for weight, ratio in known) / dof, dof) if known else (math.nan, 0.0)
 
 
 @dataclass(frozen=True)
@@ -343,9 +343,9 @@ def agreement(
     in independent directions; tests allow for them, as for the systematic errors of the measured one.  peaks: with its
     resonances, which take most of the time.
     """
-    for each in ("inputs", "outputs", "quantity", "freq_hz"):
-        if not np.array_equal(getattr(measured, each), getattr(modelled, each)):
-            raise ValueError(f"{measured.configuration.name}: {each} of measurement and model differ")
+    for name in ("inputs", "outputs", "quantity", "freq_hz"):
+        if not np.array_equal(getattr(measured, name), getattr(modelled, name)):
+            raise ValueError(f"{measured.configuration.name}: {name} of measurement and model differ")
     Ghat, G = measured.G, modelled.G
     noise = smooth_noise(measured)
     sigma = sigma_of(measured, noise)

@@ -135,8 +135,8 @@ def divide(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
     """
     postures = list(dict.fromkeys(map(posture_of, names)))
     n = min(parts or len(postures), len(postures))
-    own = [postures[i::n] for i in range(n)] if n > 1 else []
-    return tuple(tuple(name for name in names if posture_of(name) in part) for part in own)
+    groups = [postures[i::n] for i in range(n)] if n > 1 else []
+    return tuple(tuple(name for name in names if posture_of(name) in part) for part in groups)
 
 
 Fit: TypeAlias = Callable[[Sequence[Elastic]], Mapping[Elastic, ComparedModel]]
@@ -215,7 +215,7 @@ def _chosen(rows: Mapping[Elastic, ComparedModel], now: Elastic, tried: Sequence
 def _trial(step: int, rows: Mapping[Elastic, ComparedModel], now: Elastic, model: Elastic, taken: bool) -> Trial:
     freed = len(model) > len(now)
     names = tuple(_others(model, now) if freed else _others(now, model))
-    before, after = (rows[each].mean_misfit for each in (now, model))
+    before, after = (rows[choice].mean_misfit for choice in (now, model))
     return Trial(step, "free" if freed else "rigid", names, model, before, after, taken)
 
 
@@ -280,7 +280,7 @@ def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
         is_left = key in variant_names if key in known else matching(key, variant_names)
         return bool(matching(key, known)) and not is_left
 
-    left = {key: each for key, each in spec.parameters.items() if not is_gone(key)}
+    left = {key: entry for key, entry in spec.parameters.items() if not is_gone(key)}
     if spec.parameters and not left:  # an empty list would mean every stiffness
         raise StudyError(
             "compare/variants",
@@ -304,8 +304,8 @@ def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
 
 def _factors(factors: Sequence[FactorSpec], names: Sequence[str]) -> tuple[FactorSpec, ...]:
     """The factors of these configurations."""
-    own = [(factor, tuple(name for name in factor.configurations if name in names)) for factor in factors]
-    return tuple(replace(factor, configurations=some) for factor, some in own if some or not factor.configurations)
+    pairs = [(factor, tuple(name for name in factor.configurations if name in names)) for factor in factors]
+    return tuple(replace(factor, configurations=part) for factor, part in pairs if part or not factor.configurations)
 
 
 def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:
@@ -318,11 +318,11 @@ def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:
 
 
 def _compared(name: str, refits: Sequence[Refit], criterion: float, configurations: Sequence[str]) -> ComparedModel:
-    full, scores = refits[0], {c: score for each in refits[1:] for c, score in each.left_out.items()}
+    full, scores = refits[0], {c: score for run in refits[1:] for c, score in run.left_out.items()}
     nothing = Fold("", math.nan, math.nan, math.nan)
     by_configuration = [scores.get(c, nothing) for c in configurations] if len(refits) > 1 else []
     notes = [f"fit to all: {full.message}"] if full.status == "failed" else []
-    failed = [each for each in refits[1:] if each.status == "failed"]
+    failed = [run for run in refits[1:] if run.status == "failed"]
     notes += [f"{len(failed)} of {len(refits) - 1} fits failed: {failed[0].message}"] if failed else []
     if full.status not in ("converged", "failed"):
         notes.append(full.status.replace("_", " "))

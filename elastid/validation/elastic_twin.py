@@ -139,7 +139,7 @@ def _signals(
     """Signals of a plant under the torque of the last period of a record, over and over, held on its motion."""
     model, angles, chain = plant.model, record.configuration.angles, plant.model.robot.chain
     N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
-    last = _last(record.n_periods, {each // (2 if record.half_wave else 1) for each in record.left_out})
+    last = _last(record.n_periods, {index // (2 if record.half_wave else 1) for index in record.left_out})
     period = slice(last * N, (last + 1) * N)
     position = np.tile(angles, (N, 1))
     for i, place in zip(motors, record.inputs, strict=True):
@@ -156,7 +156,7 @@ def _signals(
     lead = min(max(0, math.floor(LONGEST_S / period_s) - 1), math.ceil(1.5 / held_hz / period_s))
     lead = lead if record.is_periodic else 0  # periods before the one that is compared
     still = np.zeros(((lead + 1) * N, model.n_u))
-    path, rate, driving = (np.tile(each, (lead + 1, 1)) for each in (position, velocity, torque))
+    path, rate, driving = (np.tile(signal, (lead + 1, 1)) for signal in (position, velocity, torque))
     commands = Commands(path, rate, driving, still, still)
     moving, held = np.isin(np.arange(model.n_u), motors), holding_gains(plant, held_hz)
     return _compared(record, band_hz, delay_s, plant, follow(plant, commands, moving, held, position[0], velocity[0]))

@@ -168,10 +168,10 @@ def _parameters(values: Sequence[FleetValue]) -> list[_Parameter]:
     known = [value for value in values if math.isfinite(value.std) and value.std > 0]
     parameters = []
     for name in dict.fromkeys(value.parameter for value in known):
-        own = [value for value in known if value.parameter == name]
-        is_relative = all(value.value > 0 for value in own)
-        robots = dict.fromkeys(value.robot for value in own)
-        series = tuple(_series([value for value in own if value.robot == r], r, is_relative) for r in robots)
+        rows = [value for value in known if value.parameter == name]
+        is_relative = all(value.value > 0 for value in rows)
+        robots = dict.fromkeys(value.robot for value in rows)
+        series = tuple(_series([value for value in rows if value.robot == r], r, is_relative) for r in robots)
         parameters.append(_Parameter(name, is_relative, series))
     return parameters
 
@@ -200,9 +200,9 @@ def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> lis
         of_kind.append((LIMITS.natural_dof * LIMITS.natural_stiffness**2, LIMITS.natural_dof))
     findings = []
     for s in parameter.series:
-        others = tuple(other for other in parameter.series if other is not s)
+        others = tuple(peer for peer in parameter.series if peer is not s)
         spread, dof = _moderated(replace(parameter, series=others).between_robots(), of_kind)
-        mean, variance = np.mean([(other.mean, other.variance_of_mean) for other in others], axis=0)
+        mean, variance = np.mean([(peer.mean, peer.variance_of_mean) for peer in others], axis=0)
         std = math.sqrt(spread + s.variance_of_mean + (spread + variance) / len(others))
         findings.append(_finding("differs", s.robot, parameter, s.mean - float(mean), std, dof))
     return findings

@@ -160,11 +160,11 @@ def _log(robot: Robot, members: Sequence[tuple[JointFriction, FrictionRecord]]) 
     signals = []
     for joint, record in members:
         assert joint.motion is not None
-        i, each = names.index(joint.joint), MotionSignals.of(joint.motion.motion, joint.motion.passband_hz)
-        position[:, i], velocity[:, i] = each.position[:n], each.velocity[:n]
-        acceleration[:, i], torque[:, i] = each.acceleration[:n], record.torque[:n]
-        rigid[:, i] = _rigid_torque(joint.motion, each, record.torque)[:n]
-        signals.append(each)
+        i, motion = names.index(joint.joint), MotionSignals.of(joint.motion.motion, joint.motion.passband_hz)
+        position[:, i], velocity[:, i] = motion.position[:n], motion.velocity[:n]
+        acceleration[:, i], torque[:, i] = motion.acceleration[:n], record.torque[:n]
+        rigid[:, i] = _rigid_torque(joint.motion, motion, record.torque)[:n]
+        signals.append(motion)
     moving = tuple(name in [joint.joint for joint, _ in members] for name in names)
     return _Log(
         tuple(record for _, record in members), tuple(signals), moving, position, velocity, acceleration, torque, rigid
@@ -198,9 +198,9 @@ def _signals(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterato
     """Signals of a plant under reference, torque and gains; joints that rest have the same in all."""
     q, moving = plant.point.q, np.array(log.moving)
     smooth = formulate(without_friction(plant.model.robot))
-    own = feed_forward(smooth, q, log.position - log.position[0], log.velocity, log.acceleration)
-    lacking = np.where(moving, own - log.rigid, 0.0)
-    still = np.zeros_like(own)
+    demand = feed_forward(smooth, q, log.position - log.position[0], log.velocity, log.acceleration)
+    lacking = np.where(moving, demand - log.rigid, 0.0)
+    still = np.zeros_like(demand)
     if controller is None:
         # The plant holds a torque from sample to sample: the mean of both ends acts on it.
         acting = (log.torque + np.vstack([log.torque[1:], log.torque[-1:]])) / 2
@@ -210,7 +210,7 @@ def _signals(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterato
         velocity = np.diff(position, axis=0, prepend=position[:1]) * log.rate_hz
     else:
         held = gains_of(plant.model, q, controller.spec)
-        position, known = log.position.copy(), np.zeros_like(own)
+        position, known = log.position.copy(), np.zeros_like(demand)
         for record, i in zip(log.records, np.flatnonzero(moving), strict=True):
             assert record.reference is not None
             position[:, i] = record.reference[: len(position)]
@@ -220,7 +220,7 @@ def _signals(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterato
         # The torque that the controller's integral holds at the start; 0 without an integral.
         error = held.kp * (position[0] - log.position[0]) + held.kd * (velocity[0] - log.velocity[0])
         acting = known + np.where(held.ki > 0, log.torque[0] - known[0] - error, 0.0)
-    commands = Commands(position, velocity, np.where(moving, acting, own), lacking, still)
+    commands = Commands(position, velocity, np.where(moving, acting, demand), lacking, still)
     return _compared(log, plant.model, follow(plant, commands, moving, held, log.position[0], log.velocity[0]))
 
 
@@ -250,8 +250,8 @@ def predict_logs(
 ) -> TwinFindings:
     """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
     outcomes = list(_along_logs(robot, joints, measured))
-    judged = [each for each in outcomes if isinstance(each, JointFriction)]
-    reasons = [each for each in outcomes if not isinstance(each, JointFriction)]
+    judged = [outcome for outcome in outcomes if isinstance(outcome, JointFriction)]
+    reasons = [outcome for outcome in outcomes if not isinstance(outcome, JointFriction)]
     missing = {joint: "; ".join(text for name, text in reasons if name == joint) for joint, _ in reasons}
     return replace(friction_twin(robot, judged, measured, controller, execution), missing=missing)
 

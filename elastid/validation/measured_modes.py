@@ -98,37 +98,37 @@ def measured_modes(fitted: FittedRobot) -> tuple[MeasuredModes, ...]:
 
 
 def _beside(response: Response, modelled: Response, linear: LinearModel) -> MeasuredModes:
-    (own,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, linear.theta_ref)
-    agreement = mac(own.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((own.n_modes, 0))
-    partner = _partners(own, known.freq_hz, known.zeta, agreement)
-    missed = np.array([_is_missed(own, r, response, modelled) for r in range(own.n_modes)], dtype=bool)
-    table = np.full((own.n_modes, 3), np.nan)
+    (modes,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, linear.theta_ref)
+    agreement = mac(modes.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((modes.n_modes, 0))
+    partner = _partners(modes, known.freq_hz, known.zeta, agreement)
+    missed = np.array([_is_missed(modes, r, response, modelled) for r in range(modes.n_modes)], dtype=bool)
+    table = np.full((modes.n_modes, 3), np.nan)
     for r in np.flatnonzero(partner >= 0):
         k = partner[r]
         table[r] = known.freq_hz[k], known.zeta[k], agreement[r, k]
-    return MeasuredModes(own, table[:, 0], table[:, 1], table[:, 2], (partner < 0) & missed)
+    return MeasuredModes(modes, table[:, 0], table[:, 1], table[:, 2], (partner < 0) & missed)
 
 
-def _partners(own: Modes, freq_hz: FloatArray, zeta: FloatArray, agreement: FloatArray) -> IntArray:
+def _partners(modes: Modes, freq_hz: FloatArray, zeta: FloatArray, agreement: FloatArray) -> IntArray:
     """The model's mode (n,) of each measured one, -1 for none: nearest in frequency and shape, each taken once."""
     from scipy.optimize import linear_sum_assignment
 
-    gap = np.abs(own.freq_hz[:, None] - freq_hz)
-    width = np.minimum((own.freq_hz * own.zeta)[:, None], freq_hz * zeta)
-    distance = gap / np.maximum(LIMITS.distance * own.freq_hz[:, None], width)
+    gap = np.abs(modes.freq_hz[:, None] - freq_hz)
+    width = np.minimum((modes.freq_hz * modes.zeta)[:, None], freq_hz * zeta)
+    distance = gap / np.maximum(LIMITS.distance * modes.freq_hz[:, None], width)
     far = (distance >= 1) | ((gap > width) & (agreement < LIMITS.mac))
     rows, columns = linear_sum_assignment(np.where(far, 1e3, distance + 1 - agreement))
-    partners = np.full(own.n_modes, -1)
+    partners = np.full(modes.n_modes, -1)
     partners[rows] = np.where(far[rows, columns], -1, columns)
     return partners
 
 
-def _is_missed(own: Modes, r: int, response: Response, modelled: Response) -> bool:
+def _is_missed(modes: Modes, r: int, response: Response, modelled: Response) -> bool:
     """True where the model misses the response by much of the height of a clear peak, in its strongest element."""
-    residue = np.abs(np.outer(own.shapes[:, r], own.participation[:, r]))
+    residue = np.abs(np.outer(modes.shapes[:, r], modes.participation[:, r]))
     i, j = np.unravel_index(int(np.argmax(residue)), residue.shape)
-    height = residue[i, j] / (2 * np.pi * own.freq_hz[r] * own.zeta[r])
-    line = int(np.argmin(np.abs(response.freq_hz - own.freq_hz[r])))
+    height = residue[i, j] / (2 * np.pi * modes.freq_hz[r] * modes.zeta[r])
+    line = int(np.argmin(np.abs(response.freq_hz - modes.freq_hz[r])))
     error = abs(response.G[line, i, j] - modelled.G[line, i, j])
     covariance = response.uncertainty
     std = 0.0 if covariance is None else float(np.sqrt(covariance.variance[line, i, j]))

@@ -239,7 +239,7 @@ def describe_run(run: TwinRun) -> str:
         return f"Simulated forwards on {run.log}, driven by its {_DRIVES[run.drive]}, the twin is lost: {run.lost}."
     held = f", held on the log by a loop of {run.held_hz:.2g} Hz" if run.held_hz else ""
     errors = {kind: [100 * signal.error for signal in run.of(kind)] for kind in (MOTION, TORQUE, LINK)}
-    parts = [f"{kind} at most {max(own):.3g} %" for kind, own in errors.items() if own]
+    parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
     return (
         f"Simulated forwards over {run.seconds:.3g} s of {run.log}, driven by its {_DRIVES[run.drive]}{held}, the twin "
         f"is off by (rms error over rms signal): {'; '.join(parts)}."

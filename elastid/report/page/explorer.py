@@ -60,8 +60,8 @@ def explorer(
 
 def curve_scripts() -> tuple[str, ...]:
     """Scripts of a page with curves: the plotting library and the page's own, in the order of their dependence."""
-    own = ("curves.js", "explorer.js", "first_screen.js")
-    return asset("uplot", "uPlot.iife.min.js"), *map(asset, own)
+    scripts = ("curves.js", "explorer.js", "first_screen.js")
+    return asset("uplot", "uPlot.iife.min.js"), *map(asset, scripts)
 
 
 def _quantities(response: Response) -> Mapping[str, Any]:

@@ -59,8 +59,8 @@ def joint_groups(robot: Robot) -> list[tuple[str, ...]]:
     groups: list[tuple[str, ...]] = []
     for body in robot.all_bodies:
         for i, joint in enumerate(body.joints):
-            own = () if i == 0 or any(joint.point) else groups.pop()
-            groups.append((*own, joint.name))
+            group = () if i == 0 or any(joint.point) else groups.pop()
+            groups.append((*group, joint.name))
     return groups
 
 
@@ -85,9 +85,9 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
 
 
 def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
-    own = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
-    level = max(map(overview.width_class, [row for row in own if not row.name.startswith("fm")]), default=None)
-    widths = ", ".join(f"{row.name} ±{percent(overview.half_width(row))}" for row in own) or "nothing identified here"
+    terms = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
+    level = max(map(overview.width_class, [row for row in terms if not row.name.startswith("fm")]), default=None)
+    widths = ", ".join(f"{row.name} ±{percent(overview.half_width(row))}" for row in terms) or "nothing identified here"
     css_class = "held" if level is None else f"w{level}"
     label = escape(", ".join(names))
     return (
@@ -249,7 +249,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
     free = set(content.result.parameters.free_names)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
-    left_out = [each.configuration for each in content.validation.configurations if each.left_out]
+    left_out = [agreement.configuration for agreement in content.validation.configurations if agreement.left_out]
     responses = explorer(content.frf, left_out, _models(content)) if content.frf else ""
     modes = mode_viewer(content.modes, rate_is_known)
     scripts = curve_scripts() if responses else (asset("first_screen.js"),)
@@ -267,7 +267,7 @@ def _models(content: ReportContent) -> tuple[tuple[Response, FloatArray | None],
     if content.dense:
         return content.dense
     std = content.model_std or (None,) * len(content.frf)
-    return tuple((modelled, each) for (_, modelled), each in zip(content.frf, std, strict=True))
+    return tuple((modelled, spread) for (_, modelled), spread in zip(content.frf, std, strict=True))
 
 
 def render(

@@ -35,11 +35,11 @@ def map_data(workspace: WorkspaceMap) -> str:
     place = {int(i): k for k, i in enumerate(kept)}
     x, y, z = m.position[kept].T
     quantities = []
-    for own in m.quantities:
-        unit, factor = SHOWN[own.unit]
-        low, high = own.interval
-        columns = [_packed(factor * part[kept]) for part in (own.value, low, high)]
-        quantities.append({"name": own.name, "text": own.text, "unit": unit, "columns": columns})
+    for quantity in m.quantities:
+        unit, factor = SHOWN[quantity.unit]
+        low, high = quantity.interval
+        columns = [_packed(factor * part[kept]) for part in (quantity.value, low, high)]
+        quantities.append({"name": quantity.name, "text": quantity.text, "unit": unit, "columns": columns})
     units = [(1.0, " m") if slides else (180 / np.pi, "°") for slides in m.sliding]
     angles = m.angles[kept] * [factor for factor, _ in units]
     content: dict[str, Any] = {

@@ -105,7 +105,7 @@ def _given(value: Any, steps: tuple[str, ...], path: KeyPath = ()) -> Iterator[K
         for i, entry in enumerate(value):
             yield from _given(entry, tuple(rest), (*path, i))
         return
-    field = next(each for each in fields(value) if each.name == step)
+    field = next(member for member in fields(value) if member.name == step)
     default = field.default if field.default_factory is MISSING else field.default_factory()
     given = getattr(value, step)
     if rest:

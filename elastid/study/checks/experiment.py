@@ -81,11 +81,11 @@ def _angle_refusal(angle: float, joint: Joint, swing: float) -> str:
     low, high = joint.limits.angle
     # Without limits: beyond a long rail in m, or two turns in rad, it was given in another unit.
     if math.isinf(high - low) and abs(angle) > (50.0 if joint.slides else 4 * math.pi):
-        other = f"{angle:g} mm" if joint.slides else f"{angle:g} deg"
+        reading = f"{angle:g} mm" if joint.slides else f"{angle:g} deg"
         far = f"{angle:g} m" if joint.slides else f"{angle:g} rad, {abs(angle) / (2 * math.pi):.2g} turns,"
         return (
             f"joint {joint.name} at {far} is farther than robots go; a number without a unit is in {joint.unit}: write "
-            f"'{other}' if that is meant, or give the joint its limits"
+            f"'{reading}' if that is meant, or give the joint its limits"
         )
     if low <= angle - swing <= angle + swing <= high:
         return ""

@@ -41,7 +41,7 @@ def check_fit(study: Study) -> Iterator[Problem]:
 
 def _check_groups(study: Study) -> Iterator[Problem]:
     fit, configurations = study.fit, list_configurations(study)
-    given: list[tuple[KeyPath, Sequence[str]]] = [(("fit", "robots", robot), own) for robot, own in fit.robots.items()]
+    given: list[tuple[KeyPath, Sequence[str]]] = [(("fit", "robots", robot), row) for robot, row in fit.robots.items()]
     for key, spec in fit.parameters.items():
         per = spec.per if isinstance(spec.per, dict) else {}
         given += [((*_PARAMETERS, key, "per", group), names) for group, names in per.items()]

@@ -97,7 +97,7 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         yield Problem(("friction", "passes"), message, at_key=True)
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
-    known = [each.role == "t" for each in recorded.channels] + [each.temperature is not None for each in recorded.files]
+    known = [c.role == "t" for c in recorded.channels] + [file.temperature is not None for file in recorded.files]
     if study.as_friction().law.temperature == "yes" and not any(known):
         yield Problem(
             ("friction", "law", "temperature"),

@@ -147,7 +147,7 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
 
 def _neighbours(place: Path) -> list[str]:
     try:
-        return sorted(each.name for each in place.parent.iterdir() if each.is_file())
+        return sorted(entry.name for entry in place.parent.iterdir() if entry.is_file())
     except (OSError, ValueError):
         return []
 
@@ -171,8 +171,8 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
         return
     seen = set[tuple[object, ...]]()
     for i, file in enumerate(recorded.files):
-        own = base / file.path
-        samples = content_hash(own) if own.is_file() else file.path, file.samples
+        source = base / file.path
+        samples = content_hash(source) if source.is_file() else file.path, file.samples
         if samples in seen:
             yield Problem((*_RECORDED, "files", i, "path"), "the very samples of another one, without scatter")
         seen.add(samples)
@@ -282,9 +282,9 @@ def _check_period(
         N = grid_samples(period, recorded.half_wave)
         check_repeat(values[:, drivers], N, recorded.half_wave, Log(str(place), (), known_hz))
     except ElastidError as error:
-        own = [key for key in ("period", "period_samples") if getattr(file, key) is not None]
+        keys = [key for key in ("period", "period_samples") if getattr(file, key) is not None]
         key = "period" if recorded.period is not None else "period_samples"
-        yield Problem((*path, own[0]) if own else (*_RECORDED, key), str(error))
+        yield Problem((*path, keys[0]) if keys else (*_RECORDED, key), str(error))
 
 
 def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
@@ -309,10 +309,10 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         return
     arrays: Mapping[str, object] = log.arrays if isinstance(log, ArrayLog) else {}
     stated = [getattr(arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
-    if other := [
+    if clashes := [
         hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _is_other(hz, c.rate_hz or rate_hz)
     ]:
-        yield Problem(where, f"the log states a rate of {other[0]:.6g} Hz for its channels")
+        yield Problem(where, f"the log states a rate of {clashes[0]:.6g} Hz for its channels")
 
 
 def _is_other(hz: float, rate_hz: float) -> bool:
