@@ -162,7 +162,7 @@ def _search(
     check_effects(fit, robot)
     starts, hits = _from_all_starts(assembly, fit, spec, execution)
     if next(tolerances_of(robot), None) is not None:
-        assembly, fit, starts = release(assembly, starts, robot, loads)
+        assembly, fit, starts = release(assembly, fit, starts, robot, loads)
     # Its weights are most of the memory of a fit, and other ones follow where the floor is found.
     return assembly, fit if spec.weights.floor is not None else None, (starts, hits)
 
@@ -274,43 +274,36 @@ COST_RATIO, ATTEMPTS = 1.5, 4
 
 
 def release(
-    assembly: Assembly, starts: Sequence[LocalOptimum], robot: Robot, loads: Sequence[PlacedTest] = ()
+    assembly: Assembly, fit: ElasticFit, starts: tuple[LocalOptimum, ...], robot: Robot, loads: Sequence[PlacedTest]
 ) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...]]:
     """The fit with numbers free within their tolerances at its optimum, and the starts with theirs, the best first.
 
     It is solved from the end of the best start. While V stays above COST_RATIO of its degrees of freedom, the
     study's own start and the ends of the next best follow, since a file that is off may lead the search astray; the
-    rest end where they did, with the file's numbers.
+    rest end where they did, with the file's numbers. Where data as of another robot (channels exchanged) lead it to
+    numbers with which no robot stands, all are held: the judge names the cause.
     """
-    parameters, held = with_tolerances(assembly.parameters, robot, assembly.spec), assembly.parameters.free_names
-    places = [parameters.free_names.index(name) for name in held]
+    parameters = with_tolerances(assembly.parameters, robot, assembly.spec)
+    places = [parameters.free_names.index(name) for name in assembly.parameters.free_names]
 
     def widened(x: FloatArray) -> FloatArray:
         wide = parameters.x
         wide[places] = x
         return wide
 
-    starts = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
-    assembly = Assembly.of(
-        assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights
-    )
-    begins = [starts[0], replace(starts[0], x=parameters.x, x_start=parameters.x, iterations=0), *starts[1:]]
+    ends = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
+    freed = Assembly.of(assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights)
+    begins = [ends[0], replace(ends[0], x=parameters.x, x_start=parameters.x, iterations=0), *ends[1:]]
     best: tuple[ElasticFit, LocalOptimum] | None = None
     for begin in begins[:ATTEMPTS]:
         try:
-            fit, end = _released(assembly, begin)
+            released, end = _released(freed, begin)
         except (StudyError, FitError):  # no robot stands on the way
             continue
-        best = (fit, end) if best is None or end.cost < best[1].cost else best
-        if best[1].cost <= COST_RATIO * fit.problem.dof:
+        best = (released, end) if best is None or end.cost < best[1].cost else best
+        if best[1].cost <= COST_RATIO * released.problem.dof:
             break
-    if best is None:
-        raise FitError(
-            "robot/no-rest",
-            f"no robot within the tolerances of its file stands at any of {ATTEMPTS} starts; check rate_hz, "
-            "units, signs and order of the channels, and the angles of the configurations",
-        )
-    return assembly, best[0], (best[1], *starts[1:])
+    return (assembly, fit, starts) if best is None else (freed, best[0], (best[1], *ends[1:]))
 
 
 def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, LocalOptimum]:

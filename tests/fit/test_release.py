@@ -82,9 +82,9 @@ def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:
     assembly = Assembly.of(responses, robot, SPEC, choose(SPEC, robot))
     astray = assembly.parameters.x_bounds[1]
     end = LocalOptimum(astray, astray, 1e9, 1, True, "")
-    _, _, (best, *_) = release(assembly, [end], robot)
-    (dof,) = {assembly.at(assembly.parameters.x, "complex").problem.dof}
-    assert best.cost < 1.5 * dof
+    fit = assembly.at(assembly.parameters.x, "complex")
+    _, _, ends = release(assembly, fit, (end,), robot, ())
+    assert ends[0].cost < 1.5 * fit.problem.dof
 
 
 @pytest.mark.slow
