@@ -137,11 +137,11 @@ class Parameters:
         for parameter in self.parameters:
             if parameter.tie is None:
                 continue
-            for other in (parameter.tie.to, parameter.tie.by):
-                if other and other not in names:
-                    raise ValueError(f"{parameter.name} is tied to {other}, which is not a parameter: {names}")
-                if other and self[other].tie is not None:
-                    raise ValueError(f"{parameter.name} is tied to {other}, which is tied itself")
+            for source in (parameter.tie.to, parameter.tie.by):
+                if source and source not in names:
+                    raise ValueError(f"{parameter.name} is tied to {source}, which is not a parameter: {names}")
+                if source and self[source].tie is not None:
+                    raise ValueError(f"{parameter.name} is tied to {source}, which is tied itself")
 
     __repr__, _repr_html_ = as_text, as_html
 
@@ -267,10 +267,10 @@ class Parameters:
         values = self.as_dict(x)
 
         def with_mean(p: Parameter) -> Parameter:
-            own = [other for other in self.parameters if other.only and other.stands_for == p.name]
-            if p.free or p.tie is not None or p.only or not own:
+            groups = [group for group in self.parameters if group.only and group.stands_for == p.name]
+            if p.free or p.tie is not None or p.only or not groups:
                 return p
-            mean = sum(p.to_x(values[other.name]) for other in own) / len(own)
+            mean = sum(p.to_x(values[group.name]) for group in groups) / len(groups)
             return replace(p, value=math.exp(mean) if p.log else mean)
 
         return Parameters(tuple(with_mean(p) for p in self.parameters))

@@ -82,7 +82,7 @@ def workspace(mapped: WorkspaceMap, quantity: str = "softest_compliance") -> Fig
     UnknownNameError for a quantity that no map has.
     """
     check_kind(mapped, WorkspaceMap, "mapped", "map_workspace makes one")
-    index_of(quantity, [each.name for each in mapped.quantities], "quantity")
+    index_of(quantity, [q.name for q in mapped.quantities], "quantity")
     return workspace_figure(mapped, quantity)
 
 

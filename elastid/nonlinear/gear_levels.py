@@ -60,14 +60,14 @@ class Levels:
 
     def levels_of(self, effects: Sequence[GearEffect]) -> FloatArray:
         """Levels of any effects, 0 of those that are not among these."""
-        own = dict(zip(self.effects, self.levels.tolist(), strict=True))
-        return np.array([own.get(effect, 0.0) for effect in effects])
+        levels = dict(zip(self.effects, self.levels.tolist(), strict=True))
+        return np.array([levels.get(effect, 0.0) for effect in effects])
 
     def estimates_of(self, effects: Sequence[GearEffect], further: int = 0) -> list[Estimate]:
         """The motions that were found, with forces of any effects, 0 of those not among these and of further ones."""
         places = {effect: i for i, effect in enumerate(self.effects)}
-        own = [*(places.get(effect, -1) for effect in effects), *(-1,) * further]
-        return [each.of(own) for each in self.estimates]
+        columns = [*(places.get(effect, -1) for effect in effects), *(-1,) * further]
+        return [motion.of(columns) for motion in self.estimates]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class GearData:
     ) -> list[Estimate]:  # fmt: skip
         """The motion in each configuration under effects of given levels, as `estimate_motion` has it."""
         every = zip(self.lines, drives, before, strict=True)
-        return [estimate_motion(lines, drive, effects, levels, each, near) for lines, drive, each in every]
+        return [estimate_motion(lines, drive, effects, levels, start, near) for lines, drive, start in every]
 
     def sums_with(
         self, found: Levels, further: Sequence[GearEffect]
@@ -122,14 +122,14 @@ def find_levels(
     """
     parameters, x, n_x, n_f = start.parameters, start.x, len(start.x), len(effects)
     levels = start.levels_of(effects)
-    scales = [own for own in scales_of(effects) if not any(effects[i] in held for i in own)]
-    estimates = start.estimates_of(effects, sum(len(own) for own in scales))
+    scales = [group for group in scales_of(effects) if not any(effects[i] in held for i in group)]
+    estimates = start.estimates_of(effects, sum(len(group) for group in scales))
     effects = _rescaled(effects, scales, np.zeros(len(scales)))
     covariance, std, lack = np.zeros((0, 0)), np.zeros(n_x + n_f), np.inf
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
     for count in range(1, ROUNDS + 1):
         drives = data.drives(parameters, x)
-        every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
+        every = [*effects, *(edge for group in scales for i in group if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
         for _ in range(1 if start.effects or count > 1 else 2):
             estimates = data.motions(drives, every, with_edges, estimates, settled / 500)
@@ -151,8 +151,8 @@ def find_levels(
             break
         lack = sums.lack
     scale_std = np.zeros(n_f)
-    for own, relative in zip(scales, std[n_x + n_f :], strict=True):
-        scale_std[own] = [relative * effects[i].scale for i in own]
+    for group, relative in zip(scales, std[n_x + n_f :], strict=True):
+        scale_std[group] = [relative * effects[i].scale for i in group]
     covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of(range(n_f)) for e in estimates)
     end = tuple(effects), x, levels, covariance, move, sums.lack
     return Levels(parameters, *end, estimated, tuple(drives), scale_std)
@@ -160,19 +160,19 @@ def find_levels(
 
 def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
     """The effects that have each scale: friction of a motor turns over one velocity, that by load with the rest."""
-    own: dict[tuple[object, ...], list[int]] = {}
+    groups: dict[tuple[object, ...], list[int]] = {}
     for i, effect in enumerate(effects):
         if effect.edge is not None:
             at_motor = effect.kind in ("friction", "load")
-            own.setdefault(("motor", effect.joint) if at_motor else (i,), []).append(i)
-    return list(own.values())
+            groups.setdefault(("motor", effect.joint) if at_motor else (i,), []).append(i)
+    return list(groups.values())
 
 
 def _by_scales(
     effects: Sequence[GearEffect], levels: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
     """T (n, n_x + n_f + n_s) from parameters, levels and parts of scales to parameters, levels and levels of edges."""
-    kept, edges = n_x + len(levels), [(s, i) for s, own in enumerate(scales) for i in own]
+    kept, edges = n_x + len(levels), [(s, i) for s, group in enumerate(scales) for i in group]
     T = np.zeros((kept + len(edges), kept + len(scales)))
     T[:kept, :kept] = np.eye(kept)
     for row, (s, i) in enumerate(edges):
@@ -189,8 +189,8 @@ def scale_priors(
     is the first where all std are 0.
     """
     known = np.ones(len(scales))
-    for s, own in enumerate(scales):
-        if np.all(np.abs(levels[own]) < SEEN * std[n_x:][own]):  # of next to nothing any scale will do
+    for s, group in enumerate(scales):
+        if np.all(np.abs(levels[group]) < SEEN * std[n_x:][group]):  # of next to nothing any scale will do
             known[s] = 1e12 * max(1.0, float(A[n_x + len(levels) + s, n_x + len(levels) + s]))
     return known
 
@@ -198,9 +198,9 @@ def scale_priors(
 def _rescaled(effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], parts: FloatArray) -> list[GearEffect]:
     """Effects whose scales grew by parts (n_s,) of themselves, _STEP at most, from that of the first of each."""
     grown = list(effects)
-    for own, part in zip(scales, np.clip(parts, -_STEP, _STEP).tolist(), strict=True):
-        for i in own:
-            grown[i] = replace(effects[i], scale=effects[own[0]].scale * (1 + part))
+    for group, part in zip(scales, np.clip(parts, -_STEP, _STEP).tolist(), strict=True):
+        for i in group:
+            grown[i] = replace(effects[i], scale=effects[group[0]].scale * (1 + part))
     return grown
 
 
@@ -252,8 +252,8 @@ def normal_equations(
         J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, levels, n_x, used))
         e = white @ r[used]
         for i in np.searchsorted(realisations, np.unique(lines.realisation)):
-            own = lines.realisation == realisations[i]
-            J_i, e_i = J[:, :, own].reshape(-1, n), e[:, :, own].ravel()
+            mask = lines.realisation == realisations[i]
+            J_i, e_i = J[:, :, mask].reshape(-1, n), e[:, :, mask].ravel()
             A[i] += (J_i.conj().T @ J_i).real
             b[i] += (J_i.conj().T @ e_i).real
             c[i] += float(np.sum(np.abs(e_i) ** 2))

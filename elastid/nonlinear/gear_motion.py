@@ -144,8 +144,8 @@ def estimate_motion(
     for m in range(lines.U.shape[2]):
         q, x, force = problem.solve(base[:, :, m], m, before)
         unknowns.append(x)
-        own = {effect.joint for effect in effects}
-        motions = {joint: problem.motion(q, drive.joints.index(joint), m, x, force) for joint in own}
+        joints = {effect.joint for effect in effects}
+        motions = {joint: problem.motion(q, drive.joints.index(joint), m, x, force) for joint in joints}
         for joint, motion in motions.items():
             after.loads[m, drive.joints.index(joint)] = np.abs(motion.torque)
         for i, effect in enumerate(effects):
@@ -260,7 +260,7 @@ class _Problem:
         known: dict[Place, FloatArray] = {
             "gear": swing + self._rest(m)[j] + self._error(q, j, m), "motor": velocity, "link": link_velocity,
         }  # fmt: skip
-        known |= {place: each for (place, joint), each in zip(signals, x, strict=False) if joint == j}
+        known |= {place: signal for (place, joint), signal in zip(signals, x, strict=False) if joint == j}
         torque = drive.k[j] * known["gear"] + drive.d[j] * slope
         if ("gear", j) in signals:
             torque = torque + force[signals.index(("gear", j))]
@@ -340,5 +340,5 @@ def _moved(
 
     operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float32)
     start = (x_0 / size).astype(np.float32).ravel()
-    found = gmres(operator, start, rtol=near, restart=40, maxiter=1)[0]
-    return np.asarray(found.reshape(x_0.shape) * size)
+    step = gmres(operator, start, rtol=near, restart=40, maxiter=1)[0]
+    return np.asarray(step.reshape(x_0.shape) * size)

@@ -127,8 +127,8 @@ class GearResult:
 
     def level(self, kind: str, joint: str) -> float:
         """The sum of levels of a kind at a joint, 0 without any."""
-        own = [(effect.kind, effect.joint) == (kind, joint) for effect in self.effects]
-        return float(self.levels[np.array(own, bool)].sum())
+        mask = [(effect.kind, effect.joint) == (kind, joint) for effect in self.effects]
+        return float(self.levels[np.array(mask, bool)].sum())
 
     @property
     def numbers(self) -> tuple[GearNumber, ...]:

@@ -93,14 +93,14 @@ def open_gears(
     except DataError as error:
         return replace(nothing, refused=f"{error}; {LOST}")
     execution.progress(0, 3)
-    found = choose_effects(data, result.parameters, result.x, gears.orders)
+    chosen = choose_effects(data, result.parameters, result.x, gears.orders)
     execution.progress(2, 3)  # the search takes about two thirds of the time
-    bounds = level_bounds(data, found, gears.orders)
+    bounds = level_bounds(data, chosen, gears.orders)
     execution.progress(3, 3)
-    pairs = [*zip(data.lines, found.drives, strict=True)]
+    pairs = [*zip(data.lines, chosen.drives, strict=True)]
     peaks = [max(float(np.abs(gear_torque(*pair, j)).max()) for pair in pairs) for j in range(len(data.joints))]
     sheets = tuple(
-        sheet_of(JointLevels(found, robot, joint, peak), result, bounds)
+        sheet_of(JointLevels(chosen, robot, joint, peak), result, bounds)
         for joint, peak in zip(data.joints, peaks, strict=True)
         if joint in elastic
     )
@@ -108,11 +108,11 @@ def open_gears(
         *coarse_encoders(data.lines, drives),
         *rigid_gears([joint for joint in data.joints if joint not in elastic]),
     )
-    nothing_acts = [Estimate.start(each, drive, 0) for each, drive in zip(lines, drives, strict=True)]
+    nothing_acts = [Estimate.start(grid, drive, 0) for grid, drive in zip(lines, drives, strict=True)]
     before = left(linear, drives, nothing_acts, np.zeros(0))
-    after = left(data, found.drives, found.estimates, found.levels)
-    own = found.x, found.covariance, found.effects, found.levels, sheets
-    return GearResult(*own, before=before, after=after, notes=notes)
+    after = left(data, chosen.drives, chosen.estimates, chosen.levels)
+    numbers = chosen.x, chosen.covariance, chosen.effects, chosen.levels, sheets
+    return GearResult(*numbers, before=before, after=after, notes=notes)
 
 
 def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str:
@@ -233,10 +233,10 @@ class JointLevels:
 
     def parameter(self, letter: str) -> tuple[float, FloatArray]:
         """Stiffness k or damping d of the joint, and its row."""
-        found, row = self.found, np.zeros(len(self.found.covariance))
-        place = found.parameters.names.index(f"{letter}_{self.joint}")
-        row[: len(found.x)] = found.parameters.jacobian(found.x)[place]
-        return float(found.parameters.expand(found.x)[place]), row
+        levels, row = self.found, np.zeros(len(self.found.covariance))
+        place = levels.parameters.names.index(f"{letter}_{self.joint}")
+        row[: len(levels.x)] = levels.parameters.jacobian(levels.x)[place]
+        return float(levels.parameters.expand(levels.x)[place]), row
 
     def levels(self, weights: Mapping[int, float]) -> tuple[float, FloatArray]:
         """Sum of levels, each by its weight, and its row."""
@@ -281,21 +281,21 @@ class JointLevels:
 def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
     """The numbers of a gear, those of the linear fit beside them, and its torsion; bounds: of groups of effects."""
     reach = gear.largest()
-    rated = next(each.limits.torque for each in gear.robot.driven if each.name == gear.joint)
+    rated = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
     numbers = [*_springs(gear, result, reach), *_levels(gear, reach), *_periodic(gear)]
-    seen = {each.name for each in numbers}
-    numbers += [each for each in _unseen(gear, bounds, reach) if each.name not in seen]
+    seen = {number.name for number in numbers}
+    numbers += [row for row in _unseen(gear, bounds, reach) if row.name not in seen]
     numbers = [
-        replace(each, rated_share=(each.value if each.is_seen else each.bound) / rated)
-        if each.kind == "torque" and math.isfinite(rated) else each
-        for each in numbers
+        replace(row, rated_share=(row.value if row.is_seen else row.bound) / rated)
+        if row.kind == "torque" and math.isfinite(rated) else row
+        for row in numbers
     ]  # fmt: skip
     way = reach * np.linspace(-1, 1, 200)
     delta = np.concatenate([way, -way])
     tau, rows = gear.torque(delta, hysteresis=True)
     slope = np.maximum(np.gradient(gear.torque(way, hysteresis=False)[0], way), 1e-300)
     std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.found.covariance, rows), 0.0))
-    ordered = sorted(numbers, key=lambda each: _ORDER.index(each.name.partition("_")[0].rstrip("0123456789.")))
+    ordered = sorted(numbers, key=lambda row: _ORDER.index(row.name.partition("_")[0].rstrip("0123456789.")))
     # Within a gap a torque says nothing of the torsion.
     torsion_std = np.minimum(std / np.concatenate([slope, slope[::-1]]), reach)
     return GearSheet(gear.joint, tuple(ordered), gear.peak, tau, delta, torsion_std)
@@ -377,8 +377,8 @@ def _periodic(gear: JointLevels) -> list[GearNumber]:
     """Amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
     numbers = []
     for what, order in dict.fromkeys((e.row.number, e.order) for _, e, _ in gear.effects if e.order):
-        own = {e.kind.split()[1]: i for i, e, _ in gear.effects if (e.row.number, e.order) == (what, order)}
-        (x, of_x), (y, of_y) = (gear.levels({own[part]: 1.0} if part in own else {}) for part in ("sine", "cosine"))
+        parts = {e.kind.split()[1]: i for i, e, _ in gear.effects if (e.row.number, e.order) == (what, order)}
+        (x, of_x), (y, of_y) = (gear.levels({parts[part]: 1.0} if part in parts else {}) for part in ("sine", "cosine"))
         size = math.hypot(x, y)
         phase_std = gear.std((x * of_y - y * of_x) / size**2)
         row = (x * of_x + y * of_y) / size

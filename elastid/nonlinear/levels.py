@@ -61,16 +61,16 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
         shares[i] = 1 - n_m / spectra.U.shape[2] * excited.mean() if excited.size else 1.0
         fold = _folds(spectra, len(excited), realisations)
         for motor in range(n_m):
-            own = np.flatnonzero(motor_of == motor)
-            e, X = e_c[:, motor], of_shapes[own]
-            left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
+            group = np.flatnonzero(motor_of == motor)
+            e, X = e_c[:, motor], of_shapes[group]
+            left = np.mean(np.abs(e - np.tensordot(levels[group], X, axes=1)) ** 2, axis=1)
             level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
             w = np.sqrt(weights(left, excited))[:, None]
             e, X = w * e, w * X
             for m in range(M):
                 e_m, X_m = e[fold == m], X[:, fold == m]
-                A[m][np.ix_(own, own)] += (X_m.conj() @ X_m.T).real
-                b[m, own] += (X_m.conj() @ e_m).real
+                A[m][np.ix_(group, group)] += (X_m.conj() @ X_m.T).real
+                b[m, group] += (X_m.conj() @ e_m).real
                 c[m, motor] += float(np.sum(np.abs(e_m) ** 2))
     return NormalEquations(A, b, c, level, float(shares.mean()))
 
@@ -179,8 +179,8 @@ def choose(
     """Shapes by cross-validation, and the candidates (n,) that they are."""
     motor_of = _motors(candidates, places)
     _, equations = find_levels(data, motor_of)
-    own = telling_shapes(data, motor_of)
-    choices = [choose_shapes(equations, i, members, _rivals(candidates)) for i, members in enumerate(own)]
+    groups = telling_shapes(data, motor_of)
+    choices = [choose_shapes(equations, i, members, _rivals(candidates)) for i, members in enumerate(groups)]
     choices = [each if not auto or each[1] <= LIMITS.left_share else (each[0][:0], 1.0) for each in choices]
     chosen, left = np.concatenate([own for own, _ in choices]), np.array([left for _, left in choices])
     return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
@@ -202,7 +202,7 @@ def telling_shapes(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> 
     """
     share = np.mean([configuration.nonlinear_share() for configuration in data], axis=0)
     every = [np.flatnonzero(motor_of == i) for i in np.unique(motor_of)]
-    return [own[share[own] > LIMITS.part_of_sign * share[own[0]]] for own in every]
+    return [rows[share[rows] > LIMITS.part_of_sign * share[rows[0]]] for rows in every]
 
 
 # Speeds over which a sign turns, over the RMS speed.
@@ -285,7 +285,7 @@ def choose_shapes(
 def shares(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
     """Share (n_m,) of the power that the shapes of each motor leave in other realisations."""
     every = [np.flatnonzero(motor_of == motor) for motor in range(motors)]
-    powers = [(kept_power(equations, i, own), kept_power(equations, i, own[:0])) for i, own in enumerate(every)]
+    powers = [(kept_power(equations, i, rows), kept_power(equations, i, rows[:0])) for i, rows in enumerate(every)]
     return np.array([left / total if total > 0 else 1.0 for left, total in powers])
 
 

@@ -133,8 +133,8 @@ def gather_configuration(
         for place in places:
             motion = friction.motion(record, place) if friction else motion_of(record, place)
             velocity_noise[k, first.inputs.index(place)] = motion.velocity_noise
-            own = [i for i, shape in enumerate(shapes) if shape.place == place]
-            Phi[-1][:, own] = amplitudes(record, motion, [shapes[i] for i in own], complete, lines).T
+            rows = [i for i, shape in enumerate(shapes) if shape.place == place]
+            Phi[-1][:, rows] = amplitudes(record, motion, [shapes[i] for i in rows], complete, lines).T
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     realisation = np.array([record.realisation for record in records])
     return ConfigurationSpectra(
@@ -233,7 +233,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     is_excited = np.isin(lines, excited)
     whole = (RecordSpectra(replace(record, half_wave=False)) for record in records)
     periods = [_periods(record, lines, is_excited, spec, "position") for record in whole]
-    of_periods = [each.Y[:, :, columns] for each in periods]
+    of_periods = [period.Y[:, :, columns] for period in periods]
     repeated = [Y.var(axis=0, ddof=1) / len(Y) for Y in of_periods if len(Y) > 1]
     # Of a single period the highest lines show noise, where a robot barely moves.
     scatter = np.mean(repeated if repeated else [np.abs(Y[0]) ** 2 for Y in of_periods], axis=0)
@@ -242,7 +242,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
         first.configuration,
         first.rate_hz,
         first.period_samples,
-        np.stack([each.U.mean(axis=0) for each in periods], axis=2),
+        np.stack([period.U.mean(axis=0) for period in periods], axis=2),
         np.stack([Y.mean(axis=0) for Y in of_periods], axis=2),
         np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
         np.stack([record.u[: record.n_periods * record.period_samples].mean(axis=0) for record in records], axis=1),

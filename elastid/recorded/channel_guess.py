@@ -110,7 +110,7 @@ def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess
     spelt = [(q, u) for spelling, q, u in _UNITS if re.search(rf"(?<![a-z]){spelling}(?![a-z])", lower)]
     if unit in TABLE:
         fitting = [(q, u) for q, u in QUANTITY_UNIT.items() if TABLE[unit][0] in (u, of_translation(u))]
-        stated = [q for q, u in sorted(fitting, key=lambda each: each[1] != TABLE[unit][0])]  # N: a force first
+        stated = [q for q, u in sorted(fitting, key=lambda pair: pair[1] != TABLE[unit][0])]  # N: a force first
         spelt = [(q, usual_spelling(unit)) for q in stated] or spelt
     if unit == "g" or (spelt and spelt[0][1] == "g"):
         return ChannelGuess(name, column, "acceleration", "m/s^2", rank, "in multiples of gravity", scale=9.80665)
@@ -311,16 +311,16 @@ def _completed(
     """
     labels, unknown = [g.parts[1] for g in drives or motions], [g for g in guesses if not g.quantity]
     families = [[g for g in unknown if g.parts[0] == name] for name in dict.fromkeys(g.parts[0] for g in unknown)]
-    own = [each for each in families if sorted(g.parts[1] for g in each) == sorted(labels)]
+    alike = [family for family in families if sorted(g.parts[1] for g in family) == sorted(labels)]
     is_structure = bool(drives) and drives[0].quantity == "force" and len(drives) < len(unknown)
-    if not unknown or not (own or is_structure):
+    if not unknown or not (alike or is_structure):
         return [], []
     quantity = "torque" if motions else "acceleration" if is_structure else "position"
-    members = unknown if is_structure else max(own, key=lambda family: family[0].rank)
-    found = [
+    members = unknown if is_structure else max(alike, key=lambda family: family[0].rank)
+    guess = [
         replace(g, quantity=quantity, why=f"its name says nothing: a {quantity}, by those beside it") for g in members
     ]
-    return (drives, found) if drives else (found, motions)
+    return (drives, guess) if drives else (guess, motions)
 
 
 def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[ChannelGuess]:
@@ -387,10 +387,10 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
     torques = [g.name for g, c in zip(guesses, channels, strict=True) if c.role == "y" and g.quantity in DRIVES]
     families: dict[tuple[str, str, str], list[int]] = {}
     for i, (channel, guess) in enumerate(zip(channels, guesses, strict=True)):
-        for other in channels[:i]:
-            is_one = (channel.channel, channel.column) == (other.channel, other.column)
-            if is_one and channel.is_motion != other.is_motion and "t" not in (channel.role, other.role):
-                text = f"{channel.name_in_file} is the {other.quantity} at {other.at}, and cannot be the"
+        for earlier in channels[:i]:
+            is_one = (channel.channel, channel.column) == (earlier.channel, earlier.column)
+            if is_one and channel.is_motion != earlier.is_motion and "t" not in (channel.role, earlier.role):
+                text = f"{channel.name_in_file} is the {earlier.quantity} at {earlier.at}, and cannot be the"
                 key = "channel" if channel.channel else "column"
                 yield Doubt(i, key, f"{text} {channel.quantity} at {channel.at}, too")
         words = [n for n in (guess.name, *torques) if re.search(r"[a-z]{2}", n, re.IGNORECASE)]
@@ -415,9 +415,9 @@ def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequen
     units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
     sizes = [TABLE.get(unit, ("", 1.0)) for unit in units]
     usual, count = Counter(sizes).most_common(1)[0]
-    own = [re.sub(r"\D", "", channels[i].at) for i in members]
-    are_numbered = sorted(own) == sorted(labels) and len({*own}) == len(own)
-    for i, unit, size, label, number in zip(members, units, sizes, labels, own, strict=True):
+    digits = [re.sub(r"\D", "", channels[i].at) for i in members]
+    are_numbered = sorted(digits) == sorted(labels) and len({*digits}) == len(digits)
+    for i, unit, size, label, number in zip(members, units, sizes, labels, digits, strict=True):
         name = channels[i].name_in_file
         if size != usual and size[0] == usual[0] and count == len(members) - 1 > 1:
             text = f"{name} is stated in {unit}, {channels[members[sizes.index(usual)]].name_in_file} and the others in"
@@ -563,7 +563,7 @@ def _of_gain(joint: JointSignals, a: int, b: int, gain: float, order: int) -> It
     text = f"{joint.named(b)} is {gain:.4g} times what {joint.named(a)} makes it"
     factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
     fitting = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= LIMITS.max_factor]
-    for i, keys in sorted(fitting, key=lambda each: not each[1].startswith("side"))[:1]:
+    for i, keys in sorted(fitting, key=lambda pair: not pair[1].startswith("side"))[:1]:
         yield Doubt(i, keys.partition(":")[0], f"{text}: {keys} would make both agree")
     if not fitting and order == 0 and abs(np.log(gain)) > LIMITS.max_play:
         what = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"

@@ -157,11 +157,11 @@ def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
 
 def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     """The channels of one file and rate, on an even grid of samples."""
-    number, own_rate_hz = key
+    number, file_rate_hz = key
     recorded, file, rate_hz = experiment.recorded, experiment.file, experiment.recorded.known_rate_hz
     members = tuple(i for i, c in enumerate(recorded.channels) if experiment.key(c) == key)
     channels, path = [recorded.channels[i] for i in members], experiment.paths[number - 1]
-    has_time = bool(recorded.time) and own_rate_hz == rate_hz
+    has_time = bool(recorded.time) and file_rate_hz == rate_hz
     if has_time and number > 1:  # each logger has its own clock, and not all of them stamps
         has_time = recorded.time in contents(path, recorded.text)
     if has_time:
@@ -169,7 +169,7 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     if number > 1 or file.samples is None:
         values = read_channels(path, channels, recorded.text)
     else:
-        first, last = (round(sample * own_rate_hz / rate_hz) for sample in file.samples)
+        first, last = (round(sample * file_rate_hz / rate_hz) for sample in file.samples)
         values = read_channels(path, channels, recorded.text, slice(first, last))
         if not 0 <= first < last or len(values) < last - first:
             n = len(read_channels(path, channels, recorded.text))
@@ -185,7 +185,7 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
         gridded, rows = on_time_stamps(values, rate_hz, log)
     signals = np.where(np.isfinite(gridded.signals), gridded.signals, np.nan)
     first_s = float(values[0, -1]) if has_time else None
-    return _Part(number, own_rate_hz, members, signals, gridded.findings, rows, first_s)
+    return _Part(number, file_rate_hz, members, signals, gridded.findings, rows, first_s)
 
 
 def on_time_stamps(values: FloatArray, rate_hz: float, log: Log) -> tuple[Repaired, IntArray]:
@@ -263,10 +263,10 @@ def _aligned(
     return result, tuple(findings)
 
 
-def _clock_of(base: Sequence[_Part], other: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> float:
+def _clock_of(base: Sequence[_Part], further: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> float:
     """Samples of another file for one of the first, by the excitation that both repeat; 1 where that shows nothing."""
     ours = _by_motor(base, "u", N, channels) | _by_motor(base, "r", N, channels)
-    theirs = _by_motor(other, "r", N, channels)
+    theirs = _by_motor(further, "r", N, channels)
     common = [motor for motor in theirs if motor in ours]
     if N is None or not common or min(len(x[common[0]]) for x in (ours, theirs)) < 2 * N:
         return 1.0
@@ -287,15 +287,15 @@ def _at_clock(part: _Part, ratio: float, period: float | None) -> _Part:
 
 
 def _delay_of(
-    base: Sequence[_Part], other: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec], path: Path
+    base: Sequence[_Part], further: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec], path: Path
 ) -> tuple[float, bool]:
     """Samples by which a file lags the first one, from the motor whose excitation agrees best in both; if exact."""
     sent = _by_motor(base, "r", N, channels)
     ours = _by_motor(base, "u", N, channels) | sent
-    theirs = _by_motor(other, "r", N, channels)
+    theirs = _by_motor(further, "r", N, channels)
     delays = {motor: delay(ours[motor], r, N) for motor, r in theirs.items() if motor in ours}
     best = max(delays, key=lambda motor: delays[motor][1], default="")
-    shift = None if theirs else _shift_of_one_clock(base[0], other[0], bool(sent))
+    shift = None if theirs else _shift_of_one_clock(base[0], further[0], bool(sent))
     if shift is not None:
         return shift, True
     if not best or delays[best][1] < CLOCK.min_correlation:
@@ -311,16 +311,16 @@ def _delay_of(
     return (lag, True) if best in sent else (float(round(lag)), False)
 
 
-def _shift_of_one_clock(first: _Part, other: _Part, has_excitation: bool) -> float | None:
+def _shift_of_one_clock(first: _Part, further: _Part, has_excitation: bool) -> float | None:
     """Samples by which a log without an excitation lags the first one by the clock that stamps both, or by their rows.
 
     None where their times do not overlap, or there are none and not as many samples, or where the first one has an
     excitation: what two loggers record of it has its own start in each, and every sample between them is phase.
     """
-    if first.first_s is None or other.first_s is None:
-        return 0.0 if not has_excitation and len(first.signals) == len(other.signals) else None
-    shift = (first.first_s - other.first_s) * first.rate_hz
-    return shift if -len(first.signals) < shift < len(other.signals) else None
+    if first.first_s is None or further.first_s is None:
+        return 0.0 if not has_excitation and len(first.signals) == len(further.signals) else None
+    shift = (first.first_s - further.first_s) * first.rate_hz
+    return shift if -len(first.signals) < shift < len(further.signals) else None
 
 
 def _by_motor(

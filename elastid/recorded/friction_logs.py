@@ -333,13 +333,13 @@ def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord,
     """Test passes: of each speed that is stated, or occurs throughout the log, the first pass in each of its parts."""
     least = 1 if record.speed is not None else LIMITS.min_groups
     passes = detect_passes(record, has_gravity)
-    speeds = alike_speeds(np.array([each.speed for each in passes], dtype=np.float64)).tolist()
+    speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
     length = max(record.duration_s / LIMITS.groups, 1e-9)
     firsts: dict[float, dict[int, FrictionRecord]] = {}
     for speed, each in zip(speeds, passes, strict=True):
         firsts.setdefault(speed, {}).setdefault(int((each.start_s - record.start_s) / length), each)
-    usable = [each for groups in firsts.values() if len(groups) >= least for each in groups.values()]
-    return tuple(replace(each, is_warm_up=True) for each in sorted(usable, key=lambda each: each.start_s))
+    usable = [p for groups in firsts.values() if len(groups) >= least for p in groups.values()]
+    return tuple(replace(p, is_warm_up=True) for p in sorted(usable, key=lambda p: p.start_s))
 
 
 def warm_up_log(

@@ -58,7 +58,7 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         if signal in signals:
             yield i, "at", f"two channels of role {channel.role} at '{channel.at}'; leave one out"
         signals.add(signal)
-        has_torque = any(each.role == "u" and each.at == channel.at for each in channels)
+        has_torque = any(c.role == "u" and c.at == channel.at for c in channels)
         if channel.role == "d" and channel.at in motors and not has_torque:
             yield i, "at", f"no channel of role u is at '{channel.at}', to whose torque d is added"
     of = {role: {c.at for c in channels if c.role == role} for role in ("r", "u")}
@@ -259,6 +259,6 @@ def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_h
     """
     torques = [channel for channel in channels if channel.role == "u"]
     rates = [channel.rate_hz or recorded.rate_hz for channel in torques]
-    own = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
+    rates_hz = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
     is_held = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
-    return tuple(rate_hz / rate if held else 0.0 for held, rate in zip(is_held, own, strict=True))
+    return tuple(rate_hz / rate if held else 0.0 for held, rate in zip(is_held, rates_hz, strict=True))

@@ -99,12 +99,12 @@ def _in_step(plan: Plan, r: FloatArray, planned: FloatArray) -> tuple[str, Float
 def _unlike(run: PlannedRun, what: str, signal: FloatArray, expected: FloatArray, same: float, size: float) -> str:
     """A channel that fits the plan of another motor, does not follow its own, or has another size."""
     X, planned, names = run.lines(signal), run.lines(expected), run.plan.inputs
-    own, sizes = np.linalg.norm(X, axis=0), np.linalg.norm(planned, axis=0)
-    C, gain = np.real(X.conj().T @ planned) / np.maximum(np.outer(own, sizes), 1e-300), own / sizes
+    norms, sizes = np.linalg.norm(X, axis=0), np.linalg.norm(planned, axis=0)
+    C, gain = np.real(X.conj().T @ planned) / np.maximum(np.outer(norms, sizes), 1e-300), norms / sizes
     for i, place in enumerate(names):
-        other = int(np.argmax(np.abs(C[i])))
-        if other != i and abs(C[i, other]) > max(LIMITS.exchanged, abs(C[i, i]) + LIMITS.exchanged_lead):
-            return f"the {what} of {place} is not the planned one but that of {names[other]}: channels are exchanged"
+        k = int(np.argmax(np.abs(C[i])))
+        if k != i and abs(C[i, k]) > max(LIMITS.exchanged, abs(C[i, i]) + LIMITS.exchanged_lead):
+            return f"the {what} of {place} is not the planned one but that of {names[k]}: channels are exchanged"
         if C[i, i] < same:
             return (
                 f"the {what} of {place} is not the planned one (correlation {C[i, i]:.2f}): its sign is the other, or "

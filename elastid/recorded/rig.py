@@ -363,22 +363,22 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
     """
     first = _moved(records[0], 0.0)
     both = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
-    every = [first, *(_brought_into_step(first, *each) for each in zip(records[1:], both, strict=True))]
-    starts = np.cumsum([0, *(each.n_repeats for each in every)]).tolist()
-    r = [each.r for each in every if each.r is not None]
-    repairs = sum((Counter(each.repairs) for each in every), Counter())
-    counts = ", ".join(f"{each.n_periods} of {path}" for each, path in zip(every, paths, strict=True))
+    every = [first, *(_brought_into_step(first, *pair) for pair in zip(records[1:], both, strict=True))]
+    starts = np.cumsum([0, *(part.n_repeats for part in every)]).tolist()
+    r = [part.r for part in every if part.r is not None]
+    repairs = sum((Counter(part.repairs) for part in every), Counter())
+    counts = ", ".join(f"{part.n_periods} of {path}" for part, path in zip(every, paths, strict=True))
     text = f"the periods of one excitation are those of {len(every)} logs: {counts}"
     note = Note("records/repaired", text, f"record {first.name}", severity="information")
     return replace(
         first,
-        u=np.concatenate([each.u for each in every]),
-        y=np.concatenate([each.y for each in every]),
+        u=np.concatenate([part.u for part in every]),
+        y=np.concatenate([part.y for part in every]),
         r=np.concatenate(r) if len(r) == len(every) else None,
         starts=tuple(starts[1:-1]),
-        notes=(*dict.fromkeys(note for each in every for note in each.notes), note),
+        notes=(*dict.fromkeys(note for part in every for note in part.notes), note),
         repairs=dict(repairs),
-        left_out=tuple(start + p for start, each in zip(starts, every, strict=False) for p in each.left_out),
+        left_out=tuple(start + p for start, part in zip(starts, every, strict=False) for p in part.left_out),
     )
 
 
@@ -395,7 +395,7 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
     (a, of_a), (b, of_b) = (
         _mean_with_variance(x.r if is_known and x.r is not None else x.u, N) for x in (first, record)
     )
-    delays = [delay(own, other, N) for own, other in zip(a.T, b.T, strict=True)]
+    delays = [delay(x, y, N) for x, y in zip(a.T, b.T, strict=True)]
     best = max(range(len(delays)), key=lambda i: delays[i][1])
     lag = delays[best][0]
     turns = np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)
@@ -406,7 +406,7 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
         if refused := _other_excitation(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
             raise DataError("records/disagree", f"{both}, but at {place} {refused}; {_ADVICE}")
     aligned = _moved(record, lag)
-    u, y = (x.mean(axis=0) - own.mean(axis=0) for x, own in ((first.u, aligned.u), (first.y, aligned.y)))
+    u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
     return replace(aligned, u=aligned.u + u, y=aligned.y + y)
 
 

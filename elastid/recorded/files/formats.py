@@ -102,8 +102,8 @@ def size_in_pieces(
     """Samples of the channels in a file, and the precision that holds them; none of a file that has no pieces."""
     with opened_log(path, text) as log:
         n = log.rows(channels) if isinstance(log, ArrayLog) else None
-        stored = [log.stored(each).dtype for each in channels] if isinstance(log, ArrayLog) else []
-    return n or 0, np.dtype(np.float32 if all(np.can_cast(each, np.float32) for each in stored) else np.float64)
+        stored = [log.stored(name).dtype for name in channels] if isinstance(log, ArrayLog) else []
+    return n or 0, np.dtype(np.float32 if all(np.can_cast(dtype, np.float32) for dtype in stored) else np.float64)
 
 
 def read_channels(

@@ -122,8 +122,8 @@ class _Topic:
         for connection, received, raw in self.bag.messages(self.connections):
             message = self.bag.deserialize(raw, connection.msgtype)
             stamp = getattr(getattr(message, "header", None), "stamp", None)
-            own = 0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec
-            yield own or received, message
+            stamped = 0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec
+            yield stamped or received, message
 
 
 def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:

@@ -189,8 +189,8 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
         decimal = [line.replace(",", ".") if text.decimal == "," else line for line in lines]
         return sum(1 if _is_number(field) else -1 for line in decimal for field in _fields(line, text))
 
-    scored = [(numbers_less_words(text), text) for text in (TextFormatSpec(*each) for each in _FORMATS)]
-    return max(scored, key=lambda each: each[0])
+    scored = [(numbers_less_words(text), text) for text in (TextFormatSpec(*spec) for spec in _FORMATS)]
+    return max(scored, key=lambda pair: pair[0])
 
 
 def otherwise_written(path: Path, text: TextFormatSpec) -> str:

@@ -116,8 +116,8 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
             # Estimators leave the first repetition out where it differs.
             if starts and n >= 3 * lag and (later := _repetition(x[lag:], lag, sign, starts=False)).is_as_stated:
                 return later
-            other = max((_anywhere(level), _best(x)), key=lambda result: result.rank)
-            return replace(other, correlation=correlation)
+            period = max((_anywhere(level), _best(x)), key=lambda result: result.rank)
+            return replace(period, correlation=correlation)
     return stated
 
 

@@ -300,10 +300,10 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
         )
     grid = even_grid(time_s)
     if grid is not None:
-        rows, own_hz = grid
-        if abs(own_hz / rate_hz - 1) <= CLOCK.max_error:
+        rows, grid_hz = grid
+        if abs(grid_hz / rate_hz - 1) <= CLOCK.max_error:
             return _with_gaps(signals, rows, log)
-        time_s = rows / own_hz
+        time_s = rows / grid_hz
     return _at_instants(time_s, signals, rate_hz, log)
 
 
@@ -322,9 +322,9 @@ def _gaps(lost: int, gaps: IntArray, log: Log) -> Finding:
 
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> Repaired:
     """Resampled from instants (n,) in s, the first of which is 0."""
-    own, steps = np.diff(time_s), steps_in_words(time_s)
-    gaps = np.flatnonzero(own > CLOCK.min_gap * np.median(own))
-    of_knots = np.delete(own, gaps)
+    steps_s, steps = np.diff(time_s), steps_in_words(time_s)
+    gaps = np.flatnonzero(steps_s > CLOCK.min_gap * np.median(steps_s))
+    of_knots = np.delete(steps_s, gaps)
     row = min(8, len(of_knots))  # steps, whose mean no knots are closer than
     knot_hz = 1 / float(np.convolve(of_knots, np.full(row, 1 / row), mode="valid").max())
     if knot_hz < CLOCK.min_rate_share * rate_hz:

@@ -309,8 +309,8 @@ def uff_places(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
 def geometry_of_files(spec: ResponsesSpec | None, folder: Path) -> GeometrySpec | None:
     """Geometry of the first universal file with nodes of the places of a study; None where no file has any."""
     paths = () if spec is None else (folder / file.path for file in spec.files)
-    found = (uff_geometry(path, spec.channels) for path in paths if spec is not None and is_universal_file(path))
-    return next((geometry for geometry in found if geometry is not None), None)
+    read = (uff_geometry(path, spec.channels) for path in paths if spec is not None and is_universal_file(path))
+    return next((geometry for geometry in read if geometry is not None), None)
 
 
 def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | None:
@@ -321,8 +321,8 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | 
     metre = _length_and_force(path)[0]
     points = {
         str(int(node)): (metre * x, metre * y, metre * z)
-        for each in _sets(path, 15, 2411)
-        for node, x, y, z in zip(each["node_nums"], each["x"], each["y"], each["z"], strict=True)
+        for nodes in _sets(path, 15, 2411)
+        for node, x, y, z in zip(nodes["node_nums"], nodes["x"], nodes["y"], nodes["z"], strict=True)
     }
     motion = {}
     for channel in channels:
@@ -331,7 +331,7 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | 
             motion[channel.at] = match[1], f"{'-' if channel.sign < 0 else ''}{match[2]}"
     if not motion:
         return None
-    traces = [[str(int(node)) for node in each["nodes"]] for each in _sets(path, 82)]
+    traces = [[str(int(node)) for node in line["nodes"]] for line in _sets(path, 82)]
     lines = [pair for trace in traces for pair in pairwise(trace) if points.keys() >= set(pair)]
     return GeometrySpec(points=points, lines=tuple(lines), motion=motion)
 
