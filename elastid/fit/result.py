@@ -267,7 +267,7 @@ class Result:
         for p in self.parameters.asked:
             places = digits(values[p.name], std[p.name])
             ends = " to ".join(interval_of(self.interval(p.name), places))
-            stds = [number(each[p.name], 2) for each in (*parts, std)]
+            stds = [number(stds_of[p.name], 2) for stds_of in (*parts, std)]
             rows.append((p.name, number(values[p.name], places), *stds, ends, p.unit))
         std_of = "std" if self.noise_is_known else "std, of the residuals"
         headings = ("parameter", "value", *("by noise", "by file")[: len(parts)], std_of, "95 % interval", "unit")
@@ -385,8 +385,8 @@ class Result:
 
     def __getitem__(self, name: str) -> Any:
         """The estimate of a parameter, or those of a pattern (`k_*`) by name; UnknownNameError for what is no such."""
-        if name not in self and (found := matching(name, self.keys())):
-            return {each: self[each] for each in found}
+        if name not in self and (names := matching(name, self.keys())):
+            return {key: self[key] for key in names}
         low, high = self.interval(name)
         return Estimate(name, self.values[name], self.std[name], low, high, self.parameters[name].unit)
 

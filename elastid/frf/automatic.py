@@ -98,7 +98,7 @@ def stated_errors(response: Response, local: Response, has_bias: bool) -> tuple[
 
     has_bias: True for segments; the scatter of periods shows a transient, and a local method has it in its model.
     """
-    b, b_l = (float(np.median(np.diff(each.freq_hz))) * each.correlated_lines for each in (response, local))
+    b, b_l = (float(np.median(np.diff(G.freq_hz))) * G.correlated_lines for G in (response, local))
     inside = (local.freq_hz >= response.freq_hz[0]) & (local.freq_hz <= response.freq_hz[-1])
     common = inside & _has_power(local)
     local = local.lines(common if common.any() else inside)

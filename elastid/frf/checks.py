@@ -202,9 +202,9 @@ def _hit_notes(record: Record) -> Iterator[Note]:
     place, rate_hz = f"configuration {record.configuration.name}, record {record.name}", record.rate_hz
     overloads = dict[str, int]()
     for name, u in zip(record.inputs, record.u.T, strict=True):
-        if (found := pulses(u)) is None:
+        if (edges := pulses(u)) is None:
             continue
-        first, gap = found[:, 0], np.diff(found[:, 0]) / rate_hz
+        first, gap = edges[:, 0], np.diff(edges[:, 0]) / rate_hz
         if len(bounces := np.flatnonzero(gap < LIMITS.bounce_s)):
             i, total = bounces[0], len(first) - len(bounces)
             text = (
@@ -213,7 +213,7 @@ def _hit_notes(record: Record) -> Iterator[Note]:
                 "the response is uncertain; leave that hit out of the record, or hit again with a lighter hammer"
             )
             yield Note("frf/hits", text, place)
-        if first[0] == 0 or found[-1, 1] == len(u):
+        if first[0] == 0 or edges[-1, 1] == len(u):
             text = (
                 f"begins or ends within a hit of {name}, whose force or answer is cut: set a pretrigger of some "
                 "milliseconds, and record until the answer has died out"
@@ -224,9 +224,9 @@ def _hit_notes(record: Record) -> Iterator[Note]:
         ends = (y.max(), y.min()) if overloads and np.ptp(y) > 0 else ()
         visits = sum(len(runs(y == end, LIMITS.run)) for end in ends)
         overloads |= {name: visits} if visits > 1 else {}  # one alone may be rest
-    if found_at := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
+    if places := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
         text = (
-            f"stays at the end of its range at {', '.join(found_at)}: overloaded, which makes responses too large or "
+            f"stays at the end of its range at {', '.join(places)}: overloaded, which makes responses too large or "
             "looks like damping; hit more softly, or take a wider range"
         )
         yield Note("frf/overload", text, place)

@@ -24,7 +24,7 @@ def spectra_of(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray
     """Spectra of each record; with its driver, in which unstated lines are found, unless it is large."""
     known = spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
     every = [RecordSpectra(record) for record in records]
-    return [each if known or each.is_large else replace(each, driver=each.dft(each.driver_role)) for each in every]
+    return [part if known or part.is_large else replace(part, driver=part.dft(part.driver_role)) for part in every]
 
 
 def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planned: IntArray | None) -> IntArray:

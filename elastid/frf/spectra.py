@@ -280,7 +280,7 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
     # Of a log of one repetition no drift is known.
     for p, start, end in ((p, a, b) for a, b in logs for p in range(a, b) if b - a > 1):
         first, last = max(start * L, p * L - window), min(p * L + window + 1, (end - 1) * L)
-        before, after = (record.y[first + own : last + own].mean(axis=0) for own in (0, L))
+        before, after = (record.y[first + shift : last + shift].mean(axis=0) for shift in (0, L))
         gain[p] = (after - sign * before)[drifts]
         release(record.y)
     if record.half_wave:  # the mean over whole periods is gone already, that of a slow wander is not that of the ends

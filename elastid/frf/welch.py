@@ -280,8 +280,8 @@ def _repeats(records: Sequence[Record]) -> list[list[Record]]:
     """Records by their inputs: those with the same ones, which leak alike."""
     groups: list[list[Record]] = []
     for record in records:
-        own = next((group for group in groups if _are_repeats(group[0], record)), None)
-        groups.append([record]) if own is None else own.append(record)
+        alike = next((group for group in groups if _are_repeats(group[0], record)), None)
+        groups.append([record]) if alike is None else alike.append(record)
     return groups
 
 
@@ -372,8 +372,8 @@ def _covariances(
     left = transposed(inverse) * (data.K / data.K_e)
     beta = _leakage(G, power(C_V)[:, :, None] * power(left)[:, None, :], segments)
     scaled = beta / np.sqrt(G.shape[2] * power(left))[:, None, :]
-    own, by_leverage = power(C_V), power(C_h)
-    excess = local_mean(np.divide(by_leverage, own, out=np.ones_like(own), where=own > 0))
+    by_noise, by_leverage = power(C_V), power(C_h)
+    excess = local_mean(np.divide(by_leverage, by_noise, out=np.ones_like(by_noise), where=by_noise > 0))
     factor = np.sqrt(np.maximum(excess, 1.0))
     C_total = factor[:, :, None] * C_V * factor[:, None] + scaled @ adjoint(scaled)
     noise, total = (kronecker(left, C, dof) for C in (C_V, C_total))

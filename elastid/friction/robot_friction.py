@@ -120,8 +120,8 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
             laws.append(PlacedLaw(f"joint {joint.name}", law, joint.friction, 1.0, joint.slides))
         for element in () if joint.gear is None else joint.gear.hysteresis:
             stiffness = element.torque / element.deflection
-            own: Law = Stop(stiffness) if element.edge == "sharp" else Bristle(stiffness)
-            laws.append(PlacedLaw(f"gear {joint.name}", own, Friction(element.torque), 1.0, joint.slides))
+            spring: Law = Stop(stiffness) if element.edge == "sharp" else Bristle(stiffness)
+            laws.append(PlacedLaw(f"gear {joint.name}", spring, Friction(element.torque), 1.0, joint.slides))
     return tuple(laws)
 
 
@@ -132,8 +132,8 @@ def coulomb_levels(robot: Robot) -> FloatArray:
     """
     levels = {place.place: float(place.curve()[0]) for place in frictions(robot)}
     rigid = [0.0 if joint in robot.flexible else levels.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
-    own = [levels.get(f"motor {joint.name}", 0.0) for joint in robot.driven]
-    return np.add(own, rigid)
+    motors = [levels.get(f"motor {joint.name}", 0.0) for joint in robot.driven]
+    return np.add(motors, rigid)
 
 
 def _law(spec: Friction, n: float) -> Law:

@@ -172,9 +172,9 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     state, by_u = dict(zip(joint.states, ca.vertsplit(x), strict=True)), ca.jacobian(predicted, u)
     z_s = (ca.exp(state["Fc"]) if "Fc" in state else joint.coulomb) / joint.bristle_stiffness
     slipped = ca.fabs(state["v_m"]) / rate_hz / z_s
-    own = {"z": noise[3] * z_s**2 * slipped * ca.exp(-slipped), "w": noise[2]}
-    own |= {name: noise[4 + i] for i, name in enumerate(joint.followed)}
-    Q = noise[1] * by_u @ by_u.T + ca.diag(ca.vertcat(*(own.get(name, 0.0) for name in joint.states)))
+    noises = {"z": noise[3] * z_s**2 * slipped * ca.exp(-slipped), "w": noise[2]}
+    noises |= {name: noise[4 + i] for i, name in enumerate(joint.followed)}
+    Q = noise[1] * by_u @ by_u.T + ca.diag(ca.vertcat(*(noises.get(name, 0.0) for name in joint.states)))
     spread += Q
     towards = spread[:, 0] - cross @ cross[0, :].T
     S = towards[0] + noise[0]
@@ -277,9 +277,9 @@ class KalmanFilter:
         parts, times, followed = list[tuple[FloatArray, ...]](), list[FloatArray](), slice(n_x - p, n_x)
         for motion in motions:
             last, (x, P) = parts[-1:], first_estimate(joint, float(motion.angle[0]), float(motion.load[0]))
-            for own, covariance, *_ in last:
+            for path, covariance, *_ in last:
                 pause_s = max(0.0, motion.start_s - float(times[-1][-1]))
-                x[followed], P[followed] = own[-1, followed], covariance[-1, followed]
+                x[followed], P[followed] = path[-1, followed], covariance[-1, followed]
                 P[followed, : n_x - p] = 0.0
                 P[followed, followed] += np.diag(drift**2 * pause_s)
             n, rows = len(motion.angle), [part[None] for part in (motion.torque, motion.load, motion.angle)]
@@ -351,13 +351,13 @@ def _restless(track: Track, first: int) -> tuple[str, ...]:
     """Followed numbers that move within some seconds by more than their bands, and noise and drift, allow."""
     p, restless = len(track.joint.followed), np.zeros(len(track.joint.followed), bool)
     x, variance, time_s = track.x[first:, -p:], track.std[first:, -p:] ** 2, track.time_s[first:, None]
-    own = np.diagonal(track.followed_covariance[first:], axis1=1, axis2=2)
+    spread = np.diagonal(track.followed_covariance[first:], axis1=1, axis2=2)
     for lag_s in FILTER.lags_s:
         lag = max(1, min(round(lag_s * track.rate_hz), len(x) // 4))
         square = (x[lag:] - x[:-lag]) ** 2
         drifted = track.drift**2 * (time_s[lag:] - time_s[:-lag])
         over_band = np.mean(square / (variance[lag:] + variance[:-lag]), axis=0)
-        over_noise = np.mean(square / (own[lag:] + own[:-lag] + drifted), axis=0)
+        over_noise = np.mean(square / (spread[lag:] + spread[:-lag] + drifted), axis=0)
         restless |= (over_band > FILTER.max_movement[0]) & (over_noise > FILTER.max_movement[1])
     return tuple(name for name, moves in zip(track.joint.followed, restless, strict=True) if moves)
 
@@ -456,7 +456,7 @@ def follow(
     ends = np.arange(n % step + step - 1, n, step)
     mean_nis = track.nis[n % step :].reshape(-1, step).mean(axis=1)
     values, low, high = (
-        np.stack([track.values(each, stds)[ends] for each in joint.followed], axis=1)
+        np.stack([track.values(name, stds)[ends] for name in joint.followed], axis=1)
         for stds in (0.0, -QUANTILE_95, QUANTILE_95)
     )
     notes = tuple(_notes(f"joint {name}", track, judged))

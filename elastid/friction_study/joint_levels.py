@@ -55,15 +55,15 @@ def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionR
 def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion) -> JointLevels:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     planned = [r for r in measured.of(joint.name, "passes") if not r.is_warm_up or np.isfinite(r.mean_temperature)]
-    own, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
-    notes, levels = [*(note for record in own for note in record.notes), *motion.notes], None
+    of_joint, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
+    notes, levels = [*(note for record in of_joint for note in record.notes), *motion.notes], None
     if records := [*planned, *motion.passes]:
         # The passes of joints that moved together are free of the rigid body.
         is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None
         against = not is_free and turns_against_gravity(robot, joint, records[0].configuration)
-        levels = find_levels([each for record in records for each in passes_of(record)], against, _turn(joint))
+        levels = find_levels([part for record in records for part in passes_of(record)], against, _turn(joint))
         notes += levels.notes
-    elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in own)):
+    elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in of_joint)):
         raise DataError(
             "friction/no-record",
             "neither passes nor a motion were recorded; leave it out of friction.joints, or record them",
@@ -131,7 +131,7 @@ def motion_logs(measured: FrictionRecords) -> list[dict[str, FrictionRecord]]:
 def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
     records, notes = sorted(records, key=lambda record: record.payload), list[Note]()
     against, code = turns_against_gravity(robot, joint, records[0].configuration), "friction/no-record"
-    passes = _enough([each for own in records for each in noted(notes, code, detect_passes, own, against) or ()])
+    passes = _enough([part for record in records for part in noted(notes, code, detect_passes, record, against) or ()])
     friction = noted(notes, code, _regressed, robot, joint, records, against)
     if friction is None and not passes:
         raise DataError(code, str(notes[0]))
@@ -151,7 +151,7 @@ def _regressed(robot: Robot, joint: Joint, records: Sequence[FrictionRecord], ag
         # The torque that a mass at the last frame adds, by the robot's geometry.
         for i, (motion, record) in enumerate(zip(motions, records, strict=True)):
             log, mass = motion_log(robot, {joint.name: record}, PASSBAND_HZ), record.payload - records[0].payload
-            loaded, empty = (torques_in_file(each, log)[joint.name] for each in (with_point_mass(robot, mass), robot))
+            loaded, empty = (torques_in_file(r, log)[joint.name] for r in (with_point_mass(robot, mass), robot))
             motions[i] = replace(motion, payload_torque=loaded - empty)
     return regress_motion(*motions)
 
@@ -169,18 +169,18 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
         friction, alone = regress_robot_motion(robot, robot_logs)
         for joint in joints:
             pairs = zip(members, alone, strict=True)
-            records = [replace(log[joint], torque=own[joint].motion.torque) for log, own in pairs]
-            passes = [each for record in records for each in detect_passes(record, has_gravity=False)]
+            records = [replace(log[joint], torque=rigid[joint].motion.torque) for log, rigid in pairs]
+            passes = [part for record in records for part in detect_passes(record, has_gravity=False)]
             evaluated[joint] = JointMotion(friction[joint], _enough(passes), friction[joint].notes)
     return evaluated
 
 
 def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
     """The passes where they contain more than the regression: of a stated speed, or of enough conditions."""
-    temperatures = [float(np.nan_to_num(each.mean_temperature)) for each in passes]
+    temperatures = [float(np.nan_to_num(part.mean_temperature)) for part in passes]
     conditions = {
-        (round(np.log(each.speed or 1.0) / PASSES.steady_share), each.load, round(degc / TEMPERATURE_STEP_K))
-        for each, degc in zip(passes, temperatures, strict=True)
+        (round(np.log(part.speed or 1.0) / PASSES.steady_share), part.load, round(degc / TEMPERATURE_STEP_K))
+        for part, degc in zip(passes, temperatures, strict=True)
     }
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()
 
@@ -236,7 +236,7 @@ def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | N
     """True if the torque of gravity at a joint changes with its angle, the others held; true of a robot with loops."""
     if joint.slides or robot.loops:
         return not joint.slides
-    place, q = [each.name for each in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))
+    place, q = [link.name for link in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))
     if posture is not None:
         q[list(robot.driven_indices)] = posture.angles[:, None]
     q[place] += (0.0, 1.1, 2.3)  # of these angles no two have the same gravity, whatever its phase

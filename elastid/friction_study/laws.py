@@ -109,10 +109,10 @@ class StaticLaw:
 
     def known(self, name: str) -> tuple[float, float]:
         """A number, of stiction its excess over Coulomb friction, and its std."""
-        own = [i for i, each in enumerate(self.names) if each in (name, FALLING.get(name))]
-        a = np.array([1.0 if self.names[i] == name else -1.0 for i in own])
-        value = float(a @ [self.values[self.names[i]] for i in own])
-        return value, float(np.sqrt(a @ self.covariance[np.ix_(own, own)] @ a))
+        places = [i for i, key in enumerate(self.names) if key in (name, FALLING.get(name))]
+        a = np.array([1.0 if self.names[i] == name else -1.0 for i in places])
+        value = float(a @ [self.values[self.names[i]] for i in places])
+        return value, float(np.sqrt(a @ self.covariance[np.ix_(places, places)] @ a))
 
     def torque(self, conditions: Conditions) -> FloatArray:
         """s tau_f (n,) at conditions."""
@@ -357,13 +357,13 @@ def _with_other_curves(levels: Levels, fit: StaticLaw, stribeck: _Part, spec: La
     allowed = [a for a in EXPONENTS if a == held or spec.exponent != "no"]
     for exponent in (a for a in allowed if a != held or not has_curve):
         try:
-            other = fit_curve(levels, replace(terms, held={**terms.held, "exponent": exponent}))
+            trial = fit_curve(levels, replace(terms, held={**terms.held, "exponent": exponent}))
         except FitError:
             continue
-        would_show = not has_curve and levels.speed.min() <= LOWEST_SPEED * other.values["stribeck_velocity"]
-        if other.cost < fit.cost + MAX_COST and other.known("stiction")[0] > 0 and not would_show:
-            changes.append(np.array([other.values[name] - fit.values[name] for name in fit.names]))
-    change = max(changes, key=lambda each: float(abs(each[fit.names.index("coulomb")])))
+        would_show = not has_curve and levels.speed.min() <= LOWEST_SPEED * trial.values["stribeck_velocity"]
+        if trial.cost < fit.cost + MAX_COST and trial.known("stiction")[0] > 0 and not would_show:
+            changes.append(np.array([trial.values[name] - fit.values[name] for name in fit.names]))
+    change = max(changes, key=lambda shift: float(abs(shift[fit.names.index("coulomb")])))
     return replace(fit, covariance=fit.covariance + np.outer(change, change))
 
 

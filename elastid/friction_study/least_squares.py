@@ -179,11 +179,11 @@ class Solution:
 
     def at(self, joint: str) -> Regression:
         """The numbers of a joint."""
-        own, i = [name[0] == joint for name in self.names], [*dict(self.names)].index(joint)
+        mask, i = [name[0] == joint for name in self.names], [*dict(self.names)].index(joint)
         error, squares, independent = self.relative_error[i], self.sum_of_squares[i], self.independent[i]
         return Regression(
-            tuple(name for of, name in self.names if of == joint), self.beta[own], self.covariance[np.ix_(own, own)],
-            float(error), float(squares), float(independent), self.dof[own], float(self.widening[own].max()),
+            tuple(name for of, name in self.names if of == joint), self.beta[mask], self.covariance[np.ix_(mask, mask)],
+            float(error), float(squares), float(independent), self.dof[mask], float(self.widening[mask].max()),
         )  # fmt: skip
 
 
@@ -238,8 +238,8 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tup
     Both of the same logs, instant by instant: their residuals are correlated.
     """
     pairs = list(zip(first.influences, second.influences, strict=True))
-    terms = [_terms(len(own) / rate_hz, len(pairs)) for own, _ in pairs]
-    parts = [other - own for own, other in pairs]
+    terms = [_terms(len(low) / rate_hz, len(pairs)) for low, _ in pairs]
+    parts = [high - low for low, high in pairs]
     variance = sum(np.diag(_long_run(part, count)) for part, count in zip(parts, terms, strict=True))
     std = np.maximum(np.sqrt(variance * _student(np.array(sum(terms)))), 1e-300)
     return dict(zip(first.names, zip((second.beta - first.beta).tolist(), std.tolist(), strict=True), strict=True))
@@ -258,13 +258,13 @@ def _expected(
     """
     n_x = of_errors[0].shape[2]
     truth, mean, variance = np.zeros(n_x), np.zeros(n_x), np.zeros(n_x)
-    for own, columns, count in zip(of_errors, explained, terms, strict=True):
-        squares = np.sum(own**2, axis=1)
+    for e, columns, count in zip(of_errors, explained, terms, strict=True):
+        squares = np.sum(e**2, axis=1)
         # cos a cos b = (cos(a - b) + cos(a + b)) / 2
         cosines = np.concatenate([squares.sum(axis=0)[None], dct(squares, axis=0)[1 : 2 * count + 1] / 2])
         j, k = np.indices((count, count)) + 1
-        starts = np.linspace(0, len(own), min(len(own), 16 * count), endpoint=False).astype(int)  # sixteen a half wave
-        sums = np.add.reduceat(np.einsum("nmx,nmr->nxr", own, columns), starts)
+        starts = np.linspace(0, len(e), min(len(e), 16 * count), endpoint=False).astype(int)  # sixteen a half wave
+        sums = np.add.reduceat(np.einsum("nmx,nmr->nxr", e, columns), starts)
         lacking = dct(sums, axis=0)[1 : count + 1] / 2
         M = (cosines[np.abs(j - k)] + cosines[j + k]) / 2 - np.einsum("jxr,kxr->jkx", lacking, lacking)
         truth += squares.sum(axis=0)

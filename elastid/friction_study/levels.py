@@ -79,25 +79,25 @@ class PassRegression:
     @classmethod
     def of(cls, passes: Sequence[Pass], has_gravity: bool, turn: float) -> PassRegression:
         """The columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
-        lengths = [len(each.position) for each in passes]
+        lengths = [len(part.position) for part in passes]
         step = max(1, min(sum(lengths) // 15_000, min(lengths) // 40))  # rows of all passes, and of the shortest
-        has_ripple = turn > 0 and any(np.ptp(each.position) > turn for each in passes)
-        pairs = list(dict.fromkeys(each.pair for each in passes))
-        loads = list(dict.fromkeys(each.load_name for each in passes)) if has_gravity else []
+        has_ripple = turn > 0 and any(np.ptp(part.position) > turn for part in passes)
+        pairs = list(dict.fromkeys(part.pair for part in passes))
+        loads = list(dict.fromkeys(part.load_name for part in passes)) if has_gravity else []
         searched = range(N_WAVES if has_ripple else 0)
         rows, torques, waves = [], [], []
-        for each in passes:
-            q, s, one = each.position, each.direction, np.ones(len(each.position))
-            about, mean = np.abs(each.velocity) - abs(each.velocity.mean()), abs(each.velocity.mean())
+        for part in passes:
+            q, s, ones = part.position, part.direction, np.ones(len(part.position))
+            about, mean = np.abs(part.velocity) - abs(part.velocity.mean()), abs(part.velocity.mean())
             about[np.abs(about) < 1e-9 * mean] = 0.0  # rounding is all that a constant speed leaves
-            own = [float(pair == each.pair) * one for pair in pairs]
-            carried = [float(load == each.load_name) * wave for load in loads for wave in (np.cos(q), np.sin(q))]
-            shared = [each.acceleration, s * about, *carried]
-            rows.append(_means(np.stack([*(s * column for column in own), *own, *shared], axis=1), step))
-            torques.append(_means(each.torque, step))
+            signs = [float(pair == part.pair) * ones for pair in pairs]
+            carried = [float(load == part.load_name) * wave for load in loads for wave in (np.cos(q), np.sin(q))]
+            shared = [part.acceleration, s * about, *carried]
+            rows.append(_means(np.stack([*(s * column for column in signs), *signs, *shared], axis=1), step))
+            torques.append(_means(part.torque, step))
             waves.append(_means(turn_waves(q, s, turn, searched), step))
         gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
-        y, of_pass = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(each) for each in torques])
+        y, of_pass = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(torque) for torque in torques])
         regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), ("inertia", "slope", *gravity))
         if not has_ripple:
             return regression
@@ -149,8 +149,8 @@ def turn_waves(
     """exp(j h N q) (n, n_h), chosen waves of the motor's turns: of ripple, then s times these, of dry friction."""
     waves = [np.exp(2j * np.pi / turn * (i % MAX_HARMONIC + 1) * position) for i in chosen]
     signs = [1.0 if i < MAX_HARMONIC else direction for i in chosen]
-    own = [sign * wave for sign, wave in zip(signs, waves, strict=True)]
-    return np.stack(own, axis=1) if own else np.zeros((len(position), 0), complex)
+    parts = [sign * wave for sign, wave in zip(signs, waves, strict=True)]
+    return np.stack(parts, axis=1) if parts else np.zeros((len(position), 0), complex)
 
 
 def wave_names(wave: int) -> tuple[str, str]:
@@ -282,12 +282,12 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
 
 def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
     """The passes that slide all the time, and notes on the others, whole pairs; DataError where none is."""
-    sticks = dict.fromkeys(each.pair for each in passes if np.any(each.velocity * each.direction <= 0))
+    sticks = dict.fromkeys(part.pair for part in passes if np.any(part.velocity * part.direction <= 0))
     text = (
         "the joint stands or turns back within the pass: it sticks and slips at this speed, and its level does not "
         "count; raise the bandwidth of the controller, or measure faster"
     )
-    used = [each for each in passes if each.pair not in sticks]
+    used = [part for part in passes if part.pair not in sticks]
     if not used:
         raise DataError("friction/passes", f"in none it slides all the time: {text}", f"passes of {passes[0].place}")
     return used, [Note("friction/passes", text, f"pass {name}") for name in sticks]
@@ -303,11 +303,11 @@ def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[Float
         left = W @ o - A @ x
         return np.asarray(x), np.asarray(np.linalg.pinv(A.T @ A)), float(left @ left)
 
-    one = np.ones_like(v)
-    mean, covariance, cost = fitted(one)
+    ones = np.ones_like(v)
+    mean, covariance, cost = fitted(ones)
     dof, slope = len(o) - 1, 0.0
     if len(o) >= 4 and np.ptp(v) > 0:
-        line, of_line, less = fitted(one, v)
+        line, of_line, less = fitted(ones, v)
         if chance_of_terms(cost, less, 1, dof - 1) <= FALSE_ALARM:
             (mean, covariance, cost), dof, slope = (line, of_line, less), dof - 1, float(line[1])
     return slope * v, (float(mean[0]), float(np.sqrt(max(1.0, cost / max(1, dof)) * covariance[0, 0])))

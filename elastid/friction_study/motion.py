@@ -152,8 +152,8 @@ class MotionFriction:
                 "opposite signs; turn one channel (sign: -1)",
                 f"motion of {first.motion.place}",
             )
-        plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
-        seconds = {name: sum(each.seconds[name] for each in signals) for name in first.seconds}
+        plateaus = tuple(plateau for signal in signals for plateau in signal.plateaus)
+        seconds = {name: sum(signal.seconds[name] for signal in signals) for name in first.seconds}
         fit = cls(first.motion, chosen, terms, plateaus, first.passband_hz, seconds)
         return replace(fit, held=tuple(_held(fit, signals)), notes=tuple(_notes(fit, signals)))
 
@@ -187,15 +187,15 @@ class MotionFriction:
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
     """Inertia and friction of an axis from its logs; DataError for short or one-sided ones, or friction that drives."""
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
-    for each in signals:
+    for signal in signals:
         for direction, word in ((1, "forwards"), (-1, "backwards")):
-            if not each.moves(direction) and not each.motion.is_run_down:
+            if not signal.moves(direction) and not signal.motion.is_run_down:
                 raise DataError(
                     "friction/motion",
                     f"it barely moves {word}, so that friction cannot be distinguished from "
                     "an offset or gravity; record a motion there and back, or give files[].purpose: run_down where it "
                     "coasts and its inertia is known",
-                    f"motion of {each.motion.place}",
+                    f"motion of {signal.motion.place}",
                 )
     terms = shown_terms(signals)
     chosen = with_other_curves(signals, terms, regressed(signals, terms))
@@ -205,13 +205,13 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     fit = MotionFriction.of(signals, chosen, terms.at(chosen))
     if fit.motion.is_run_down:
         return fit
-    bands = both_bands([MotionLog({"": each}) for each in signals], LIMITS.narrow)
-    found = judged(fit, "", moved_numbers(bands, lambda log: axis_equations(log.first, fit.terms)))
+    bands = both_bands([MotionLog({"": signal}) for signal in signals], LIMITS.narrow)
+    result = judged(fit, "", moved_numbers(bands, lambda log: axis_equations(log.first, fit.terms)))
     if not bands:
-        return found
+        return result
     change, text = _by_spring(fit.chosen, [log.first for log in bands[1]], fit.terms)
-    chosen = replace(found.chosen, covariance=found.chosen.covariance + np.outer(change, change))
-    return replace(found, chosen=chosen, misfit="; ".join(filter(None, (text, found.misfit))))
+    chosen = replace(result.chosen, covariance=result.chosen.covariance + np.outer(change, change))
+    return replace(result, chosen=chosen, misfit="; ".join(filter(None, (text, result.misfit))))
 
 
 def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:
@@ -228,7 +228,7 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
         yield Note("friction/by-angle", text, place)
     if fit.terms.friction_only and not fit.motion.is_run_down:
         v, s = (
-            np.concatenate([each.filtered(getattr(each, name))[each.used] for each in signals])
+            np.concatenate([s.filtered(getattr(s, name))[s.used] for s in signals])
             for name in ("velocity", "direction")
         )
         friction = float(np.linalg.norm(fit.chosen["viscous"] * v + fit.chosen["coulomb"] * s))
@@ -247,7 +247,7 @@ def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Hel
     if fit.motion.is_run_down:
         return
     terms, low, high = fit.terms, *(fit.terms.measured or (0.0, 0.0))
-    speed = np.concatenate([np.abs(each.filtered(each.velocity))[each.used] for each in signals])
+    speed = np.concatenate([np.abs(s.filtered(s.velocity))[s.used] for s in signals])
     lowest = float(np.quantile(speed, _SLOWEST_SHARE))
     speeds = len(distinct_speeds(plateau.velocity for plateau in fit.plateaus))
     if not terms.stribeck_velocity and speeds < MIN_SPEEDS:
@@ -303,9 +303,9 @@ def moved_numbers(bands: Sequence[Sequence[MotionLog]], equations: Callable[[Mot
 def judged(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
     """Friction with the change between bands in its intervals where it is beyond chance, and a misfit's reason."""
     numbers, passband_hz = fit.chosen, fit.passband_hz
-    own = {name: change for (of, name), change in moved.items() if of == joint and name in JUDGED}
-    shift = np.array([own.get(name, (0.0, 1.0))[0] for name in numbers.names])
-    stds, worst = max(((abs(change) / std, name) for name, (change, std) in own.items()), default=(0.0, ""))
+    changes = {name: change for (of, name), change in moved.items() if of == joint and name in JUDGED}
+    shift = np.array([changes.get(name, (0.0, 1.0))[0] for name in numbers.names])
+    stds, worst = max(((abs(change) / std, name) for name, (change, std) in changes.items()), default=(0.0, ""))
     texts = []
     if stds > LIMITS.max_shift:
         numbers = replace(numbers, covariance=numbers.covariance + np.outer(shift, shift))
@@ -369,16 +369,16 @@ def regress_robot_motion(
     """
     joints = tuple(logs[0].of_joints)
     chosen, regrouped = _base_columns(robot, joints, logs)
-    rigid = [_columns(robot, joints, joints, each, chosen) for each in logs]
+    rigid = [_columns(robot, joints, joints, log, chosen) for log in logs]
 
     def equations(terms: Mapping[str, MotionTerms], sliding: bool = True) -> list[Equations]:
-        return [equations_of(log, terms, own, sliding) for log, own in zip(logs, rigid, strict=True)]
+        return [equations_of(log, terms, block, sliding) for log, block in zip(logs, rigid, strict=True)]
 
     terms, rate_hz = dict.fromkeys(joints, MotionTerms(friction_only=True)), logs[0].first.kept_hz
     every = solve(equations(terms), rate_hz)
     terms = {
-        joint: replace(own, apart=every.at(joint).chance("directions.viscous", 0) < FALSE_ALARM)
-        for joint, own in terms.items()
+        joint: replace(rule, apart=every.at(joint).chance("directions.viscous", 0) < FALSE_ALARM)
+        for joint, rule in terms.items()
     }
     least = solve(equations(terms), rate_hz)
     moved = moved_numbers(
@@ -387,13 +387,13 @@ def regress_robot_motion(
     )
     names, units = zip(*_numbers(robot, joints), strict=True)
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
-    shrunk, own = (_rigid_numbers(equations(terms, False), least, ridges) for ridges in (RIDGES, RIDGES[:1]))
+    shrunk, least_shrunk = (_rigid_numbers(equations(terms, False), least, ridges) for ridges in (RIDGES, RIDGES[:1]))
     of_base = tuple(units[i] for i in chosen)
     body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
     alone = [
         {
-            joint: replace(each, motion=replace(each.motion, torque=each.motion.torque - torque))
-            for (joint, each), torque in zip(log.of_joints.items(), (columns @ own).T, strict=True)
+            joint: replace(signal, motion=replace(signal.motion, torque=signal.motion.torque - torque))
+            for (joint, signal), torque in zip(log.of_joints.items(), (columns @ least_shrunk).T, strict=True)
         }
         for log, columns in zip(logs, rigid, strict=True)
     ]
@@ -409,8 +409,8 @@ def _states(robot: Robot, log: MotionLog) -> FloatArray:
     state = np.zeros((3, len(names), len(log.first.position)))
     for joint, angle in log.resting.items():
         state[0, names.index(joint)] = angle
-    for joint, each in log.of_joints.items():
-        state[:, names.index(joint)] = each.position, each.velocity, each.acceleration
+    for joint, signal in log.of_joints.items():
+        state[:, names.index(joint)] = signal.position, signal.velocity, signal.acceleration
     return state
 
 
@@ -461,7 +461,7 @@ def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLo
 
     All columns: rigid body (10 n_l), rotors (m) and offsets (m).
     """
-    sample = np.vstack([column for each in logs for column in _columns(robot, joints, joints, each)])
+    sample = np.vstack([column for log in logs for column in _columns(robot, joints, joints, log)])
     size = _sizes(sample)
     _, R, order = qr(sample / size, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))
@@ -487,12 +487,12 @@ def _columns(
     q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
     of_frames = chosen[chosen < 10 * n_l].tolist()
     Y = ca.Function("part", [q, v, a], [regressor(robot)(q, v, a)[places, of_frames]])
-    own = np.zeros((n, len(rows), 2 * m))
+    rotors = np.zeros((n, len(rows), 2 * m))
     for i, (joint, place) in enumerate(zip(rows, places, strict=True)):
         k = list(joints).index(joint)
-        own[:, i, k], own[:, i, m + k] = state[2, place], 1.0
+        rotors[:, i, k], rotors[:, i, m + k] = state[2, place], 1.0
     of_rigid_body = np.asarray(ca.DM(Y(*state))).reshape(len(rows), n, -1).swapaxes(0, 1)
-    return np.concatenate([of_rigid_body, own[:, :, chosen[chosen >= 10 * n_l] - 10 * n_l]], axis=2)
+    return np.concatenate([of_rigid_body, rotors[:, :, chosen[chosen >= 10 * n_l] - 10 * n_l]], axis=2)
 
 
 def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequence[float]) -> FloatArray:
@@ -505,17 +505,17 @@ def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequen
     target = np.concatenate([weight * (log.y - log.X @ solution.beta) for log in logs])
     size, n_b = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300), R.shape[2]
     fifths = [
-        (own.reshape(-1, n_b), y.ravel())
-        for own, y in zip(np.array_split(R / size, 5), np.array_split(target, 5), strict=True)
+        (block.reshape(-1, n_b), y.ravel())
+        for block, y in zip(np.array_split(R / size, 5), np.array_split(target, 5), strict=True)
     ]
 
     def numbers(parts: Sequence[tuple[FloatArray, FloatArray]], ridge: float) -> FloatArray:
-        flat = np.concatenate([*(own for own, _ in parts), ridge * np.eye(n_b)])
+        flat = np.concatenate([*(block for block, _ in parts), ridge * np.eye(n_b)])
         y = np.concatenate([*(y for _, y in parts), np.zeros(n_b)])
         return np.asarray(np.linalg.lstsq(flat, y, rcond=RANK_TOLERANCE)[0])
 
     def error(ridge: float) -> float:
-        left = (y - own @ numbers([*fifths[:i], *fifths[i + 1 :]], ridge) for i, (own, y) in enumerate(fifths))
+        left = (y - block @ numbers([*fifths[:i], *fifths[i + 1 :]], ridge) for i, (block, y) in enumerate(fifths))
         return float(sum(np.sum(e**2) for e in left))
 
     best = ridges[0] if len(ridges) == 1 else min(ridges, key=error)

@@ -121,12 +121,12 @@ def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     of_ways = [_plateau_of_way(position, *way, record.rate_hz) for way in _ways(position)]
     ways = [plateau for plateau in of_ways if plateau is not None]
     steady = find_plateaus(velocity, acceleration, record.rate_hz)
-    parts = [each for each in steady if not any(each.start < way.stop and way.start < each.stop for way in ways)]
+    parts = [part for part in steady if not any(part.start < way.stop and way.start < part.stop for way in ways)]
     plateaus = [*ways, *parts]
     if record.speed is not None:
         reach = PASSES.other_speed * record.speed
-        plateaus = [each for each in plateaus if abs(abs(each.velocity) - record.speed) <= reach]
-    return tuple(sorted(plateaus, key=lambda each: each.start))
+        plateaus = [part for part in plateaus if abs(abs(part.velocity) - record.speed) <= reach]
+    return tuple(sorted(plateaus, key=lambda part: part.start))
 
 
 def _ways(position: FloatArray) -> list[tuple[int, int]]:
@@ -182,7 +182,7 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
         limit = PASSES.steady_share * abs(first.velocity)
         if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
             return False
-        q, q_back = (record.position[each.start : each.stop] for each in (first, other))
+        q, q_back = (record.position[part.start : part.stop] for part in (first, other))
         common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
         return not has_gravity or bool(common > PASSES.common_share * min(np.ptp(q), np.ptp(q_back)))
 
@@ -190,7 +190,7 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
     free = list(plateaus)
     while free:
         first = free.pop(0)
-        if (partner := next((other for other in free if is_way_back(first, other)), None)) is not None:
+        if (partner := next((back for back in free if is_way_back(first, back)), None)) is not None:
             free.remove(partner)
             pairs.append((first, partner))
     return pairs
@@ -379,7 +379,7 @@ def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog
             }
         except DataError:
             return ()
-        if any(each.used.all() for each in slow.values()):
+        if any(signal.used.all() for signal in slow.values()):
             return ()
         kept = next(iter(slow.values())).kept
         same = slice(kept.start, kept.stop, log.first.kept.step)

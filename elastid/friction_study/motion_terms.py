@@ -84,7 +84,7 @@ def shown_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
     """The parts that the data show beyond chance, one after the other."""
     if signals[0].motion.is_run_down:
         return _curve(signals, MotionTerms(apart=False, friction_only=True))
-    terms = MotionTerms(load=len({each.motion.load for each in signals}) > 1)
+    terms = MotionTerms(load=len({signal.motion.load for signal in signals}) > 1)
     if terms.load:
         terms = replace(terms, load=regressed(signals, terms).chance("load.coulomb", 1) < FALSE_ALARM)
     if signals[0].motion.turn > 0:
@@ -114,8 +114,8 @@ def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     if not velocity:
         return terms
     falling = [replace(terms, stribeck_velocity=velocity, exponent=exponent) for exponent in EXPONENTS]
-    fits = {each: regressed(signals, each) for each in falling}
-    best, held = min(falling, key=lambda each: fits[each].sum_of_squares), falling[-1]
+    fits = {speed: regressed(signals, speed) for speed in falling}
+    best, held = min(falling, key=lambda speed: fits[speed].sum_of_squares), falling[-1]
     is_other = fits[held].sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / fits[held].independent)
     chosen = best if is_other else held
     return chosen.at(fits[chosen])
@@ -126,18 +126,18 @@ def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit:
 
     They are of other exponents of a Stribeck effect, and of one that shows, but not beyond chance.
     """
-    own, place, changes = terms.at(fit), fit.names.index("coulomb"), [np.zeros(len(fit.names))]
+    settled, place, changes = terms.at(fit), fit.names.index("coulomb"), [np.zeros(len(fit.names))]
     limit = 1 + MAX_COST / fit.independent
     if terms.stribeck_velocity:
-        others = [regressed(signals, replace(own, exponent=exponent)) for exponent in EXPONENTS]
-        changes += [change_of(fit, each) for each in others if each.sum_of_squares < limit * fit.sum_of_squares]
+        others = [regressed(signals, replace(settled, exponent=exponent)) for exponent in EXPONENTS]
+        changes += [change_of(fit, trial) for trial in others if trial.sum_of_squares < limit * fit.sum_of_squares]
     else:
-        fastest = max(float(np.abs(each.velocity).max()) for each in signals)
-        velocity = _best_velocity(signals, own, _VELOCITIES * fastest)
-        unseen = regressed(signals, replace(own, stribeck_velocity=velocity), steps=0)
+        fastest = max(float(np.abs(signal.velocity).max()) for signal in signals)
+        velocity = _best_velocity(signals, settled, _VELOCITIES * fastest)
+        unseen = regressed(signals, replace(settled, stribeck_velocity=velocity), steps=0)
         if unseen["stiction"] > unseen["coulomb"] and unseen.sum_of_squares * limit < fit.sum_of_squares:
             changes.append(change_of(fit, unseen))
-    change = max(changes, key=lambda each: float(abs(each[place])))
+    change = max(changes, key=lambda shift: float(abs(shift[place])))
     return replace(fit, covariance=fit.covariance + np.outer(change, change))
 
 
@@ -184,7 +184,7 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
 
 def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocities: FloatArray) -> float:
     """Velocity (of m) whose fall of stiction explains most of what a regression without it leaves."""
-    logs = [axis_equations(each, terms) for each in signals]
+    logs = [axis_equations(log, terms) for log in signals]
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
     falls = [each.direction[:, None] * np.exp(-((each.velocity[:, None] / velocities) ** 2)) for each in signals]
     filtered = [each.filtered(fall) * each.used[:, None] for each, fall in zip(signals, falls, strict=True)]
@@ -196,11 +196,11 @@ def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocit
 def _waves(signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, ...]:
     """Waves of the motor's turns that stand out of the residuals, and beyond chance of their neighbours in time."""
     fit, left, waves = regressed(signals, terms), [], []
-    for each in signals:
-        columns = columns_of(each, terms)
-        left.append((each.filtered(each.motion.torque) - sum(fit[name] * columns[name] for name in columns))[each.used])
-        of_turn = turn_waves(each.position, each.direction, each.motion.turn)
-        waves.append((each.filtered(of_turn.real) + 1j * each.filtered(of_turn.imag))[each.used])
+    for log in signals:
+        columns = columns_of(log, terms)
+        left.append((log.filtered(log.motion.torque) - sum(fit[name] * columns[name] for name in columns))[log.used])
+        of_turn = turn_waves(log.position, log.direction, log.motion.turn)
+        waves.append((log.filtered(of_turn.real) + 1j * log.filtered(of_turn.imag))[log.used])
     peaks = tuple(np.flatnonzero(harmonic_peaks(np.concatenate(left), np.concatenate(waves))).tolist())
     if not peaks:
         return ()

@@ -103,7 +103,7 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
     thresholds = np.geomspace(max(1e-3 * reach, resolution), 2 * reach, 40)
     used = np.arange(len(u)) >= settled
     candidates = ((q, _fit(q, u, thresholds, used)) for q in _smoothed(loops, frequency_hz))
-    q, spectrum = min(candidates, key=lambda each: each[1].mean_square)
+    q, spectrum = min(candidates, key=lambda pair: pair[1].mean_square)
     if elements is not None:
         return _few(q, u, spectrum, elements, used)
     folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
@@ -248,7 +248,7 @@ class _Model:
     def receptance(self, x: FloatArray, response: RestResponse) -> ComplexArray:
         """G (F,) at one amplitude."""
         omega = 2 * np.pi * response.freq_hz
-        per_bend = x[-2] / max(each.rms_position for each in self.responses)  # 1 / z_s
+        per_bend = x[-2] / max(G.rms_position for G in self.responses)  # 1 / z_s
         bristles = (np.exp(x[-3]) + 1j * omega * x[-1] * self.damping_unit) * slipped(omega, response, per_bend)
         return np.asarray(1 / (bristles + 1j * omega * self.viscous + self.reaction(x, omega)))
 
@@ -269,9 +269,9 @@ class _Model:
 
     def covariance(self, fit: Optimum) -> FloatArray:
         """Covariance of x, whatever the variances of the residuals; those of the file's numbers are as stated."""
-        n_file = len(fit.r) - sum(2 * len(each.G) for each in self.responses)
-        expansion = [np.tile(each.expansion / each.variance, 2) for each in self.responses]
-        correlated = [np.full(2 * len(each.G), each.correlated_lines) for each in self.responses]
+        n_file = len(fit.r) - sum(2 * len(G.G) for G in self.responses)
+        expansion = [np.tile(G.expansion / G.variance, 2) for G in self.responses]
+        correlated = [np.full(2 * len(G.G), G.correlated_lines) for G in self.responses]
         least = np.concatenate([*expansion, np.ones(n_file)])
         return fit.scattered_covariance(np.concatenate([*correlated, np.zeros(n_file)]), least)
 
@@ -360,5 +360,5 @@ def _motion(records: Sequence[Record], band_hz: tuple[float, float]) -> tuple[fl
     """Rms position and velocity in a band, without mean and drift."""
     band = butter(4, band_hz, "bandpass", fs=records[0].rate_hz, output="sos")
     q = [sosfiltfilt(band, record.y[:, 0])[record.period_samples * (record.n_periods > 1) :] for record in records]
-    v = [np.gradient(each) * records[0].rate_hz for each in q]
+    v = [np.gradient(x) * records[0].rate_hz for x in q]
     return float(np.std(np.concatenate(q))), float(np.std(np.concatenate(v)))

@@ -139,7 +139,7 @@ class FrictionResult:
 
     def at(self, joint: str) -> JointFriction:
         """The friction of a joint; UnknownNameError names the known ones."""
-        return self.joints[index_of(joint, [each.joint for each in self.joints], "friction of joint")]
+        return self.joints[index_of(joint, [row.joint for row in self.joints], "friction of joint")]
 
     @property
     def numbers(self) -> tuple[FrictionNumber, ...]:
@@ -236,7 +236,7 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
     paths = {path: known[term.name(joint)][0] for path, term in TERMS.items() if term.name(joint) in known}
     if static is not None:
         degc, by_load = static.levels.known_temperatures, law.load is not None and "load.coulomb" not in static.names
-        placed = next(each for each in frictions(robot) if each.place == f"motor {joint}")
+        placed = next(law for law in frictions(robot) if law.place == f"motor {joint}")
         load = float(np.mean(static.levels.load)) if by_load else 0.0
         curve = placed.curve(load, float(np.mean(degc)) if len(degc) else None)
         F_c, F_s, inverse_nu_s, _, alpha_T, F_l = curve[:6].tolist()
@@ -254,7 +254,7 @@ def identify_friction(
     truth: Robot | None = None,
 ) -> FrictionResult:
     """The friction of all joints; truth: the simulated robot.  FitError for a part that is `yes` and not identified."""
-    joints = tuple(_joint(robot, each, measured, spec, truth) for each in levels)
+    joints = tuple(_joint(robot, part, measured, spec, truth) for part in levels)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
         status = "misfit"
@@ -279,9 +279,9 @@ def _joint(
     warmed = noted(notes, "friction/warm-up", _heat, name, measured)
     friction, viscous, refused = _law(levels, static, presliding, at_rest, spec.law)
     true = {} if truth is None else true_numbers(truth, name, static)
-    numbers = {each.name: each for each in _numbers(levels, None if refused else static, at_rest, true)}
+    numbers = {row.name: row for row in _numbers(levels, None if refused else static, at_rest, true)}
     if warmed is not None:
-        numbers |= {each.name: each for each in numbers_of_heat(name, *warmed)}
+        numbers |= {row.name: row for row in numbers_of_heat(name, *warmed)}
         notes += warm_up_note(*warmed, f"warm-up of joint {name}")
     notes += () if at_rest is None else at_rest.notes
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()

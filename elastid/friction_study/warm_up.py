@@ -107,9 +107,9 @@ class _Problem:
         ratio = math.exp(value.get("ratio", 0.0))
         constants = math.exp(value["constant"]) * np.array([1.0, ratio])[: self.nodes]
         first = np.array([[value.get(name, 1.0)] for name in ("share", "level_share")]) / max(1 - ratio, 1e-9)
-        own, levels = np.ones((2, 1)) if self.nodes == 1 else np.hstack([first, 1 - first])
+        shares, levels = np.ones((2, 1)) if self.nodes == 1 else np.hstack([first, 1 - first])
         start = log.start_degc + max(log.start_std, 1e-6) * value.get("start", 0.0)
-        return constants, own, levels, math.exp(value.get("h", 0.0)), start
+        return constants, shares, levels, math.exp(value.get("h", 0.0)), start
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Residual of readings, levels and the start, of variance 1."""
@@ -193,7 +193,7 @@ def temperature(log: WarmUpLog, constants: FloatArray, shares: FloatArray, h: fl
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     """The log with the level of each test pass."""
     pairs = [passes_of(record) for record in tests]
-    speeds = [float(np.mean([abs(each.velocity.mean()) for each in pair])) for pair in pairs]
+    speeds = [float(np.mean([abs(part.velocity.mean()) for part in pair])) for pair in pairs]
     solved = [PassRegression.of(pair, True, 0.0).solve() for pair in pairs]
     levels = np.array([(values[0], np.sqrt(covariance[0, 0])) for values, covariance in solved]).reshape(-1, 2)
     samples = np.searchsorted(log.time_s[1:], [record.start_s for record in tests], side="right")

@@ -268,12 +268,12 @@ class FittedModel:
     @property
     def display(self) -> Display:
         """Posture, motors, ports and modes."""
-        linear, found = self.linear, self.modes().display
+        linear, table = self.linear, self.modes().display
         title = (
             f"FittedModel of {linear.configuration.name} ({degrees(linear.configuration.angles.tolist())}), motors "
             f"{linear.motors}: {linear.quantity} of {', '.join(linear.outputs)} by {', '.join(linear.inputs)}"
         )
-        return Display(title, found.headings, found.rows)
+        return Display(title, table.headings, table.rows)
 
     @property
     def theta(self) -> FloatArray:
@@ -341,7 +341,7 @@ class FittedModel:
         # d|lambda| = Re(conj(lambda) dlambda) / |lambda|; zeta = -Re lambda / |lambda|.
         d_omega = (poles.conj()[:, None] * slopes).real / omega[:, None]
         d_zeta = -(slopes.real + natural.zeta[:, None] * d_omega) / omega[:, None]
-        freq_std, zeta_std = (_deviation(each, self.estimated.covariance) for each in (d_omega / (2 * np.pi), d_zeta))
+        freq_std, zeta_std = (_deviation(slope, self.estimated.covariance) for slope in (d_omega / (2 * np.pi), d_zeta))
         return UncertainModes(
             natural.freq_hz, natural.zeta, shapes_of_all(linear, phi), natural.real_poles, freq_std, zeta_std,
             self.coordinates,

@@ -273,8 +273,8 @@ class LinearModel:
             letter: {name: own for name, s in self.slopes.items() if (own := getattr(s, letter)) is not None}
             for letter in "MDK"
         }
-        places = {letter: [self.parameters.index(name) for name in own] for letter, own in known.items()}
-        return {x: (np.array(places[x], np.int64), np.array([*own.values()])) for x, own in known.items()}
+        places = {letter: [self.parameters.index(name) for name in slopes] for letter, slopes in known.items()}
+        return {x: (np.array(places[x], np.int64), np.array([*slopes.values()])) for x, slopes in known.items()}
 
 
 @frozen_value

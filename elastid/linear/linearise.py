@@ -278,5 +278,5 @@ def _slopes(
     return {
         name: Slope(**{letter: part[p] for letter, part in parts.items() if enters[letter][p]})
         for p, name in enumerate(model.parameters)
-        if any(each[p] for each in enters.values())
+        if any(rows[p] for rows in enters.values())
     }

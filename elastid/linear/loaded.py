@@ -91,7 +91,7 @@ class LoadedRobot:
                 )
         free = free_coordinates(model)
         places = np.array([i for i, name in enumerate(model.parameters) if name in moved], np.int64)
-        points = [equilibrium(model, own, load.configuration) for own, load in zip(theta, loads, strict=True)]
+        points = [equilibrium(model, t, load.configuration) for t, load in zip(theta, loads, strict=True)]
         z = np.array([np.append(point.q[free], point.lambda_) for point in points])
         held = np.array([point.q for point in points])
         wrench = np.zeros((len(loads), len(frames), 6))
@@ -106,8 +106,8 @@ class LoadedRobot:
 
         LinAlgError where the robot finds no rest.
         """
-        own = [self.model.carried(t, each.configuration.carries) for t, each in zip(theta, self.loads, strict=True)]
-        both = np.tile(np.array(own), (2, 1))
+        carried = [self.model.carried(t, load.configuration.carries) for t, load in zip(theta, self.loads, strict=True)]
+        both = np.tile(np.array(carried), (2, 1))
         z, K = self._rest(both)
         by_theta, p, p_z, p_theta = self._at(self.slopes, z, both)
         slopes = p_theta - p_z @ self._solved(K, by_theta)
@@ -185,11 +185,11 @@ def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, .
         R = ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
         J = rates[6 * place : 6 * place + 6, :]
         forces -= J[:3, :].T @ (R.T @ wrench[6 * i : 6 * i + 3]) + J[3:, :].T @ (R.T @ wrench[6 * i + 3 : 6 * i + 6])
-    left, p, own = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(moved)]
-    slopes = [ca.jacobian(left, own), p, ca.jacobian(p, z), ca.jacobian(p, own)]
+    left, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(moved)]
+    slopes = [ca.jacobian(left, varied), p, ca.jacobian(p, z), ca.jacobian(p, varied)]
     given, options = [z, held, theta, wrench], {"cse": True}
-    statics = ca.Function("statics", given, [ca.densify(each) for each in (left, ca.jacobian(left, z))], options)
-    return statics, ca.Function("slopes", given, [ca.densify(each) for each in slopes], options)
+    statics = ca.Function("statics", given, [ca.densify(term) for term in (left, ca.jacobian(left, z))], options)
+    return statics, ca.Function("slopes", given, [ca.densify(term) for term in slopes], options)
 
 
 def moved_by(place: str) -> str:

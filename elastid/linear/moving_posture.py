@@ -82,11 +82,11 @@ def effect_of_motion(
         return np.asarray(gain * of_outputs[:, None] * dG * of_inputs)
 
     if known is not None:
-        some = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
-        rough = of_motion(freq_hz[some], _FEW)
+        few = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
+        rough = of_motion(freq_hz[few], _FEW)
         with np.errstate(divide="ignore", invalid="ignore"):
-            shares = np.where(known.variance[some] > 0, np.abs(rough) ** 2 / known.variance[some], np.inf)
-        size = np.sqrt(2 * float(np.sum(shares)) * response.n_lines / len(some))
+            shares = np.where(known.variance[few] > 0, np.abs(rough) ** 2 / known.variance[few], np.inf)
+        size = np.sqrt(2 * float(np.sum(shares)) * response.n_lines / len(few))
         if size < NEGLIGIBLE:
             return None
         most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / (NEGLIGIBLE / 2)))))

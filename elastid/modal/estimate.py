@@ -83,8 +83,8 @@ def _of_inputs(covariance: Covariance) -> FloatArray:
     """Variance (F, 1, n_u) of G by noise of variance 1 at the outputs, over its mean; 1 where it is not known."""
     if covariance.left is None:
         return np.ones((1, 1, 1))
-    own = np.einsum("fuu->fu", covariance.left).real[:, None, :]
-    return np.asarray(own / own.mean(axis=0))
+    power = np.einsum("fuu->fu", covariance.left).real[:, None, :]
+    return np.asarray(power / power.mean(axis=0))
 
 
 def has_variance(response: Response) -> bool:
@@ -130,11 +130,11 @@ def smoothed(variance: FloatArray, power: FloatArray) -> FloatArray:
         columns = np.stack(
             [np.full(F, mean), p[:, c] * mean / max(float(p[:, c].mean()), np.finfo(float).tiny)], axis=1
         )
-        own = np.full(F, mean)
+        fitted = np.full(F, mean)
         for _ in range(5):
-            share, _ = nnls(columns / own[:, None], v[:, c] / own)
-            own = columns @ share + 1e-9 * mean
-        level[:, c] = own
+            share, _ = nnls(columns / fitted[:, None], v[:, c] / fitted)
+            fitted = columns @ share + 1e-9 * mean
+        level[:, c] = fitted
     local = uniform_filter1d(np.minimum(v / level, MAX_RATIO), size, axis=0, mode="nearest")
     return np.asarray((level * np.maximum(local, 1 / MAX_RATIO)).reshape(variance.shape))
 

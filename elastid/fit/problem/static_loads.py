@@ -62,7 +62,7 @@ class StaticLoads:
     def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> StaticLoads:
         """Loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
         loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
-        listed = tuple(each.test for each in tests)
+        listed = tuple(load.test for load in tests)
         readings = ([test.measured for test in listed], [test.deviations for test in listed])
         return cls(listed, loaded, *map(np.concatenate, readings))
 
@@ -80,7 +80,7 @@ class StaticLoads:
         """Deflections (n,) in m and their slopes (n, n_x) to x (n_x,); LinAlgError where the robot finds no rest."""
         names = [load.configuration.name for load in self.robot.loads]
         deflections, slopes = self.robot.deflections([parameters.expand(x, name)[:-1] for name in names])
-        rows = [own @ parameters.jacobian(x, n)[self.robot.moved] for own, n in zip(slopes, names, strict=True)]
+        rows = [slope @ parameters.jacobian(x, n)[self.robot.moved] for slope, n in zip(slopes, names, strict=True)]
         return np.concatenate(deflections), np.vstack(rows)
 
     def residual(self, parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -97,7 +97,7 @@ def loaded_robot(
     tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters, x: FloatArray
 ) -> LoadedRobot:
     """The robot at x (n_x,) under the loads of tests, with slopes to what x moves."""
-    loads = tuple(load_of(each, robot) for each in tests)
+    loads = tuple(load_of(load, robot) for load in tests)
     framed = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
     equations = formulate(framed, model, tuple(name for name in robot.on_demand if name in parameters.names))
     names = [load.configuration.name for load in loads]

@@ -161,9 +161,9 @@ def with_model_error(
         compared = usable & has_more & separates_inputs(fit, experiments)
         if not compared.any():
             continue
-        on, other = compared[usable], fitted_response(fit, experiments, compared)
+        on, refit = compared[usable], fitted_response(fit, experiments, compared)
         difference, variance = np.zeros(G.shape, dtype=np.complex128), np.zeros(G.shape)
-        difference[on], variance[on] = G[on] - other.G, other.total.variance
+        difference[on], variance[on] = G[on] - refit.G, refit.total.variance
         is_informative = variance <= LIMITS.variance_ratio * total.variance
         difference = np.where(is_informative, difference, 0.0)
         both = total.variance + np.where(is_informative, variance, 0.0)

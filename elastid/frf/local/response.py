@@ -192,8 +192,8 @@ def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[N
             where,
         )
     cut = [
-        replace(each, u=each.u[:n], y=each.y[:n], r=None if each.r is None else each.r[:n], period_samples=n)
-        for each in records
+        replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n], period_samples=n)
+        for record in records
     ]
     text = f"records of {seconds} are cut to the shortest, since a local method compares them line by line"
     return cut, (Note("frf/window", text, where),)
@@ -226,7 +226,7 @@ def _signals(
 ) -> _Signals:
     """Records times sqrt(P) each: then noise is that of one period in all of them."""
     root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
-    Z = root_P * np.stack([np.concatenate([each.Y, each.U], axis=1) if closed else each.Y for each in spectra])
+    Z = root_P * np.stack([np.concatenate([part.Y, part.U], axis=1) if closed else part.Y for part in spectra])
     R = root_P * np.stack([driver_of(spectrum, closed) for spectrum in spectra])
     thinning = 1 if most_lines is None else max(1, -(-len(lines) // (step * most_lines)))
     every = slice((step - 1) // 2, None, step * thinning)  # each in the middle of its neighbours
@@ -237,7 +237,7 @@ def _experiments(spectra: Sequence[SettledSpectra], closed: bool, every: slice) 
     """Experiments with the noise of all records in one period, each by its degrees of freedom."""
     dof, C_Z = sum(spectrum.dof for spectrum in spectra), None
     if all(spectrum.settled for spectrum in spectra):
-        C_Z = np.sum([each.noise[every] * (each.dof * each.n_periods / dof) for each in spectra], axis=0)
+        C_Z = np.sum([part.noise[every] * (part.dof * part.n_periods / dof) for part in spectra], axis=0)
     periods = np.array([spectrum.n_periods for spectrum in spectra])
     return Experiments(spectra[0].Y.shape[1], closed, periods, C_Z, dof)
 
@@ -353,11 +353,11 @@ def driver_of(spectra: SettledSpectra, closed: bool) -> ComplexArray:
 
 def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
     """c with other = c of up to a small difference, both (F, n_u); None where there is none."""
-    power, own = np.sum(np.abs(R) ** 2), np.sum(np.abs(R_other) ** 2)
-    if power == 0 or own == 0:
+    power, power_other = np.sum(np.abs(R) ** 2), np.sum(np.abs(R_other) ** 2)
+    if power == 0 or power_other == 0:
         return None
     c = float(np.sum(R.conj() * R_other).real / power)
-    return c if np.sum(np.abs(R_other - c * R) ** 2) < CHECKS.difference**2 * own else None
+    return c if np.sum(np.abs(R_other - c * R) ** 2) < CHECKS.difference**2 * power_other else None
 
 
 def _merged(group: Sequence[SettledSpectra], closed: bool) -> SettledSpectra:
