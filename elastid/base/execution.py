@@ -6,6 +6,7 @@ they are asked by the messages of `base.workers`, in tasks.
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable, Generator, Iterator, MutableMapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
@@ -47,8 +48,8 @@ def surviving(
     progress(0, len(items))
     with closing(_outcomes(function, list(enumerate(items)), jobs)) as results:
         for done, (index, outcome) in enumerate(results, start=1):
-            if outcome.died and _main_is_unguarded():
-                raise ElastidError("workers/died", _UNGUARDED)
+            if outcome.died:
+                _refuse_unguarded()
             yield index, None if outcome.died else outcome.result
             progress(done, len(items))
 
@@ -92,8 +93,7 @@ class Execution:
 
     def ordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> list[Value]:
         """[function(item) for item in items]."""
-        results = dict(self.unordered(function, items))
-        return [results[index] for index in range(len(items))]
+        return [value for _, value in sorted(self.unordered(function, items))]
 
     def unordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
         """(index, function(item)) as they finish; in this process for one job or one item.
@@ -164,8 +164,8 @@ def _by_workers(
                     break
                 del left[index]
                 yield index, outcome
-        if left and _main_is_unguarded():
-            raise ElastidError("workers/died", _UNGUARDED)
+        if left:
+            _refuse_unguarded()
         if deaths == MOST_DEATHS:
             raise ElastidError(
                 "workers/died",
@@ -174,19 +174,16 @@ def _by_workers(
             )
 
 
-_UNGUARDED = (
-    "a script that works in several processes is read by each of them: put what it does under "
-    "if __name__ == '__main__':, or take jobs=1"
-)
-
-
-def _main_is_unguarded() -> bool:
-    """True if the script that runs would begin again in every worker."""
-    file = getattr(sys.modules.get("__main__"), "__file__", None)
-    try:
-        return file is not None and "__main__" not in Path(file).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return False
+def _refuse_unguarded() -> None:
+    """Raises ElastidError where the script that runs would begin again in every worker."""
+    file = getattr(sys.modules["__main__"], "__file__", None)
+    with suppress(OSError, UnicodeDecodeError):
+        if file is not None and "__main__" not in Path(file).read_text(encoding="utf-8"):
+            raise ElastidError(
+                "workers/died",
+                "a script that works in several processes is read by each of them: put what it does under if "
+                "__name__ == '__main__':, or take jobs=1",
+            )
 
 
 @contextmanager
@@ -196,7 +193,6 @@ def on_dask(address: str) -> Iterator[None]:
     Raises ElastidError where Dask is not installed or does not answer there.
     """
     if address:
-        installed("distributed", "dask")
         with client_of(address):  # now, not after hours of work
             pass
     token = SCHEDULER.set(address)
@@ -209,13 +205,15 @@ def on_dask(address: str) -> Iterator[None]:
 @contextmanager
 def client_of(address: str) -> Iterator[Any]:
     """A Dask cluster; ElastidError where no scheduler answers, and where it gets no worker."""
-    from distributed import Client
-
+    dask, failure = installed("distributed", "dask"), ""
     try:
-        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+        client = dask.Client(address, timeout=ANSWER_S, set_as_default=False)
     except Exception as error:  # of a scheme, too, for which a package is missing
-        text = f"no Dask scheduler answers at {address} (one prints its address: tcp://10.0.0.7:8786): {error}"
-        raise ElastidError("workers/cluster", text) from error
+        failure = f"no Dask scheduler answers at {address} (one prints its address: tcp://10.0.0.7:8786): {error}"
+    if failure:
+        # Now: collected amid the start of another, a client that failed waits for itself (distributed, Client.__del__).
+        gc.collect()
+        raise ElastidError("workers/cluster", failure)
     try:
         client.wait_for_workers(1, timeout=WORKERS_S)
         yield client

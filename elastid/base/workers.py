@@ -52,15 +52,15 @@ class End:
     def __init__(self, keeps: bool) -> None:
         self._known, self._keeps, self._held = set[bytes](), keeps, dict[bytes, Any]()
 
-    def packed(self, value: Any, is_first: bool = False) -> memoryview:
+    def packed(self, value: Any, is_first: bool = False) -> bytearray:
         """A message to the other end; is_first: of a work, with which that end forgets what is gone here."""
         gone = [name for name in self._known if name not in _VALUES] if is_first else []
-        file = BytesIO()
-        pickler = _Pickler(file, self._known)
+        message = _Message()
+        pickler = _Pickler(message, self._known)
         pickler.dump(value)
-        pickle.dump(gone, file)
+        pickle.dump(gone, message)
         self._has(pickler.new, gone)
-        return file.getbuffer()
+        return message
 
     def unpacked(self, message: bytes) -> Any:
         """The value of a message from the other end; LostError where it names what is not here."""
@@ -82,11 +82,17 @@ class End:
                 self._held.pop(name, None)
 
 
+class _Message(bytearray):
+    """What is pickled, sent without a copy; a BytesIO whose buffer is in use complains where it is collected."""
+
+    write = bytearray.extend
+
+
 class _Pickler(pickle.Pickler):
     """Names in place of what the other end has; new: what it is given."""
 
-    def __init__(self, file: BytesIO, known: set[bytes]) -> None:
-        super().__init__(file, pickle.HIGHEST_PROTOCOL)
+    def __init__(self, message: _Message, known: set[bytes]) -> None:
+        super().__init__(message, pickle.HIGHEST_PROTOCOL)
         self._known, self.new = known, dict[bytes, Any]()
 
     def reducer_override(self, value: Any) -> Any:
