@@ -168,9 +168,10 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
         raise StudyError("robot/no-rest", refused, f"configuration {configuration.name}")
     q = np.zeros(model.n_q)
     try:
-        # The geometry moves no joint of a tree.
-        robot = model.robot_at(model.theta if theta is None else theta) if model.robot.loops else model.robot
-        q[: len(model.robot.joints)] = assembled(robot, configuration.angles)
+        angles, joints = configuration.angles, model.robot.opened(configuration.angles)
+        if model.robot.loops:  # the geometry moves no joint of a tree
+            joints = assembled(model.robot_at(model.theta if theta is None else theta), angles)
+        q[: len(joints)] = joints
     except StudyError as error:
         raise StudyError("robot/no-rest", str(error), f"configuration {configuration.name}") from None
     for motor, angle in zip(model.inputs, configuration.angles, strict=True):

@@ -12,22 +12,22 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import Note, NoteGroup, grouped
-from elastid.design.forecast import Forecast, LimitUse
-from elastid.experiment.plan.plan import Plan
-from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
-from elastid.nonlinear.friction import FrictionTakenOut
-from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.agreement import Validation
-from elastid.validation.comparison import Comparison
 from elastid.validation.twin import NO_TWIN, TwinFindings
 
-if TYPE_CHECKING:
-    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+if TYPE_CHECKING:  # most stages need none of what brings these
+    from elastid.design.forecast import Forecast, LimitUse
+    from elastid.experiment.plan.plan import Plan
+    from elastid.fit.fitted_robot import FittedRobot
+    from elastid.modal.modes import Modes
     from elastid.modal.spec import GeometrySpec
+    from elastid.nonlinear.friction import FrictionTakenOut
+    from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
+    from elastid.validation.agreement import Validation
+    from elastid.validation.comparison import Comparison
     from elastid.validation.measured_modes import MeasuredModes
 
 

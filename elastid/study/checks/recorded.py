@@ -36,7 +36,21 @@ WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1")
 _RECORDED: KeyPath = ("experiment", "recorded")
 
 
-def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
+def check_measured(study: Study, base: Path) -> Iterator[Problem]:
+    """Problems of the sections that name files of measurements: logs, responses, and responses at the tool."""
+    experiment = study.experiment
+    if experiment.recorded is not None:
+        yield from _check_recorded(study, experiment.recorded, base)
+    if experiment.responses is not None:
+        yield from _check_responses(study, experiment.responses, base)
+    tools: tuple[tuple[KeyPath, ToolSpec | None], ...]
+    tools = (("validation", "tool"), study.validation.tool), (("tool",), study.tool)
+    for section, tool in tools if study.robot is not None else ():
+        if tool is not None:
+            yield from _check_tool(study, tool, base, section)
+
+
+def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
     """Log files exist, no run of the robot is given twice; channels are on the robot; the method suits the period."""
     path = _RECORDED
     yield from check_files(study, recorded.files, path, base)
@@ -67,7 +81,7 @@ def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]
             yield Problem((*_RECORDED, "controller", *keys), refused)
 
 
-def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
+def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
     """Files of responses exist, one for each configuration; channels are on the robot."""
     path: KeyPath = ("experiment", "responses")
     yield from check_files(study, responses.files, path, base)
@@ -109,15 +123,8 @@ def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
         yield Problem(path, f"no such file (looked for {place}){hint}", origin=True)
 
 
-def check_tool(study: Study, base: Path) -> Iterator[Problem]:
-    """Files of responses at the tool exist, in configurations of the study, with inputs that its frames take."""
-    if study.validation.tool is not None:
-        yield from _check_tool(study, study.validation.tool, base, ("validation", "tool"))
-    if study.tool is not None:
-        yield from _check_tool(study, study.tool, base, ("tool",))
-
-
 def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
+    """Files exist, in configurations of the study, with inputs that its frames take."""
     path: KeyPath = (*section, "responses")
     for i, file in enumerate(tool.responses.files):
         yield from _check_exists(base / file.path, (*path, "files", i, "path"))
