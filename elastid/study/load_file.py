@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.study.source import KeyPath, Place, YamlSource, read_table
+from elastid.base.files import read_table
+from elastid.study.source import KeyPath, Place, YamlSource
 
 # Columns by the key that they fill; several are its entries.
 _KEYS: Mapping[str, tuple[str, ...]] = {
@@ -52,14 +53,14 @@ def _joints(robot: Any) -> tuple[str, ...]:
 
 def _tests(path: Path, joints: Sequence[str]) -> Iterator[tuple[Place, dict[str, Any]]]:
     """The line of each test, and its keys."""
-    for place, row in read_table(path, "load tests"):
+    for line, row in read_table(path):
         columns = [_column(f"{path}:1:1", head, joints) for head in row]
         cells = {
             column: f"{cell}{unit and f' {unit}'}"
             for cell, (column, unit) in zip(row.values(), columns, strict=True)
             if cell
         }
-        yield place, _test(cells, joints)
+        yield Place(1, line, 1, str(path)), _test(cells, joints)
 
 
 def _column(place: str, head: str, joints: Sequence[str]) -> tuple[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import dropwhile, takewhile
@@ -79,27 +78,6 @@ def read_source(path: Path, name: str, rank: int = 0) -> YamlSource:
             "study/yaml", f"not a YAML text in UTF-8 (byte 0x{raw[error.start]:02x})", f"{name}:{line}:{column}"
         ) from None
     return parse(text, name, rank)
-
-
-def read_table(path: Path, kind: str) -> Iterator[tuple[Place, dict[str, str]]]:
-    """Rows of a CSV file by the names in its first one, each with its place; StudyError where it is no such table.
-
-    Empty rows, and those that begin with #, are left out.
-    """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError("files/table", f"it cannot be read as a table ({error})", f"{path}:1:1") from None
-    rows = [(n, [cell.strip() for cell in next(csv.reader([line]), [])]) for n, line in enumerate(lines, start=1)]
-    rows = [(n, row) for n, row in rows if any(row) and not row[0].startswith("#")]
-    if len(rows) < 2:
-        raise StudyError("files/table", f"a file of {kind} has a row of names and a row for each", f"{path}:1:1")
-    (first, heads), *rest = rows
-    for number, row in rest:
-        if len(row) != len(heads):
-            text = f"{len(row)} cells, and {len(heads)} names, with commas between them, in line {first}"
-            raise StudyError("files/table", text, f"{path}:{number}:1")
-        yield Place(1, number, 1, str(path)), dict(zip(heads, row, strict=True))
 
 
 def parse(text: str, name: str, rank: int = 0) -> YamlSource:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from elastid.base.errors import ElastidError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
-from elastid.recorded.channel_guess import Doubt, channel_doubts
+from elastid.recorded.channel_guess import channel_doubts
 from elastid.recorded.files.formats import is_log, opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.log import Log as OpenLog
@@ -118,9 +117,7 @@ def check_files(
 
 def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
     if not is_log(place):
-        neighbours = _neighbours(place)
-        hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
-        yield Problem(path, f"no such file (looked for {place}){hint}", origin=True)
+        yield Problem(path, f"no such file (looked for {place})", origin=True)
 
 
 def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
@@ -150,13 +147,6 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
                 f"a {kind} acts at {channel.at}, and the channel holds a {channel.quantity}; it must hold a {kind}"
             )
             yield Problem((*place, "quantity"), message)
-
-
-def _neighbours(place: Path) -> list[str]:
-    try:
-        return sorted(entry.name for entry in place.parent.iterdir() if entry.is_file())
-    except (OSError, ValueError):
-        return []
 
 
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
@@ -249,25 +239,9 @@ def _check_content(
         yield from _check_period(recorded, file, path, channels, values, period, place)
     if recorded.rate_hz != "unknown":
         doubts = channel_doubts(channels, values, recorded.known_rate_hz, study.places)
-        for doubt in _alike([doubt for doubt in doubts if not rates or doubt.channel is not None], channels):
-            yield Problem(_place_of(doubt, members), f"{doubt.text} ({place.name})")
-
-
-def _alike(doubts: Sequence[Doubt], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
-    """The doubts, those of several channels with one cure as one: a drive's signals are alike for all its joints."""
-    groups = dict[tuple[str, str], list[Doubt]]()
-    for doubt in doubts:
-        cure = re.search(r"(side|unit|quantity|sign): [-\w/^]+", doubt.text)
-        groups.setdefault((doubt.key, cure[0] if cure else ""), []).append(doubt)
-    for first, *others in groups.values():
-        names = ", ".join(channels[doubt.channel].name_in_file for doubt in others if doubt.channel is not None)
-        yield replace(first, text=f"{first.text}; likewise {names}") if names else first
-
-
-def _place_of(doubt: Doubt, members: Sequence[int]) -> KeyPath:
-    if doubt.channel is None:
-        return (*_RECORDED, "rate_hz")
-    return (*_RECORDED, "channels", members[doubt.channel], doubt.key)
+        for doubt in (doubt for doubt in doubts if not rates or doubt.channel is not None):
+            at = ("rate_hz",) if doubt.channel is None else ("channels", members[doubt.channel], doubt.key)
+            yield Problem((*_RECORDED, *at), f"{doubt.text} ({place.name})")
 
 
 def _check_period(
