@@ -355,8 +355,8 @@ def fleet(fleet: Path, **options: Any) -> None:
     """Run one study over many robots and dates, and report which parameters differ and which drift.
 
     FLEET is a YAML file that names the study and its members: a list, or a table (CSV with the columns robot and date
-    and keys of the study). It leaves fleet.csv, a row for each parameter of each member, and the
-    page fleet.html. Members that are finished are kept, and a worker that dies costs the member that it was at.
+    and keys of the study). It leaves fleet.parquet, a row for each parameter of each member, and
+    the page fleet.html. Members that are finished are kept, and a worker that dies costs the member that it was at.
     With --dask the workers of a cluster, which must see the same files, run the members. The exit code is 1 where
     members failed, and 3 where some are misfits.
     """

@@ -17,8 +17,8 @@ from elastid.base.units import Quantity, to_si
 from elastid.fit.parameter_choice import choose, named_on_demand, nearest_parameter
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
-from elastid.robot import Tolerances
-from elastid.robot.friction_numbers import friction_numbers
+from elastid.robot import Robot, Tolerances
+from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_study
 from elastid.study.load_file import with_load_file
@@ -53,6 +53,7 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
             for name, value in simulated.truth.items()
         }
         study = replace(study, experiment=study.experiment.with_truth(truth))
+        problems += _check_truth(study, truth) if not problems else []
     return study, problems or ([] if study.friction is not None else _check_choice(study))
 
 
@@ -120,6 +121,28 @@ def with_usual_tolerances(study: Study) -> Study:
         if tolerances.torque_constant is None:
             tolerances = replace(tolerances, torque_constant=OF_CURRENT if of_current else EXACT)
     return replace(study, robot=replace(robot, tolerances=tolerances))
+
+
+def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
+    robot = study.as_robot()
+    values = {name: float(value) for name, value in truth.items()}
+    friction = {name: value for name, value in values.items() if name in friction_numbers(robot)}
+    singles = [{name: value} for name, value in values.items() if name not in friction]
+    # Together they may be possible where one alone is not, as the three inertias of a slender body.
+    refused = [_refusal(robot, tried) for tried in (values, *singles, friction)]
+    if not refused[0]:
+        return []
+    error, name = next(filter(None, refused[1:]), refused[0])
+    return [Problem((*_TRUTH, name), f"no robot has this number: {error}")]
+
+
+def _refusal(robot: Robot, values: Mapping[str, float]) -> tuple[ValueError, str] | None:
+    """The error of a robot with these numbers, and the first of their names; None for a robot that can be."""
+    try:
+        with_numbers(robot, values)
+    except ValueError as error:
+        return error, next(iter(values))
+    return None
 
 
 def _check_choice(study: Study) -> list[Problem]:

@@ -46,6 +46,14 @@ def test_a_good_study_is_read_in_si(tiny: Path) -> None:
     assert study.validation.left_out == ()
 
 
+def test_true_inertias_are_possible_together_or_not_at_all() -> None:
+    """Of a slender body none of two equal ones may grow alone; the message then names it."""
+    key, study = "experiment.simulated.truth.I_fore_arm", TEMPLATES / "serial" / "study.yml"
+    assert load(study, [f"{key}_yy=13", f"{key}_zz=13"])
+    (alone,) = errors(study, f"{key}_yy=13")
+    assert "truth.I_fore_arm_yy: no robot has this number: inertia of body fore_arm" in alone
+
+
 # (what stands in the study, what is written instead, the key path, part of the message)
 WRONG = [
     ("rate_hz: 500", "rate_hs: 500", "excitation.rate_hs", "unknown key; did you mean 'rate_hz'?"),
@@ -65,6 +73,7 @@ WRONG = [
     ("a: [0]", "a: [100 deg]", "experiment.configurations.a[0]", "outside its limits"),
     ("truth: {k_1: 60 N*m/rad}", "truth: {k_1: 60 N*m}", "experiment.simulated.truth.k_1", "measures N*m, not N*m/rad"),
     ("truth: {k_1: 60 N*m/rad}", "truth: {k_l: 60}", "experiment.simulated.truth.k_l", "did you mean 'k_1'?"),
+    ("truth: {k_1: 60 N*m/rad}", "truth: {k_1: -60}", "experiment.simulated.truth.k_1", "must be positive"),
     ("    k_1: {}", "    k_1:", "fit.parameters.k_1", "expected a mapping ({} for the defaults)"),
     ("    k_1: {}", "    k_1: {tie: {to: d_l}}", "fit.parameters.k_1.tie.to", "did you mean 'd_1'?"),
     ("    k_1: {}", "    '*_1': {start: 1}", "fit.parameters.*_1.start", "parameters of different units"),

@@ -117,7 +117,9 @@ def check_files(
 
 def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
     if not is_log(place):
-        yield Problem(path, f"no such file (looked for {place})", origin=True)
+        neighbours = _neighbours(place)
+        hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
+        yield Problem(path, f"no such file (looked for {place}){hint}", origin=True)
 
 
 def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
@@ -147,6 +149,13 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
                 f"a {kind} acts at {channel.at}, and the channel holds a {channel.quantity}; it must hold a {kind}"
             )
             yield Problem((*place, "quantity"), message)
+
+
+def _neighbours(place: Path) -> list[str]:
+    try:
+        return sorted(entry.name for entry in place.parent.iterdir() if entry.is_file())
+    except (OSError, ValueError):
+        return []
 
 
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
