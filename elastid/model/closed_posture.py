@@ -129,7 +129,7 @@ def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
         return np.asarray(closed)
     s = np.linalg.svd(Phi[:, :, parts.passive], compute_uv=False)
     smallest = s[:, n_p - 1] if s.shape[1] >= n_p else np.zeros(len(q))
-    return np.asarray(closed & (smallest > LIMITS.lever_sine * np.array([parts.lever(own) for own in q])))
+    return np.asarray(closed & (smallest > LIMITS.lever_sine * np.array([parts.lever(joints) for joints in q])))
 
 
 def _moved(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:

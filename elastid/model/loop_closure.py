@@ -104,8 +104,8 @@ def _pin_rows(
     x, y, z = (direction(layout, turned, seats[0], axis, root) for axis in axes)
     rows = [ca.dot(x, gap), ca.dot(y, gap)]
     if not pin.planar:
-        other = unit_axis(pin.axis if pin.other_axis is None else pin.other_axis)
-        hinge = direction(layout, turned, seats[1], other, root)
+        axis = unit_axis(pin.axis if pin.other_axis is None else pin.other_axis)
+        hinge = direction(layout, turned, seats[1], axis, root)
         rows += [ca.dot(z, gap), ca.dot(x, hinge), ca.dot(y, hinge)]
     return ca.vertcat(*rows)
 
