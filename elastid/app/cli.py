@@ -422,15 +422,9 @@ def explained(error: Exception) -> int:
     raise error
 
 
-# Commands that write at their end alone.
-WITHOUT_PARTS = {"map", "tune", "loops", "export", "check", "inspect", "new", "predict"}
-
-
 def interrupted(arguments: Sequence[str]) -> int:
     """The exit code of a command that was interrupted, which says how to go on."""
     again = shlex.join(["elastid", *arguments])
-    if {*arguments[:1]} & WITHOUT_PARTS:
-        return _ended(f"interrupted: nothing of it is kept; `{again}` starts again", 130)
     return _ended(f"interrupted: finished parts are kept, and `{again}` resumes from there", 130)
 
 

@@ -103,7 +103,7 @@ def check_files(
 
 def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
     if not is_log(place):
-        yield Problem(path, f"no such file (looked for {place})", origin=True)
+        yield Problem(path, f"no such file (looked for {place})")
 
 
 def check_tool(study: Study, base: Path) -> Iterator[Problem]:
