@@ -400,7 +400,7 @@ class LiveFolder:
             path = self.path / "references" / f"{run.name}.csv"
             path.parent.mkdir(parents=True, exist_ok=True)
             if not path.exists():
-                write_run(path, reference, plan, run)
+                write_run(path, reference, plan.inputs, plan.sliding, reference.injected(plan.torque(run)))
 
     def write_study(self, data: Mapping[str, Any], plans: Sequence[Plan]) -> Path:
         """study.yml and robot.yml of the logs of some plans; data: keys of the study that was asked for."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import csv
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -204,3 +205,13 @@ def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
             text = f"{len(row)} cells, and {len({*heads})} different names, with commas between them, in line {first}"
             raise StudyError("files/table", text, f"{path}:{number}:1")
         yield number, dict(zip(heads, row, strict=True))
+
+
+_HEAD = re.compile(r"(?:joint\s+)?(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|\s+(deg|degrees?|rad|m|s))?")
+
+
+def name_and_unit(head: str) -> tuple[str, str]:
+    """Name and unit of a column of a table: `1 deg`, `1 (deg)` and `joint 1 [deg]` are 1 and deg."""
+    match = _HEAD.fullmatch(head)
+    name, in_brackets, behind = match.groups() if match else (head, "", "")
+    return name, in_brackets or behind or ""

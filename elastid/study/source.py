@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import dropwhile, takewhile
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -46,12 +45,6 @@ class YamlSource:
     places: dict[KeyPath, tuple[Place, Place]]
     text: str = ""
 
-    @property
-    def origin(self) -> tuple[str, ...]:
-        """Lines from `# The record:` on of the comment before the first key, which say where its logs are had."""
-        comment = takewhile(lambda line: line.startswith("#"), self.text.splitlines())
-        return tuple(dropwhile(lambda line: not line.startswith("# The record:"), comment))
-
     def place(self, path: KeyPath, of_value: bool = False) -> Place:
         """Place where a key path is written, or else the nearest key above it."""
         for length in range(len(path), -1, -1):
@@ -91,7 +84,9 @@ def parse(text: str, name: str, rank: int = 0) -> YamlSource:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        raise StudyError("study/yaml", f"broken YAML: {_reason(error)}", f"{name}:{line}:{column}") from None
+        raise StudyError(
+            "study/yaml", f"broken YAML: {error.problem or error.context}", f"{name}:{line}:{column}"
+        ) from None
     except ReaderError as error:
         line, column = _line_column(text[: error.position])
         raise StudyError("study/yaml", f"not a YAML text ({error.reason})", f"{name}:{line}:{column}") from None
@@ -111,15 +106,6 @@ def first_of(lines: Sequence[str]) -> str:
     most = 20  # correcting them corrects most others
     more = len(lines) - most
     return "\n".join([*lines[:most], *([f"... and {more} further errors"] if more > 0 else [])])
-
-
-def _reason(error: MarkedYAMLError) -> str:
-    problem = str(error.problem or error.context or "cannot be read")
-    if "'\\t'" in problem or "\\t" in problem:
-        mark = error.problem_mark
-        is_indent = mark is None or not (mark.buffer or "")[: mark.pointer].rpartition("\n")[2].strip()
-        return "a tab cannot indent; use spaces" if is_indent else "a tab cannot separate; use a space in its place"
-    return problem if not error.context or not error.problem else f"{problem} ({error.context})"
 
 
 def _line_column(before: str) -> tuple[int, int]:

@@ -8,7 +8,6 @@ J. Dyn. Sys. Meas. Control 108 (1986), 163).
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, StudyError
-from elastid.base.files import read_table
+from elastid.base.files import name_and_unit, read_table
 from elastid.model.closed_posture import are_closed, followed, rates
 from elastid.model.kinematics import frame_jacobians, frame_poses
 from elastid.robot import Robot
@@ -159,14 +158,14 @@ class Table:
     @property
     def words(self) -> dict[str, int]:
         """The column of each head without its unit."""
-        return {_bare(head): place for place, head in enumerate(self.heads)}
+        return {name_and_unit(head)[0]: place for place, head in enumerate(self.heads)}
 
     def angles(self, robot: Robot) -> FloatArray | None:
         """Angles (Q, n_u) of the driven joints; None where the table lacks one."""
         names, words = [joint.name for joint in robot.driven], self.words
         if not set(names) <= set(words):
             return None
-        in_degrees = [_unit(self.heads[words[name]]) in _DEGREES for name in names]
+        in_degrees = [name_and_unit(self.heads[words[name]])[1] in _DEGREES for name in names]
         turning = [not joint.slides for joint in robot.driven]
         scale = [np.pi / 180 if deg and turns else 1.0 for deg, turns in zip(in_degrees, turning, strict=True)]
         return np.asarray(self.values[:, [words[name] for name in names]] * scale)
@@ -236,16 +235,3 @@ def read_numbers(path: Path) -> Table:
         lines.append(line)
         heads = tuple(cells)
     return Table(path, heads, np.array(values), tuple(lines))
-
-
-_UNIT = re.compile(r"(?:\s+|\s*[\[(]\s*)(deg|degrees?|rad|m|s)\s*[\])]?$")
-
-
-def _bare(head: str) -> str:
-    """A name without its unit: `1 deg`, `1 (deg)`, `joint 1 [rad]` are 1."""
-    return re.sub(r"^joint\s+", "", _UNIT.sub("", head)) or head
-
-
-def _unit(head: str) -> str:
-    match = _UNIT.search(head)
-    return match[1] if match else ""

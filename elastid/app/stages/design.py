@@ -21,7 +21,7 @@ from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp
-from elastid.store.measured import write_movement, write_plan, write_torque
+from elastid.store.measured import write_plan, write_run, write_torque
 from elastid.study import Study
 
 
@@ -87,7 +87,7 @@ def _write_references(plan: Plan, movements: Sequence[Reference], work: Work, fo
 
 def _write_configuration(folder: Path, plan: Plan, pair: tuple[Configuration, Reference]) -> None:
     configuration, movement = pair
-    write_movement(folder / f"{configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
+    write_run(folder / f"{configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
     for experiment in plan.experiments:
         if experiment.configuration.name == configuration.name:
             write_torque(folder / f"{experiment.name}.csv", plan, experiment)

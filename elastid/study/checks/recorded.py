@@ -119,7 +119,7 @@ def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
     if not is_log(place):
         neighbours = _neighbours(place)
         hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
-        yield Problem(path, f"no such file (looked for {place}){hint}", origin=True)
+        yield Problem(path, f"no such file (looked for {place}){hint}")
 
 
 def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
