@@ -31,7 +31,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, f
 from elastid.base.kernels import call, is_compiled
 from elastid.base.workers import Kept
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
-from elastid.linear.response.transfer import HoldImages, factor, hold_images
+from elastid.linear.response.transfer import factor
 from elastid.robot import gain_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
@@ -73,7 +73,8 @@ class Sides:
 class Kernel(Kept):
     """G and dG of one LinearModel on the lines freq_hz (F,), for the parameters `wanted` (P names).
 
-    Prepared once, evaluated at many theta; it pickles. KeyError for a name that the model does not have.
+    Images of held torques are no part of them (`held_images`). Prepared once, evaluated at many theta; it pickles.
+    KeyError for a name that the model does not have.
     """
 
     model: LinearModel
@@ -87,10 +88,7 @@ class Kernel(Kept):
 
     def response(self, theta: FloatArray) -> ComplexArray:
         """G (F, n_y, n_u) at theta (n_theta,)."""
-        G = np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
-        for images, above in self.above:
-            G = G + images.folding(theta).images(above.response(images.undelayed(theta)))
-        return G
+        return np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
@@ -110,50 +108,7 @@ class Kernel(Kept):
                 change = left[:, :, at] @ matrix[np.ix_(at, at)] @ right[:, at]
                 dG[place, block] -= (gain * s**power)[:, None, None] * change
             dG[moving, block] += moved
-        if self.above:
-            images, slopes = self.evaluate_images(theta)
-            G, dG = G + images, dG + slopes
         return G, dG
-
-    def evaluate_images(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """The images in G (F, n_y, n_u) and their derivatives (P, F, n_y, n_u) at theta (n_theta,)."""
-        total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
-        slopes, s = np.zeros((len(self.wanted), *total.shape), complex), (2j * np.pi * self.freq_hz).astype(complex)
-        for images, above in self.above:
-            G_above, of_above = above.evaluate(images.undelayed(theta))
-            folding = images.folding(theta)
-            added = folding.images(G_above)
-            total += added
-            slopes[[self.wanted.index(name) for name in above.wanted]] += folding.images(of_above)
-            for element in images.sensors.chain:
-                if element.name in self.wanted:
-                    log_slope = element.log_slope(s, self.model.number(theta, element.name))[:, None, None]
-                    slopes[self.wanted.index(element.name)] += log_slope * added
-            if DELAY in self.wanted:
-                slopes[self.wanted.index(DELAY)] += images.folding(theta, order=1).images(G_above)
-        return total, slopes
-
-    def pull(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
-        """Re sum over lines and elements of weight (F, n_y, n_u) times dG (P,) at theta (n_theta,), 0 of `factors`."""
-        pulled, (n, n_u) = np.zeros(len(self.wanted)), self.model.B.shape
-        gains = np.outer(*self.model.channel_gains(theta))
-        moving = [self.wanted.index(name) for name in self.moved_outputs]
-        between = np.zeros((3, n, n), complex)
-        for block, s, gain, _, YX, moved in self.products(theta, np.eye(n)):
-            along = YX[:, self.output_columns].swapaxes(1, 2) @ (gains * weight[block]) @ YX[:, :n_u]
-            between += np.tensordot(np.stack([gain, gain * s, gain * s**2]), along, axes=1)
-            pulled[moving] += np.sum(weight[block] * moved, axis=(1, 2, 3)).real
-        for place, power, matrix in self._slope_matrices:
-            pulled[place] -= np.vdot(matrix, between[power]).real
-        return pulled
-
-    @cached_property
-    def above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
-        """The images of held torques, and the kernel of the response that they are made of."""
-        return tuple(
-            (images, Kernel(images.plant, images.nodes_hz, tuple(filter(images.moves_plant, self.wanted))))
-            for images in hold_images(self.model, self.freq_hz)
-        )
 
     @cached_property
     def places(self) -> IntArray:
