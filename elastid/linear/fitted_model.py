@@ -32,6 +32,7 @@ from elastid.base.errors import StudyError
 from elastid.base.statistics import By, principal_axes, propagate
 from elastid.linear.linear_model import LinearModel, StateSpace, state_space
 from elastid.linear.modes import Modes, modes, modes_display, shapes_of_all
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import checked_frequencies, frequency_response, to_response
 from elastid.parameters import Parameters
@@ -317,7 +318,7 @@ class FittedModel:
         """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
         moved = self.estimated.moved
         kernel = Kernel(self.linear, checked_frequencies(freq_hz), tuple(self.estimated.names[row] for row in moved))
-        return np.asarray(np.tensordot(self.estimated.slopes[moved].T, kernel.evaluate(self.theta)[1], axes=1))
+        return np.asarray(np.tensordot(self.estimated.slopes[moved].T, Columns(kernel).evaluate(self.theta)[1], axes=1))
 
     def modes(self) -> UncertainModes:
         """Natural frequencies, damping ratios and shapes of what can move, an integral of a controller left out.

@@ -250,7 +250,7 @@ class ElasticFit:
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
         """Residuals and slopes of one part; mixing: `Part.mixing`, for whoever needs it again."""
-        G, dG = part.kernel.evaluate(self.theta(part, x))
+        G, dG = part.normal.columns.evaluate(self.theta(part, x))
         dr = part.slopes(G, dG, mixing)
         return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
 

@@ -235,6 +235,24 @@ class Columns:
             omega = s.imag / self.omega_0
             yield Sensitivity(block, s, omega, gain, G, left, right, self.pieces.sign, S, unfactored, rows, columns)
 
+    def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
+        (rows, columns), pieces, model = self.elements, self.pieces, self.kernel.model
+        G = np.empty((self.kernel.freq_hz.size, len(model.outputs), len(model.inputs)), complex)
+        dG, places = np.empty((len(self.kernel.wanted), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
+        for part in self.at(theta):
+            U = part.columns(np.ones(pieces.base.max(initial=-1) + 1), np.float64)
+            of_elements = np.zeros((len(dG), *part.G.shape), complex)
+            for t, place in enumerate(places):
+                of_elements[place] -= (
+                    pieces.sigma[t, place] * part.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
+                )
+            for values, own in ((G, part.G), (dG, of_elements)):
+                values[..., part.block, rows, columns] = own
+                if self.is_symmetric:
+                    values[..., part.block, columns, rows] = own
+        return G, dG
+
     @cached_property
     def _asked(self) -> FloatArray:
         """The directions of all bases (n, n_1 + r)."""

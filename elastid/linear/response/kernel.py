@@ -71,9 +71,9 @@ class Sides:
 
 @frozen_value(eq=False)
 class Kernel(Kept):
-    """G and dG of one LinearModel on the lines freq_hz (F,), for the parameters `wanted` (P names).
+    """G of one LinearModel on the lines freq_hz (F,), and that of which its derivatives to `wanted` (P names) are made.
 
-    Images of held torques are no part of them (`held_images`). Prepared once, evaluated at many theta; it pickles.
+    Images of held torques are no part of it (`held_images`). Prepared once, evaluated at many theta; it pickles.
     KeyError for a name that the model does not have.
     """
 
@@ -89,26 +89,6 @@ class Kernel(Kept):
     def response(self, theta: FloatArray) -> ComplexArray:
         """G (F, n_y, n_u) at theta (n_theta,)."""
         return np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
-
-    def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
-        n_y, n_u = self.model.C.shape[0], self.model.B.shape[1]
-        G = np.empty((self.freq_hz.size, n_y, n_u), complex)
-        dG = np.zeros((len(self.wanted), *G.shape), complex)
-        moving = [self.wanted.index(name) for name in self.moved_outputs]
-        of_outputs, of_inputs = self.model.channel_gains(theta)
-        for block, s, gain, G_block, YX, moved in self.products(theta, np.eye(self.model.n)):
-            G[block] = G_block
-            for place, slope in self.factor_slopes(theta, s):
-                dG[place, block] = slope * G_block
-            left = of_outputs[:, None] * YX[:, self.output_columns]
-            right = (of_inputs[:, None] * YX[:, :n_u]).swapaxes(1, 2)
-            for place, power, matrix in self._slope_matrices:
-                at = np.flatnonzero(matrix.any(axis=0))
-                change = left[:, :, at] @ matrix[np.ix_(at, at)] @ right[:, at]
-                dG[place, block] -= (gain * s**power)[:, None, None] * change
-            dG[moving, block] += moved
-        return G, dG
 
     @cached_property
     def places(self) -> IntArray:
@@ -240,13 +220,6 @@ class Kernel(Kept):
         tilted = np.flatnonzero(T.any(axis=(0, 2)))
         tilts = len(directions) + np.arange(len(tilted))
         return Sides(np.array(extra, np.int64), np.array(columns, np.int64), tilted, tilts)
-
-    @cached_property
-    def _slope_matrices(self) -> tuple[tuple[int, int, FloatArray], ...]:
-        """dZ of the wanted parameters that move it: place among them, power of s, symmetric matrix (n, n)."""
-        slopes = [(place, self.model.slopes.get(name, Slope())) for place, name in enumerate(self.wanted)]
-        parts = [(place, power, A) for place, s in slopes for power, A in enumerate((s.K, s.D, s.M))]
-        return tuple((place, power, matrix) for place, power, matrix in parts if matrix is not None)
 
 
 @dataclass(frozen=True)
