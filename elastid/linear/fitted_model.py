@@ -31,7 +31,7 @@ from elastid.base.display import Display, as_html, as_text, degrees, number
 from elastid.base.errors import StudyError
 from elastid.base.statistics import By, principal_axes, propagate
 from elastid.linear.linear_model import LinearModel, StateSpace, state_space
-from elastid.linear.modes import Modes, modes, modes_display, shapes_of_all
+from elastid.linear.modes import Modes, modes, shapes_of_all
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import checked_frequencies, frequency_response, to_response
@@ -171,8 +171,9 @@ class UncertainModes(Modes):
     @property
     def display(self) -> Display:
         """Frequency and damping ratio of each mode with their standard deviations."""
-        columns = self.freq_hz, self.freq_std, self.zeta, self.zeta_std
-        return modes_display(f"{len(self.freq_hz)} modes", *columns)
+        columns = self.freq_hz, self.freq_std, 100 * self.zeta, 100 * self.zeta_std
+        rows = [tuple(map(number, row, (5, 2, 4, 2))) for row in np.transpose(columns).tolist()]
+        return Display(f"{len(rows)} modes", ("natural frequency in Hz", "std", "damping ratio in %", "std"), rows)
 
 
 @frozen_value
