@@ -52,11 +52,6 @@ class HeldTorque:
     rates_hz: tuple[float, ...]
     sampled: tuple[bool, ...]
 
-    @property
-    def is_uniform(self) -> bool:
-        """True if all inputs are held at one rate and all outputs are sampled, or none is."""
-        return not any(self.sampled) or (len(set(self.rates_hz)) == 1 and all(self.sampled))
-
 
 @frozen_value
 class JointLoop:

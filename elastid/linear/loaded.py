@@ -38,7 +38,6 @@ from elastid.model.frame_tree import direction, position, tree, turns
 from elastid.model.loop_closure import RANK_TOLERANCE
 from elastid.record import Configuration, JointLoop, Motors
 
-_CONVERGED = 1e-11  # rad or m: convergence is quadratic, the remaining error is far below
 _SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
 
 
@@ -130,7 +129,7 @@ class LoadedRobot:
             largest = np.abs(free).max(axis=1, initial=0.0)
             if not np.isfinite(step).all():
                 break
-            if largest.max() < _CONVERGED:
+            if largest.max() < LIMITS.gap:  # convergence is quadratic
                 return z + step, K
             share = np.minimum(1.0, LIMITS.step / np.maximum(largest, 1e-300))
             size = _size(r, K)

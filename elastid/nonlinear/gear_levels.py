@@ -19,6 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linearise import Linearisation
+from elastid.linear.response.derivatives import Columns
 from elastid.nonlinear.drives import DriveLines, drive_lines
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_motion import Estimate, estimate_motion, residuals, smoothed_covariance
@@ -277,7 +278,7 @@ def _jacobian(
     s, U, Phi = lines.s[used, None, None], lines.U[used], estimate.Phi[used]
     H, sensor = drive.H[used], drive.sensor[used, :, None]
     J = np.zeros((*U.shape, n_x + len(levels)), complex)
-    dG = drive.kernel.evaluate(drive.theta)[1][:, used] / s ** MOTION_ORDER[drive.model.quantity]
+    dG = Columns(drive.kernel).evaluate(drive.theta)[1][:, used] / s ** MOTION_ORDER[drive.model.quantity]
     CH = drive.C @ H
     q = H @ np.tensordot(Phi, levels, axes=1)
     for row, name, of_line in zip(drive.chain, drive.kernel.wanted, dG, strict=True):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from plants.faults import FAULTS, FREQ_HZ, Case, Fault, drawn, true_case
 from plants.faults import SPEC as SPEC_OF_FAULTS
-from plants.held_torque import measured, plant
+from plants.held_torque import RATE_HZ, measured, plant
 from plants.three_mass import FREQ, NO_FLOOR, fit_of, noise_of, parameters
 from plants.three_mass import measured as three_mass_measured
 from plants.three_mass import plant as three_mass
@@ -21,7 +21,10 @@ from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.record import Configuration, Hold
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import serial
+from elastid.record import Configuration, HeldTorque, Hold
 from elastid.response import Covariance, Response
 from elastid.robot import Tolerances
 
@@ -46,6 +49,19 @@ def test_a_fit_is_exact_where_the_study_says_how_the_torque_acts(tmp_path: Path,
     assert all(0.9 < result.model_error < 1.15 for result in results)
     assert np.sum(np.abs([deviation(result) for result in results]) > 2) <= 1
     assert max(abs(result.values["k_1"] / 100 - 1) for result in results) < 0.003
+
+
+@pytest.mark.parametrize("late", [0.0, 7e-4])
+def test_images_as_large_as_the_response_are_those_of_the_estimate(late: float) -> None:
+    """Exact lines up to 0.45 of the rate at which the torque is held: the stiffness to 1e-5."""
+    model = serial(plant())
+    linear = Linearisation.of(model).at(Configuration("c1", [0.0]), model.theta, ("motor 1",), "acceleration")
+    linear = replace(linear, hold=HeldTorque((RATE_HZ,), (True,)))
+    exact = to_response(linear, np.append(model.theta, late), np.arange(4.0, 450.0, 4.0))
+    held = replace(exact, noise=Covariance((1e-3 * np.abs(exact.G)) ** 2, np.inf))
+    result = identify([held], plant(80.0), replace(SPEC, parameters=FREE | {"delay": ParameterSpec()}))
+    assert result.values["k_1"] == pytest.approx(100.0, rel=1e-5)
+    assert result.values["delay"] == pytest.approx(late, abs=1e-7)
 
 
 @pytest.mark.parametrize(
