@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.faults import FAULTS, FREQ_HZ, Case, Fault, drawn, true_case
-from plants.faults import SPEC as SPEC_OF_FAULTS
 from plants.held_torque import measured, plant
 from plants.three_mass import FREQ, NO_FLOOR, fit_of, noise_of, parameters
 from plants.three_mass import measured as three_mass_measured
@@ -23,7 +21,6 @@ from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.record import Configuration, Hold
 from elastid.response import Covariance, Response
-from elastid.robot import Tolerances
 
 FREE = {name: ParameterSpec() for name in ("k_1", "d_1", "fm_1")}
 SPEC = FitSpec(parameters=FREE, starts=2, start_factor=1.3, seed=1, weights=WeightSpec(floor=0.0), profile=())
@@ -84,33 +81,6 @@ def test_a_delay_and_a_filter_are_told_apart(form: str, factor: Factor, T: float
     cost, dof = found[form].prediction.cost, fit.problem.dof
     assert cost - dof < 0.02 * (fit.evaluate(x).cost - dof)
     assert min(late.prediction.cost for name, late in found.items() if name != form) > cost + 10
-
-
-def negated(case: Case) -> Case:
-    return replace(case, responses=tuple(replace(G, G=G.G.conj()) for G in case.responses))
-
-
-def velocities(case: Case) -> Case:
-    s = 2j * np.pi * FREQ_HZ[:, None, None]
-    return replace(case, responses=tuple(replace(G, G=G.G / s) for G in case.responses))
-
-
-@pytest.mark.parametrize(
-    ("fault", "name"),
-    [
-        (FAULTS["exchanged postures"], "responses of configurations c2 and c3 exchanged"),
-        (FAULTS["mirrored motor"], "motor 2 counted in the other direction, torque and motion"),
-        (negated, "all phases negated"),
-        (velocities, "responses differentiated once more in time"),
-    ],
-)
-def test_a_reading_is_named_first_though_the_file_has_tolerances(fault: Fault, name: str) -> None:
-    """It explains nine tenths of the excess, or cannot be distinguished from what does."""
-    case = fault(true_case())
-    robot = replace(case.robot, tolerances=Tolerances())
-    first = identify(drawn(case, np.random.default_rng(0)), robot, SPEC_OF_FAULTS).indices[0]
-    assert name in (first.name, *first.alike)
-    assert first.share > 0.9
 
 
 def test_noise_without_a_robot_in_it_has_no_cause() -> None:
