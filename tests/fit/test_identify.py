@@ -18,7 +18,7 @@ from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import DISTORTED, Result
 from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
 from elastid.response import UNEXPLAINED, Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.study import load_robot
@@ -137,14 +137,12 @@ def test_a_prior_that_the_data_contradict_is_named_with_what_they_say(off: float
 
 
 def test_masks_that_leave_nothing_or_name_nothing_are_refused():
-    """No line in the band; one line for three parameters; an output that was not measured."""
+    """No line in the band; one line for three parameters."""
     (response,) = measure(pendulum(), [(0.0,)])
     with refused("fit/undetermined"):
         identify([response], pendulum(), FitSpec(band_hz=(2.5, 3.5)))
     with refused("fit/undetermined", place="nothing is left to fit"):
         identify([response], pendulum(), FitSpec(band_hz=(200.0, 300.0)))
-    with refused("fit/weights", place="fit.weights.factors[0]"):
-        identify([response], pendulum(), FitSpec(weights=WeightSpec(factors=(FactorSpec(0.0, output="joint 1"),))))
 
 
 def test_without_a_measured_variance_the_residuals_set_the_intervals():

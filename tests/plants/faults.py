@@ -320,7 +320,7 @@ FAULTS: Mapping[str, Named] = {
     "missing torsion": Named(missing_torsion, "torsion_fore_z"),
 }  # fmt: skip
 # Those whose fits are of further robots or readings, which take seconds.
-FURTHER = [*FAULTS][[*FAULTS].index("ceiling") : [*FAULTS].index("rate 2 % wrong")]
+FURTHER = [*FAULTS][[*FAULTS].index("mirrored motor") : [*FAULTS].index("rate 2 % wrong")]
 
 
 def faulty(name: str) -> Case:

@@ -130,6 +130,7 @@ def test_an_unusual_size_and_more_freedom_lower_the_odds() -> None:
     )
 
 
+@pytest.mark.slow
 def test_causes_are_listed_by_their_odds_against_the_first() -> None:
     """The first has none against itself; those that are nearly as likely are named with it."""
     result = fitted("rate 2 % wrong")
@@ -140,6 +141,7 @@ def test_causes_are_listed_by_their_odds_against_the_first() -> None:
     assert near <= set(result.indices[0].alike)
 
 
+@pytest.mark.slow
 def test_a_mass_beyond_its_tolerance_is_named_though_the_fit_converged() -> None:
     """The fore arm is 30 % lighter than its file: data move it there, and the sentence says so."""
     case = true_case()
