@@ -27,7 +27,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.record import Configuration, Motion
 from elastid.recorded.responses.reading import link_side_response, read_table
-from elastid.response import Covariance, Response, in_quantity
+from elastid.response import Response
 from elastid.store.measured import read_responses
 from elastid.study import load
 
@@ -195,26 +195,6 @@ def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(t
         response = _read(tmp_path, spec, "velocity")
         assert response.noise is not None
         np.testing.assert_allclose(np.sqrt(response.noise.variance), relative * np.abs(response.G), rtol=1e-10)
-
-
-def test_conversion_of_the_quantity_and_back_is_the_identity_with_its_covariance() -> None:
-    """G (j omega)^2 and its full covariance, then divided again."""
-    rng = np.random.default_rng(0)
-    left, right = (
-        a @ np.swapaxes(a, 1, 2).conj() for a in rng.normal(size=(2, 6, 2, 2)) + 1j * rng.normal(size=(6, 2, 2))
-    )
-    variance = np.einsum("fyy,fuu->fyu", right, left).real
-    places = ("motor 1", "motor 2")
-    a = Response(FREQ_HZ, plant(FREQ_HZ), places, places, "position", HOME, total=Covariance(variance, 3, left, right))
-    b = in_quantity(a, "acceleration")
-    assert a.total is not None
-    assert b.total is not None
-    np.testing.assert_allclose(b.G, a.G * -((2 * np.pi * FREQ_HZ) ** 2)[:, None, None], rtol=1e-13)
-    np.testing.assert_allclose(b.total.full(), a.total.full() * ((2 * np.pi * FREQ_HZ) ** 4)[:, None, None], rtol=1e-13)
-    np.testing.assert_allclose(
-        np.einsum("faa->fa", b.total.full()).real, np.swapaxes(b.total.variance, 1, 2).reshape(6, 4)
-    )
-    np.testing.assert_allclose(in_quantity(b, "position").G, a.G, rtol=1e-13)
 
 
 def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path: Path) -> None:
