@@ -17,17 +17,15 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, Response
 from elastid.robot import Payload, Robot, Tolerances
 from elastid.robot.simplified import stiffened
-from plants.elastic_arm import arm
+from plants.elastic_arm import CONFIGURATIONS, arm, measure
+from plants.elastic_arm import FREQ as FREQ_HZ
 
 RATE_HZ = 1000.0
-FREQ_HZ = np.linspace(2, 60, 60)
-CONFIGURATIONS = ((0.0, 0.0), (0.6, -0.7), (-0.4, 0.9))
 # Noise of every element relative to it, what the largest value adds, and the degrees of freedom of its variance.
 NOISE, ADDED, DOF = 0.005, 1e-4, 8.0
 SPRINGS = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
@@ -66,14 +64,7 @@ def loaded(robot: Robot) -> Robot:
 
 def exact(robot: Robot) -> tuple[Response, ...]:
     """Motor accelerations per motor torque (60, 2, 2) of each posture."""
-    model = serial(robot)
-    linearisation = Linearisation.of(model)
-    responses = []
-    for i, angles in enumerate(CONFIGURATIONS):
-        configuration = Configuration(f"c{i + 1}", angles)
-        linear = linearisation.at(configuration, model.theta, robot.motor_locations, "acceleration")
-        responses.append(to_response(linear, np.append(model.theta, 0.0), FREQ_HZ))
-    return tuple(responses)
+    return tuple(replace(response, noise=None) for response in measure(robot))
 
 
 def drawn(case: Case, rng: np.random.Generator, noise: float = NOISE, dof: float = DOF) -> list[Response]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import sys
 from collections.abc import Callable
@@ -16,13 +15,12 @@ import pytest
 from plants.lab_logs import RATIO, ROBOT
 from plants.notes import said
 from plants.refusals import refused
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 
 from elastid.app.console import Console
 from elastid.app.inspection import described
 from elastid.app.run import Run, run_all
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import ElastidError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.record import Configuration, Motion
@@ -344,21 +342,6 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
         assert old.noise is not None
         assert same.noise is not None
         np.testing.assert_array_equal(old.noise.variance, same.noise.variance)
-
-
-@pytest.mark.slow
-def test_responses_of_the_other_sign_of_time_are_recognised(elsewhere: Path) -> None:
-    """Some programs write exp(-j omega t): one response alone does not show it, but no mechanism has such damping."""
-    for name in ("a", "b"):
-        file = loadmat(elsewhere.with_name(f"{name}.mat"), simplify_cells=True)["G"]
-        savemat(
-            elsewhere.with_name(f"{name}.mat"), {"G": file | {"ResponseData": file["ResponseData"].conj()[None, None]}}
-        )
-    folder = elsewhere.parent / "run"
-    with contextlib.suppress(ElastidError):
-        run_all(Run(load(elsewhere), folder, 1, Console(-1)))
-    said = " ".join(json.loads((folder / "summary.json").read_text())["warnings"])
-    assert "all phases negated would explain 99 %" in said
 
 
 @pytest.mark.parametrize("factor", [1e250, 1e-250])
