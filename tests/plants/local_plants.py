@@ -1,6 +1,6 @@
 """Plants whose responses are known exactly, measured in one experiment, and the errors of local methods on them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm
@@ -100,23 +100,6 @@ class SweptAxis:
             torque, speed, sent = c * u[:, None], (c * y + noise)[:, None], c * r[:, None] if gain else None
             found.append(record_of(torque, speed, m, 0, sent, len(t), self.rate_hz, "velocity"))
         return found
-
-
-def repeats(runs: int, gain: float, snr_db: float, spec: EstimatorSpec) -> dict[int, tuple[float, float]]:
-    """Median relative error, and mean squared error over total variance, of 1 and 3 records of the same sweep."""
-    plant, spec = SweptAxis(), replace(spec, lines="full", band_hz=SweptAxis.band_hz)
-    found = {}
-    for count in (1, 3):
-        errors, ratios = [], []
-        for seed in range(runs):
-            response = local_response(plant.measured(count, gain, snr_db, np.random.default_rng(seed)), spec)
-            G = plant.G(response.freq_hz)
-            error = np.abs(response.G[:, 0, 0] - G)
-            assert response.total is not None
-            errors.append(error / np.abs(G))
-            ratios.append(error**2 / response.total.variance[:, 0, 0])
-        found[count] = float(np.median(errors)), float(np.mean(ratios))
-    return found
 
 
 def decibels(estimate: ComplexArray, truth: ComplexArray) -> float:
