@@ -21,6 +21,7 @@ import numpy as np
 from elastid.app.run import Run, carry_out, hash_of, logged_in, run_all
 from elastid.app.run import stamps as stamps_of
 from elastid.app.stage_table import SIMULATED
+from elastid.app.stages.design import movement_of
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.arrays import FloatArray
 from elastid.base.display import degrees, number
@@ -30,10 +31,9 @@ from elastid.base.workers import lasting_workers
 from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s
-from elastid.experiment.plan.movement import Reference, reference
+from elastid.experiment.plan.movement import Reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.hardware import logged_quantity
-from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -214,8 +214,11 @@ class Session:
                 f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
             )
             write_plan(path, plan, self.stamp, peaks=proposal.limit_use)
-        self.folder.write_references(plan, _reference(problem, plan))
+        self.folder.write_references(plan, self._movement(plan, problem.robot))
         return plan
+
+    def _movement(self, plan: Plan, robot: Robot) -> Reference:
+        return movement_of(plan, self.problem.simulated.carrier, robot, plan.configurations[0])
 
     def _seed(self, step: int) -> int:
         """Seed of the phases and the noise of one experiment."""
@@ -269,7 +272,7 @@ class Session:
                 f"live: run {self.folder.path / 'references'}/x{step}-*.csv and put the logs of the whole runs into "
                 f"{logs} under the same names; columns: {', '.join(c.channel for c in self.folder.channels)}"
             )
-        given, swings = _reference(problem, plan), problem.simulated.carrier is not None
+        given, swings = self._movement(plan, problem.robot), problem.simulated.carrier is not None
         for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
             path = self._awaited(run)
             planned = PlannedRun(plan, run, given, rehearsal, problem.robot, swings)
@@ -311,12 +314,6 @@ class Session:
         name = max(used, key=lambda joint: used[joint])
         goal = 100 * self.goal.widths[name]
         return f"{name} is known to {number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
-
-
-def _reference(problem: DesignProblem, plan: Plan) -> Reference:
-    """The movement of the robot in the configuration of a plan."""
-    forward = feed_forward_of(model_of(problem.robot.carrying(True)))
-    return reference(plan, problem.simulated.carrier, forward, plan.configurations[0])
 
 
 def _contradiction(step: int, result: Result) -> str:

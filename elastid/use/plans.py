@@ -172,7 +172,6 @@ class CommandedRobot:
 
 DEGREE = 5
 TOOL_M = 5e-5  # e_0
-STEP = 1.25  # between durations that bracket the shortest one
 _HELD = 3  # coefficients at each end, which hold position at zero velocity and acceleration
 
 
@@ -386,7 +385,7 @@ def shortest(
     # The rigid robot, which is not far from the elastic one, needs about this.
     duration = first_duration(commanded, move, limits)
     works = can(duration)
-    step = 1 / STEP if works else STEP
+    step = 1 / 1.25 if works else 1.25
     for _ in range(12):
         if can(duration * step) != works:
             break

@@ -34,7 +34,6 @@ from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Hypothesis
 from elastid.fit.diagnosis.sensitivities import (
     AS_READ,
     Evaluated,
-    Prediction,
     Reading,
     evaluate,
     predict,
@@ -60,7 +59,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         # A fit of responses that were read wrongly may have moved the numbers of the file far within their tolerances.
         starts.append((file, assembly.parameters.x, np.array([not p.tolerated for p in assembly.parameters.free])))
     predicted = [  # V of every reading after one step from each start
-        (predict(reading, evaluated, problem.prior_slopes, free).cost, reading, (problem, start, free))
+        (predict(reading, evaluated, problem.prior_slopes, free)[0], reading, (problem, start, free))
         for problem, start, free in starts
         for evaluated in (evaluate(problem, start),)
         for hypothesis in evidence.hypotheses
@@ -274,11 +273,12 @@ FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass}
 
 
 class Late(NamedTuple):
-    """A form of lateness, `delay` or `low_pass_y_motor_2`, with the T in s that fits best, and V with it."""
+    """A form of lateness, `delay` or `low_pass_y_motor_2`, the T in s that fits best, V with it, and the step of x."""
 
     name: str
     time: float
-    prediction: Prediction
+    cost: float
+    step: FloatArray
 
 
 def as_delay(name: str) -> str:
@@ -298,14 +298,14 @@ def best_forms(
 
     limit = LIMITS.edge_phase / max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
 
-    def at(T: float, form: str) -> Prediction:
+    def at(T: float, form: str) -> tuple[float, FloatArray]:
         return predict(Reading("", "time", partial(_late, FORMS[form], T, *channel)), evaluated, prior, free)
 
     for form in FORMS:
         low, high = np.clip(sorted((0.3 * T_0, 2.0 * T_0)), -limit, limit).tolist()
         options = {"maxiter": LIMITS.iterations, "xatol": 1e-4 * max(abs(low), abs(high))}
-        least = minimize_scalar(lambda T, form=form: at(T, form).cost, bounds=(low, high), options=options)
-        yield Late(near.replace("delay", form, 1), float(least.x), at(float(least.x), form))
+        least = minimize_scalar(lambda T, form=form: at(T, form)[0], bounds=(low, high), options=options)
+        yield Late(near.replace("delay", form, 1), float(least.x), *at(float(least.x), form))
 
 
 def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
@@ -325,7 +325,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     fit = thinned(optimum.fit)
     evaluated = evaluate(fit, optimum.end.x)
     prior, free = fit.prior_slopes, ~result.at_bound
-    cost = predict(AS_READ, evaluated, prior, free).cost
+    cost = predict(AS_READ, evaluated, prior, free)[0]
     noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)
     excess = max(cost - noise, 1e-300)
     channels = {"delay": ("", "")} | {
@@ -337,15 +337,15 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     extended = [index for index in indices if index not in delays]
     for delay in delays:
         forms = best_forms(evaluated, prior, free, delay.name, channels[delay.name], float(delay.steps[0]))
-        best = sorted(forms, key=lambda late: late.prediction.cost)
-        least = best[0].prediction.cost
+        best = sorted(forms, key=lambda late: late.cost)
+        least = best[0].cost
         tolerance = LIMITS.variances * scores.level + LIMITS.form_share * max(least - noise, 0.0)
-        equal = [late for late in best if late.prediction.cost < least + tolerance]  # cannot be distinguished
+        equal = [late for late in best if late.cost < least + tolerance]  # cannot be distinguished
         for late in equal:
-            share = (cost - late.prediction.cost) / excess
+            share = (cost - late.cost) / excess
             alike = (*(index.name for index in equal if index is not late), *delay.alike)
             values, drop = delay.values * (late.name == delay.name), share * scores.excess / scores.lines
             changed = replace(delay, name=late.name, members=(late.name,), values=values, steps=np.array([late.time]))
-            effects = late.prediction.step
+            effects = late.step
             extended.append(replace(changed, drop=drop, share=share, effects=effects, alike=alike))
     return extended

@@ -88,9 +88,9 @@ def test_a_delay_and_a_filter_are_told_apart(form: str, factor: Factor, T: float
     free = np.ones(len(x), dtype=bool)
     found = {late.name: late for late in best_forms(evaluate(fit, x), fit.prior_slopes, free, "delay", ("", ""), start)}
     assert found[form].time == pytest.approx(T, rel=0.02)
-    cost, dof = found[form].prediction.cost, fit.problem.dof
+    cost, dof = found[form].cost, fit.problem.dof
     assert cost - dof < 0.02 * (fit.evaluate(x).cost - dof)
-    assert min(late.prediction.cost for name, late in found.items() if name != form) > cost + 10
+    assert min(late.cost for name, late in found.items() if name != form) > cost + 10
 
 
 def test_noise_without_a_robot_in_it_has_no_cause() -> None:
