@@ -38,20 +38,17 @@ class BoxSpec:
 
 @section
 class CandidateSpec:
-    """Configurations to choose from: drawn at random (200 by default), a grid, or those given by name."""
+    """Configurations to choose from: drawn at random (200 by default), or those given by name."""
 
     # fmt: off
     random: Annotated[int | None, Key("Number of candidates that are drawn, uniformly within the joints' limits.",
         "1000 for six axes, at the cost of time in proportion; beyond that the criterion gains little.",
         least=1)] = None
-    grid: Annotated[int | tuple[int, ...] | None, Key("Grid points per driven joint, one number for all or one for "
-        "each, from limit to limit.", "3 to 5 for two or three axes; six axes need 3^6 = 729 postures, and drawn ones "
-        "cover them better.", least=1)] = None
     given: Annotated[dict[FileName, tuple[JointPosition, ...]], Key("Candidates by name, name to angles. A joint that "
         "turns without limits does so within +-180 deg, one that slides must have them; a simulated carrier keeps its "
         "swing within the limits.", "postures that are known to be free and reachable, as taught points; nothing else "
         "is then chosen from.")] = field(default_factory=dict)
-    margin: Annotated[JointPosition, Key("Further distance that drawn and grid candidates keep from the limits, room "
+    margin: Annotated[JointPosition, Key("Further distance that drawn candidates keep from the limits, room "
         "for the multisine; in m where a joint slides.", "the amplitude of multisine and carrier at the lowest line "
         "and some more; 0.05 rad is 3 deg.", least=0)] = 0.05
     floor: Annotated[Length | None, Key("Height of the floor in the base frame, along gravity, that nothing may reach.",
@@ -65,10 +62,8 @@ class CandidateSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if (self.random is not None) + (self.grid is not None) + bool(self.given) > 1:
-            raise ValueError("give only one of random, grid and given")
-        if self.grid == ():
-            raise ValueError("grid: each joint needs at least 1 point")
+        if self.random is not None and self.given:
+            raise ValueError("give only one of random and given")
 
 
 @section
@@ -80,7 +75,7 @@ class DesignSpec:
     # fmt: off
     count: Annotated[int | None, Key("Number of configurations to choose, each measured experiment.realisations times; "
         "a configuration chosen twice gets twice the realisations.", "more where the stage design predicts intervals "
-        "that are too wide; standard deviations fall with the root of the number.")] = None
+        "that are too wide; standard deviations fall with the root of the number.", least=1)] = None
     robot_time: Annotated[Time | None, Key("Robot time for the chosen configurations, as many as fit in; in place of "
         "count.", "where time is what is limited: an hour on the line; moving between postures is not counted.")] = None
     candidates: Annotated[CandidateSpec, Key("Configurations to choose from.", "more, or given ones, where the robot "
@@ -97,8 +92,6 @@ class DesignSpec:
     def __post_init__(self) -> None:
         if (self.count is None) == (self.robot_time is None):
             raise ValueError("give either count (of configurations) or robot_time (s)")
-        if self.count is not None and self.count < 1:
-            raise ValueError(f"count is {self.count}; choose at least 1 configuration")
 
 
 def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:

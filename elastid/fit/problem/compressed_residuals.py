@@ -32,8 +32,8 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, k
 from elastid.base.kernels import call
 from elastid.base.workers import Kept
 from elastid.fit.problem.least_squares import ResidualKind
-from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Whitening
+from elastid.frf.matrices import adjoint
 from elastid.linear.response.derivatives import Columns, Sensitivity
 
 BATCH = 16
@@ -225,7 +225,7 @@ class CompressedResiduals(Kept):
             weights = form(R)  # of a thousand configurations most of what is worked out
             weights = replace(weights, R=kept_beside(self.whitening.noise.in_file, weights.R))
             left = (mixing @ left[:, :, None])[:, :, 0]
-            q = (hermitian(basis) @ left[:, :, None])[:, :, 0]
+            q = (adjoint(basis) @ left[:, :, None])[:, :, 0]
             left = left - (basis @ q[:, :, None])[:, :, 0]
         else:
             gain, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
