@@ -243,16 +243,6 @@ def wavy() -> LeastSquares:
     return problem(parameters, residual)
 
 
-def test_the_hit_rate_counts_the_starts_that_reached_the_best_cost():
-    """Starts in the valley of w = 20 are hits, others end in optima of their own."""
-    starts = np.log([[20.0], [21.0], [19.0], [45.0], [70.0]])
-    ranked, hits = multistart([wavy()], starts)
-    assert hits == 3
-    assert [end.cost for end in ranked] == sorted(end.cost for end in ranked)
-    assert math.exp(ranked[0].x[0]) == pytest.approx(20)
-    assert ranked[3].cost > 10
-
-
 def test_of_starts_that_end_in_one_place_one_is_solved_finely():
     """Three in the valley of w = 20: one of them is polished, and all three have its end and starts of their own."""
     starts, kept = np.log([[20.5], [21.0], [19.0], [45.0]]), {}
