@@ -8,7 +8,6 @@ from scipy.signal import chirp
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.multisine import synthesise
-from elastid.frf.local.response import local_response, settled_spectra
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 from plants.random_plants import record_of
@@ -105,18 +104,3 @@ class SweptAxis:
 def decibels(estimate: ComplexArray, truth: ComplexArray) -> float:
     """Relative error of all lines."""
     return float(20 * np.log10(np.linalg.norm(estimate - truth) / np.linalg.norm(truth)))
-
-
-def leakage(P: int, seed: int = 0) -> dict[str, float]:
-    """Relative error in dB of what others do and of what elastid does."""
-    plant = TwoModes()
-    taken, lines, G = plant.from_rest(P, 77.0, np.random.default_rng(seed)), plant.excited, plant.G()
-    U, Y = (np.fft.rfft(x.reshape(P, plant.N), axis=1)[:, lines] for x in (taken.u, taken.y))
-    settled = settled_spectra(taken, lines, "velocity")
-    return {
-        "mean of all periods": decibels(Y.mean(axis=0) / U[0], G),
-        "last period only": decibels(Y[-1] / U[-1], G),
-        "local_polynomial": decibels(local_response([taken], LPM, lines).G[:, 0, 0], G),
-        "transient removed, then Y / U": decibels((settled.Y / settled.U)[:, 0], G),
-        "local_rational": decibels(local_response([taken], LRM, lines).G[:, 0, 0], G),
-    }

@@ -44,38 +44,6 @@ def test_inputs_and_outputs_are_matched_by_name():
         fit_of(swapped, plant((0, 1)))
 
 
-def test_both_criteria_converge_from_far_starts():
-    """30 starts up to a factor 7.4 off in all four parameters, three outputs, exact data: 27 or more hit the truth."""
-    model = plant((0, 1, 2))
-    response = measured(model, noise_of("relative", model))
-    starts = parameters().x + np.log(7.4) * np.random.default_rng(8).uniform(-1, 1, (30, 4))
-
-    def hits(criterion) -> int:
-        problem = fit_of(response, model, criterion=criterion).problem
-        return sum(np.allclose(solve(problem, x).x, parameters().x, atol=1e-3) for x in starts)
-
-    assert hits("log") >= 27
-    assert hits("complex") >= 27
-
-
-def test_a_floor_answers_for_an_error_that_the_parameters_absorb():
-    """2 % of the response turned by 90 degrees, as by friction, under 5 % of noise: the residuals hardly show it.
-
-    Without a floor the truth is almost three standard deviations away; with the floor of 2 % that was expected it is
-    well inside.
-    """
-    model = plant((0, 2))
-    exact = measured(model, noise_of("relative", model), np.random.default_rng(11))
-    feigned = replace(exact, G=exact.G * (1 + 0.02j))
-    away = []
-    for floor in (0.0, 0.02):
-        end, sure = estimate(feigned, model, FitSpec(weights=WeightSpec(floor=floor)))
-        assert sure.expected_cost == pytest.approx(end.cost, rel=0.1)
-        away.append(np.abs(end.x - parameters().x) / np.sqrt(np.diag(sure.covariance)))
-    assert away[0].max() > 2.5
-    assert away[1].max() < 2
-
-
 def test_a_floor_far_above_the_residuals_is_held_down():
     """0.05 % of noise contradicts a floor of 5 %: the intervals stay within four times those of the noise."""
     model = plant((0, 2))

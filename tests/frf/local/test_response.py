@@ -78,17 +78,6 @@ def test_a_rational_response_of_low_order_is_reproduced_to_rounding(order: int) 
     assert np.abs(local_response([record], LPM, LINES).G - G).max() > 1e-2 * np.abs(G).max()
 
 
-@pytest.mark.parametrize(("P", "table"), [(2, -56.0), (4, -83.0)])
-def test_leakage_is_removed_better_than_by_any_peer(P: int, table: float) -> None:
-    """Section 9.2 of the design page, from rest; the setting reproduces its rows for plain means and last periods."""
-    found = study.leakage(P)
-    assert found["mean of all periods"] == pytest.approx({2: -17.0, 4: -23.0}[P], abs=1)
-    assert found["last period only"] == pytest.approx(table, abs=3)
-    noise = -82 - 10 * np.log10(P)
-    assert found["transient removed, then Y / U"] == pytest.approx(noise, abs=2)
-    assert found["local_rational"] < noise - 4 < table
-
-
 def _followed_by(spec: EstimatorSpec, closed: bool, rng: np.random.Generator) -> np.ndarray:
     """A plant of three axes that the local model can follow; in closed loop from R, poles only approximately."""
     if spec.method == "local_polynomial":
