@@ -36,7 +36,7 @@ from numpy.polynomial import polynomial
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, check_theta, index_of
-from elastid.base.escape import control_label
+from elastid.base.escape import control_labels
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors
 from elastid.robot import Chain, gain_name
 
@@ -319,8 +319,7 @@ class StateSpace:
             raise ValueError(f"pade is {pade!r}; give the order of the approximation, commonly 2 to 6")
         import control  # takes a second or two
 
-        names = {"inputs": [*map(control_label, self.inputs)], "outputs": [*map(control_label, self.outputs)]}
-        labels = {"name": control_label(self.configuration.name), **names}
+        labels = control_labels(self.configuration.name, self.inputs, self.outputs)
         system = control.ss(self.A, self.B, self.C, self.D)
         if pade is not None and self.delay > 0:
             late = control.tf2ss(*control.pade(self.delay, pade))
