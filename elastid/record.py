@@ -387,4 +387,4 @@ class FrictionRecords:
     @property
     def joints(self) -> tuple[str, ...]:
         """The joints that were measured, in order."""
-        return tuple(dict.fromkeys([*(each.joint for each in self.records), *(each.joint for each in self.warm_ups)]))
+        return tuple(dict.fromkeys([*(log.joint for log in self.records), *(log.joint for log in self.warm_ups)]))

@@ -9,7 +9,9 @@ any file that its reader may open read as a measurement.
 
 from __future__ import annotations
 
+import csv
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +19,7 @@ from errno import ELOOP
 from pathlib import Path
 from typing import Any
 
-from elastid.base.errors import DataError, ElastidError
+from elastid.base.errors import DataError, ElastidError, StudyError
 
 
 def own_path(run_folder: Path, *names: str) -> Path:
@@ -171,3 +173,34 @@ def from_template(template: str, /, **values: Any) -> str:
     from string import Template
 
     return Template((files("elastid") / template).read_text("utf-8")).substitute(values)
+
+
+def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
+    """Line, from 1, and cells by the names in the first row, of each row of a CSV file; StudyError where it is none.
+
+    Empty rows, and those that begin with #, are left out.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise StudyError("files/table", f"it cannot be read as a table ({error})", f"{path}:1:1") from None
+    rows = [(n, [cell.strip() for cell in next(csv.reader([line]), [])]) for n, line in enumerate(lines, start=1)]
+    rows = [(n, row) for n, row in rows if any(row) and not row[0].startswith("#")]
+    if len(rows) < 2:
+        raise StudyError("files/table", "a table has a row of names and at least one below it", f"{path}:1:1")
+    (first, heads), *rest = rows
+    for number, row in rest:
+        if len(row) != len(heads) or len(set(heads)) < len(heads):
+            text = f"{len(row)} cells, and {len({*heads})} different names, with commas between them, in line {first}"
+            raise StudyError("files/table", text, f"{path}:{number}:1")
+        yield number, dict(zip(heads, row, strict=True))
+
+
+_HEAD = re.compile(r"(?:joint\s+)?(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|\s+(deg|degrees?|rad|m|s))?")
+
+
+def name_and_unit(head: str) -> tuple[str, str]:
+    """Name and unit of a column of a table: `1 deg`, `1 (deg)` and `joint 1 [deg]` are 1 and deg."""
+    match = _HEAD.fullmatch(head)
+    name, in_brackets, behind = match.groups() if match else (head, "", "")
+    return name, in_brackets or behind or ""

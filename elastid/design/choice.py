@@ -21,6 +21,9 @@ from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.robot import Robot
 
+# A larger grid is taken for a typing error.
+MAX_GRID_POINTS = 200_000
+
 
 @dataclass(frozen=True)
 class Candidates:
@@ -88,13 +91,27 @@ def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatAr
 def _proposed(
     spec: CandidateSpec, robot: Robot, low: FloatArray, high: FloatArray, seed: int
 ) -> tuple[Sequence[str], FloatArray]:
+    n = len(robot.driven)
     if spec.given:
         for name, given in spec.given.items():
             if refused := robot.count_refusal(len(given)):
                 raise StudyError("design/candidates", refused, f"design.candidates.given.{name}")
         return list(spec.given), np.array(list(spec.given.values()))
-    draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0xCA,)))
-    angles = low + (high - low) * draw.random((spec.random or 200, len(robot.driven)))
+    if spec.grid is not None:
+        counts = spec.grid if isinstance(spec.grid, tuple) else (spec.grid,) * n
+        if refused := robot.count_refusal(len(counts), "numbers"):
+            raise StudyError("design/candidates", refused, "design.candidates.grid")
+        if math.prod(counts) > MAX_GRID_POINTS:
+            raise StudyError(
+                "design/candidates",
+                f"{math.prod(counts)} candidates; take fewer points per joint, at most {MAX_GRID_POINTS} in all",
+                "design.candidates.grid",
+            )
+        axes = [np.linspace(a, b, m) if m > 1 else [(a + b) / 2] for a, b, m in zip(low, high, counts, strict=True)]
+        angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, n)
+    else:
+        draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0xCA,)))
+        angles = low + (high - low) * draw.random((spec.random or 200, n))
     return [f"candidate{i + 1}" for i in range(len(angles))], angles
 
 

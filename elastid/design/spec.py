@@ -38,17 +38,20 @@ class BoxSpec:
 
 @section
 class CandidateSpec:
-    """Configurations to choose from: drawn at random (200 by default), or those given by name."""
+    """Configurations to choose from: drawn at random (200 by default), a grid, or those given by name."""
 
     # fmt: off
     random: Annotated[int | None, Key("Number of candidates that are drawn, uniformly within the joints' limits.",
         "1000 for six axes, at the cost of time in proportion; beyond that the criterion gains little.",
         least=1)] = None
+    grid: Annotated[int | tuple[int, ...] | None, Key("Grid points per driven joint, one number for all or one for "
+        "each, from limit to limit.", "3 to 5 for two or three axes; six axes need 3^6 = 729 postures, and drawn ones "
+        "cover them better.", least=1)] = None
     given: Annotated[dict[FileName, tuple[JointPosition, ...]], Key("Candidates by name, name to angles. A joint that "
         "turns without limits does so within +-180 deg, one that slides must have them; a simulated carrier keeps its "
         "swing within the limits.", "postures that are known to be free and reachable, as taught points; nothing else "
         "is then chosen from.")] = field(default_factory=dict)
-    margin: Annotated[JointPosition, Key("Further distance that drawn candidates keep from the limits, room "
+    margin: Annotated[JointPosition, Key("Further distance that drawn and grid candidates keep from the limits, room "
         "for the multisine; in m where a joint slides.", "the amplitude of multisine and carrier at the lowest line "
         "and some more; 0.05 rad is 3 deg.", least=0)] = 0.05
     floor: Annotated[Length | None, Key("Height of the floor in the base frame, along gravity, that nothing may reach.",
@@ -62,8 +65,10 @@ class CandidateSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if self.random is not None and self.given:
-            raise ValueError("give only one of random and given")
+        if (self.random is not None) + (self.grid is not None) + bool(self.given) > 1:
+            raise ValueError("give only one of random, grid and given")
+        if self.grid == ():
+            raise ValueError("grid: each joint needs at least 1 point")
 
 
 @section

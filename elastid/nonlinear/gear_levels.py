@@ -98,14 +98,14 @@ class GearData:
         return [estimate_motion(lines, drive, effects, levels, start, near) for lines, drive, start in every]
 
     def sums_with(
-        self, found: Levels, further: Sequence[GearEffect]
+        self, known: Levels, further: Sequence[GearEffect]
     ) -> tuple[NormalEquations, tuple[FloatArray, FloatArray]]:
         """Normal equations, and priors, of parameters, levels and levels of further effects about 0."""
-        effects, drives = [*found.effects, *further], self.drives(found.parameters, found.x)
-        levels = found.levels_of(effects)
-        estimates = self.motions(drives, effects, levels, found.estimates_of(effects))
-        sums = normal_equations(self.lines, drives, estimates, len(found.x), levels)
-        return sums, priors(found.parameters, found.x, len(found.x) + len(levels))
+        effects, drives = [*known.effects, *further], self.drives(known.parameters, known.x)
+        levels = known.levels_of(effects)
+        estimates = self.motions(drives, effects, levels, known.estimates_of(effects))
+        sums = normal_equations(self.lines, drives, estimates, len(known.x), levels)
+        return sums, priors(known.parameters, known.x, len(known.x) + len(levels))
 
 
 def find_levels(
@@ -283,9 +283,9 @@ def _jacobian(
     q = H @ np.tensordot(Phi, levels, axes=1)
     for row, name, of_line in zip(drive.chain, drive.kernel.wanted, dG, strict=True):
         slope = of_line @ U
-        own = drive.model.slopes.get(name)
-        if own is not None:
-            parts = [part * s**power for power, part in enumerate((own.K, own.D, own.M)) if part is not None]
+        change = drive.model.slopes.get(name)
+        if change is not None:
+            parts = [part * s**power for power, part in enumerate((change.K, change.D, change.M)) if part is not None]
             slope = slope + sensor * (CH @ (sum(parts) @ q))
         J[..., :n_x] += slope[..., None] * row
     moved = np.einsum("fan,fnmi->fami", CH, Phi) + estimate.folded[used]

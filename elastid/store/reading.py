@@ -146,16 +146,9 @@ def _numbers(dataset: Any, number: type, shape: tuple[int, ...] | None = None) -
 
 
 def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
-    """One part of a file of a kind; DataError where it is absent."""
+    """One part of a file of a kind; DataError where it is absent, unless its annotation takes None."""
     with opened(path, kind) as file:
         part: T = read_value(file, name, annotation)
-        return part
-
-
-def read_optional_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T | None:
-    """One part of a file of a kind, or None."""
-    with opened(path, kind) as file:
-        part: T | None = read_value(file, name, annotation) if name in file else None
         return part
 
 

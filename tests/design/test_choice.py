@@ -41,6 +41,14 @@ def test_drawn_candidates_fill_the_limits_less_the_swing_and_hang_on_the_seed() 
     assert not np.array_equal(angles, _angles(spec, seed=2, swing=0.1))
 
 
+def test_a_grid_reaches_from_limit_to_limit() -> None:
+    """One number for all joints or one for each."""
+    assert len(_angles(CandidateSpec(grid=3))) == 27
+    angles = _angles(CandidateSpec(grid=(1, 2, 3), margin=0.0))
+    assert sorted(set(angles[:, 2].tolist())) == pytest.approx([-1.5, 0.25, 2.0])
+    assert set(angles[:, 0].tolist()) == {0.0}
+
+
 def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -> None:
     """Joints, centres of mass, a frame, and points on the way between, against the skeleton's own numbers."""
     box = BoxSpec("post", (0.2, -0.3, 0.0), (0.6, 0.3, 0.8))
@@ -76,6 +84,8 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -
         (CandidateSpec(boxes=(BoxSpec("all", (-9, -9, -9), (9, 9, 9)),)), ""),
         (CandidateSpec(given={"a": (0, 3, 0)}), ""),
         (CandidateSpec(given={"a": (0, 1)}), ".given.a"),
+        (CandidateSpec(grid=(2, 2)), ".grid"),
+        (CandidateSpec(grid=100), ".grid"),
     ],
 )
 def test_no_admissible_candidate_is_refused_with_what_would_help(spec: CandidateSpec, place: str) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plants.elastic_arm import arm, measure, started_elsewhere
 
-from elastid.fit.fitted_robot import FittedRobot, models_by_group
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
@@ -35,14 +35,6 @@ def test_each_configuration_has_its_linear_model_and_response(measured, result) 
         )
     with pytest.raises(KeyError, match="nowhere"):
         fitted.at("nowhere")
-
-
-def test_the_model_of_an_export_has_the_fitted_numbers_in_its_robot(measured, result) -> None:
-    fitted, (exported,) = FittedRobot.of(result, arm(), measured), models_by_group(result, arm(), measured).values()
-    numbers = exported.robot.parameters()
-    assert all(numbers[name][0] == result.values[name] for name in result.parameters.free_names if name in numbers)
-    for linear, G in zip(exported.linear, fitted.responses, strict=True):
-        np.testing.assert_allclose(frequency_response(linear, exported.theta, G.freq_hz), G.G, rtol=1e-12)
 
 
 def test_the_result_has_the_model_of_each_configuration(measured, result) -> None:

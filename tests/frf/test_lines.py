@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.refusals import refused
-from plants.steady_record import AUTO, LINES, RATE, N, steady_record, unit_phases
+from plants.steady_record import AUTO, LINES, N, steady_record
 
-from elastid.excitation.multisine import synthesise
 from elastid.frf import lines as module
 from elastid.frf import spectra
 from elastid.frf.lines import analysed_lines, find_excited, smoothed_noise
 from elastid.frf.spectra import RecordSpectra
-from elastid.record import Configuration, Record
 
 
 def _spectrum(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -56,18 +54,6 @@ def test_excited_lines_are_found_in_spectra_of_every_shape(kind: str) -> None:
     power[lines - 1] = amplitude**2
     found = candidates[find_excited(candidates, power / power.max(), noise / power.max())]
     np.testing.assert_array_equal(found, lines)
-
-
-def test_a_1_over_f_record_keeps_all_its_lines_from_start_to_end() -> None:
-    """199 of 199 lines of a noisy record, where a threshold at the strongest line keeps one."""
-    lines = np.arange(1, 200)
-    u = np.tile(synthesise(lines, unit_phases(199) / lines[:, None], N * 2), (4, 1))
-    rng = np.random.default_rng(1)
-    record = Record(
-        "r", Configuration("c", np.zeros(1)), 0, 0, RATE, 2 * N, ("motor 1",), ("motor 1",), ("acceleration",),
-        u + 1e-3 * rng.normal(size=u.shape), u + 1e-3 * rng.normal(size=u.shape),
-    )  # fmt: skip
-    np.testing.assert_array_equal(analysed_lines([RecordSpectra(record)], AUTO, None), lines)
 
 
 def test_inputs_of_noise_have_no_excited_line() -> None:

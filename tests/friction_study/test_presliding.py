@@ -9,9 +9,7 @@ import pytest
 from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
-from elastid.friction.dynamic import Bristle
-from elastid.friction.static import Curve
-from elastid.friction_study.presliding import Elements, fit_presliding, operators
+from elastid.friction_study.presliding import Elements, fit_presliding
 from elastid.record import FrictionRecord
 
 RATE, COUNT = 200.0, 2 * np.pi / 2**16
@@ -80,32 +78,6 @@ def test_the_robot_file_has_the_same_shares_and_stiffness() -> None:
     np.testing.assert_allclose(levels, TRUTH.threshold)
 
 
-def test_operators_are_those_of_a_loop() -> None:
-    """Clipped sums of the steps, one element and sample at a time."""
-    q = growing(4.0)
-    states = operators(q, np.array([1e-3, 5e-3]))
-    for j, D in enumerate((1e-3, 5e-3)):
-        s = 0.0
-        for k in range(1, len(q)):
-            s = min(max(s + q[k] - q[k - 1], -D), D)
-            assert states[k, j] == pytest.approx(s, abs=1e-12)
-
-
 def test_loops_of_a_few_counts_are_refused() -> None:
     with refused("friction/presliding", place="loops of joint 1"):
         fit_presliding(replace(log(0), resolution=5e-3), None)
-
-
-@pytest.mark.slow
-def test_a_dahl_bristle_is_no_single_element() -> None:
-    """It bends exponentially: of it, one stop operator leaves several percent and few elements less."""
-    import casadi as ca
-
-    z, v = ca.SX.sym("z"), ca.SX.sym("v")
-    law, curve = Bristle(800.0), Curve(1.6, 1.6, 0.0)
-    after = law.advanced(v, z, curve, 1 / RATE)
-    walk = ca.Function("f", [z, v], [after, law.torque(v, after, curve)]).mapaccum("walk", len(growing()))
-    q = growing()
-    _, torque = walk(0.0, np.append(0.0, np.diff(q))[None] * RATE)
-    found = fit_presliding(loops(q, torque.full()[0]), 0.5)
-    assert len(found.stiffness) > 1

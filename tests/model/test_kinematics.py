@@ -11,8 +11,7 @@ from plants.linkages import linkage
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
-from elastid.model.closed_posture import followed
-from elastid.model.formulation import formulate, serial
+from elastid.model.formulation import formulate
 from elastid.model.kinematics import frame_poses, skeleton, stick_figure
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
@@ -29,39 +28,6 @@ from elastid.robot import (
     Rod,
     Spring,
 )
-
-MOTOR = Motor(1e-3)
-OBLIQUE = Robot(
-    "oblique",
-    (
-        Body("fixed", placement=Placement((0, 0, 0.2), (0.1, 0.2, 0.3)), mass=2.0),
-        Body("a", "fixed", Placement((0.1, 0.2, 0.3), (0.3, 0, 0)), (Joint("1", (1, 2, 3), motor=MOTOR),), 3.0,
-             (0.1, 0.2, 0.3), 1.0),
-        Body("b", "a", Placement((0, 0.5, 0)), (Joint("2", "x"), Joint("3", "y", motor=MOTOR)), 2.0,
-             (0.2, 0, 0.1), 1.0),
-        Body("c", "a", Placement((0.3, 0, 0)), (Joint("4", "z", motor=MOTOR),), 2.0, (0.2, 0.1, 0.1), 1.0),
-    ),
-)  # fmt: skip
-
-
-def test_heights_of_the_centres_of_mass_are_the_potential_of_the_model() -> None:
-    """V = m g h, an independent way through the dynamics in CasADi, on oblique axes and a branching tree."""
-    model = serial(OBLIQUE)
-    rng = np.random.default_rng(1)
-    masses = [body.mass for body in OBLIQUE.bodies]
-
-    def potential(angles: np.ndarray) -> float:
-        found = skeleton(OBLIQUE, angles[None])
-        heights = [found.points[0, found.names.index(f"center of mass of {b.name}"), 2] for b in OBLIQUE.bodies]
-        return 9.81 * float(np.dot(masses, heights))
-
-    for angles in rng.uniform(-2, 2, (3, 3)):
-        gradient = model.potential_gradient(followed(OBLIQUE, angles[None])[0], model.theta).full()[:, 0]
-        for i, joint in enumerate(OBLIQUE.driven):
-            step = 1e-5 * np.eye(3)[i]
-            slope = (potential(angles + step) - potential(angles - step)) / 2e-5
-            assert slope == pytest.approx(gradient[model.index(f"joint {joint.name}")], abs=1e-6)
-
 
 GANTRY = Robot(
     "gantry",

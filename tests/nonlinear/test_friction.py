@@ -97,14 +97,6 @@ def test_a_stop_operator_of_a_sinusoid_has_its_first_harmonic() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["stop", "bristle"])
-def test_a_bristle_that_hardly_bends_is_the_sign(kind: str) -> None:
-    """Its first harmonics, where the motion is a thousand times larger; it is late by its reversals."""
-    record = swinging(3, 0.2)
-    bristle = amplitudes_of(record, Shape("motor 1", kind, 2e-4), [3, 9, 15])  # type: ignore[arg-type]
-    np.testing.assert_allclose(bristle, amplitudes_of(record, SIGN, [3, 9, 15]), atol=0.06)
-
-
 def test_a_reversal_goes_from_one_direction_to_the_other() -> None:
     """Over twice the threshold of a stop operator."""
     curve = Shape("motor 1", "stop", 0.1).reversal(np.array([0.0, 0.1, 0.2, 0.5]))

@@ -67,6 +67,7 @@ def test_a_contradiction_is_reported_once_at_its_key(study: Path, overrides: lis
     ("override", "code"),
     [
         (DESIGN % "given: {e: [0]}", "design/candidates"),
+        (DESIGN % "grid: [3]", "design/candidates"),
         ("design={robot_time: 1 s}", "design/limits"),
         ("robot.chain={differentiator: 1 ms}", "experiment/simulated"),
         ("model={formulation: minimal, independent: [joint 9]}", "model/variant"),

@@ -353,14 +353,6 @@ class Reading:
     order: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """V after one step (n_x,)."""
-
-    cost: float
-    step: FloatArray
-
-
 AS_READ = Reading("as read", "", lambda _, values: values)
 
 
@@ -418,12 +410,14 @@ def squares(evaluated: Sequence[Evaluated]) -> list[float]:
     return [float(e.residual @ e.residual) for e in evaluated]
 
 
-def predict(reading: Reading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray) -> Prediction:
-    """V after one Gauss-Newton step of the free parameters (n_x,); prior (n_x,): 1 / s of theirs."""
+def predict(
+    reading: Reading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
+) -> tuple[float, FloatArray]:
+    """V after one Gauss-Newton step (n_x,) of the free parameters, and that; prior (n_x,): 1 / s of theirs."""
     V, b, A = _normal_equations(reading, evaluated, prior, free)
     near = V / max(sum(e.part.n_residuals for e in evaluated), 1) / STEP_STD**2
     step = np.asarray(-np.linalg.solve(A + max(near, 1e-300) * np.eye(len(b)), b), dtype=float)
-    return Prediction(V + float(step @ (2 * b + A @ step)), step)
+    return V + float(step @ (2 * b + A @ step)), step
 
 
 def _normal_equations(

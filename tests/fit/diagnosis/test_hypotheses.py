@@ -55,12 +55,6 @@ def test_an_invented_hypothesis_is_found_first_where_it_is_true() -> None:
     assert sentence.endswith("check the wiring of 2")
 
 
-def test_a_true_robot_has_no_crosstalk() -> None:
-    """Converged, without any modification index."""
-    result = fitted(true_case())
-    assert (result.status, result.indices) == ("converged", ())
-
-
 def test_an_implausible_family_does_not_come_first() -> None:
     """The same data with crosstalk held for as good as impossible: another cause leads, though it explains less."""
     doubted = replace(CROSSTALK, plausibility=1e-200)

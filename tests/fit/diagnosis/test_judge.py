@@ -9,7 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from plants.faults import FAULTS, SPEC, drawn, true_case
+from plants.faults import FAULTS, FURTHER, SPEC, drawn, faulty, true_case
+from plants.marks import slow
 
 from elastid.fit.diagnosis.hypothesis import LIMITS
 from elastid.fit.diagnosis.judge import single_occam
@@ -20,31 +21,27 @@ from elastid.robot import Tolerances
 
 
 @cache
-def fitted(fault: str, seed: int = 0) -> Result:
-    case = FAULTS[fault](true_case())
-    return identify(drawn(case, np.random.default_rng(seed)), case.robot, SPEC)
+def fitted(fault: str) -> Result:
+    case = faulty(fault)
+    return identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
 
 
 @pytest.mark.parametrize(
-    ("fault", "name", "step"),
-    [
-        ("delay left out", "delay", 0.3e-3),
-        ("link mass +5 %", "m_fore", -math.log(1.05)),
-        ("link length", "p_fore_z", -0.03),
-        ("inertia +20 %", "I_fore_*", -math.log(1.2)),
-        ("gear ratio 1 % wrong", "ratio_*", -0.01),
-        ("one sample late", "delay_y_motor_2", 1e-3),
-        ("low pass on all encoders", "low_pass", 1 / (400 * math.pi)),
-    ],
+    "fault",
+    [slow(name) if name in FURTHER else name for name in FAULTS if name not in ("rate 2 % wrong", "missing torsion")],
 )
-def test_a_wrong_number_is_the_first_that_is_named(fault: str, name: str, step: float) -> None:
-    """It explains more than 95 % of the excess, its step is the true one to 5 %, and a warning is about it."""
-    result = fitted(fault)
+def test_a_fault_is_named_first_with_its_size(fault: str) -> None:
+    """It explains most of the excess, its steps are the true ones, and a warning is about it."""
+    result, named = fitted(fault), FAULTS[fault]
     first = result.indices[0]
-    assert (first.name, first.place) == (name, 1)
-    assert first.share > 0.95
-    assert first.steps[0] == pytest.approx(step, rel=0.05)
+    # Within tolerances of the file a reading may be as likely as another.
+    assert named.cause in (first.name, *(first.alike if named.has_tolerances else ()))
+    assert first.place == 1
+    assert first.share > named.share
+    if named.steps:
+        np.testing.assert_allclose(first.steps, np.broadcast_to(named.steps, len(first.steps)), atol=named.within)
     assert "fit/likely-cause" in {note.code for note in result.notes}
+    assert "fit/unlike-responses" not in {note.code for note in result.notes}
 
 
 def test_the_drop_is_that_of_least_squares_with_the_number_free() -> None:
@@ -133,6 +130,7 @@ def test_an_unusual_size_and_more_freedom_lower_the_odds() -> None:
     )
 
 
+@pytest.mark.slow
 def test_causes_are_listed_by_their_odds_against_the_first() -> None:
     """The first has none against itself; those that are nearly as likely are named with it."""
     result = fitted("rate 2 % wrong")
@@ -143,6 +141,7 @@ def test_causes_are_listed_by_their_odds_against_the_first() -> None:
     assert near <= set(result.indices[0].alike)
 
 
+@pytest.mark.slow
 def test_a_mass_beyond_its_tolerance_is_named_though_the_fit_converged() -> None:
     """The fore arm is 30 % lighter than its file: data move it there, and the sentence says so."""
     case = true_case()

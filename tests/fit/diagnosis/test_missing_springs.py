@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.elastic_arm import CONFIGURATIONS, FREQ, arm
-from plants.faults import FAULTS, SPEC, Case, drawn, true_case
+from plants.faults import SPEC, Case, drawn, faulty, true_case
 
 from elastid.fit.diagnosis.missing_springs import released
 from elastid.fit.identify import fit_parameters
@@ -28,7 +28,7 @@ def fitted(case: Case, noise: float, floor: float = 0.0) -> Result:
 @pytest.mark.parametrize(("noise", "floor"), [(0.02, 0.045), (0.05, 0.0), (0.05, 0.045)])
 def test_a_missing_torsion_is_named_where_v_does_not_show_it(noise: float, floor: float) -> None:
     """V is 1.13 to 1.36 of its expectation, a stiffness ten of its deviations off; the spring is right to 5 %."""
-    case = FAULTS["missing torsion"](true_case())
+    case = faulty("missing torsion")
     result = fitted(case, noise, floor)
     true, std = case.stiffness, result.std
     assert (
@@ -43,7 +43,7 @@ def test_a_missing_torsion_is_named_where_v_does_not_show_it(noise: float, floor
 
 def test_its_effects_on_stiffnesses_are_what_the_fit_with_the_spring_finds() -> None:
     """To a deviation, of ten that one is off, although the spring has the damping of the others, 1.4 times its own."""
-    case = FAULTS["missing torsion"](true_case())
+    case = faulty("missing torsion")
     without, rightly = fitted(case, 0.005), fitted(true_case(), 0.005)
     found = without.x + without.indices[0].effects
     std = np.sqrt(np.diag(rightly.covariance))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.faults import SPEC, drawn, exact, true_case
+from plants.faults import SPEC, drawn, true_case
 from plants.measured_robots import responses_of
 
 from elastid.fit.identify import identify
@@ -18,53 +18,6 @@ from elastid.fit.spec import WeightSpec
 from elastid.response import Covariance, Response
 from elastid.robot import Payload, Robot, Tolerances
 from elastid.study import load
-
-
-@pytest.mark.slow
-def test_a_robot_on_the_ceiling_is_named() -> None:
-    """Gravity along +z in the truth; the first cause and the first sentence agree."""
-    case = true_case()
-    hanging = replace(case.truth, gravity=(0.0, 0.0, 9.81))
-    result = identify(drawn(replace(case, responses=exact(hanging)), np.random.default_rng(0)), case.robot, SPEC)
-    first = result.indices[0]
-    assert first.name == "gravity along +z of the base"
-    assert first.share > 0.9
-    sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
-    assert sentence.startswith("gravity along +z of the base instead of the file's")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("stated", "name"),
-    [
-        (np.degrees, "angles of all configurations in degrees, read as radians"),
-        (lambda q: q * (1, -1), "angle of axis 2 counted in the other direction in all configurations"),
-        (lambda q: q[::-1], "angles of axes 1 and 2 exchanged in all configurations"),
-    ],
-)
-def test_angles_in_another_unit_direction_or_order_are_named(
-    stated: Callable[[np.ndarray], Iterable[float]], name: str
-) -> None:
-    """Of all configurations; the first cause explains 99 % of the excess."""
-    case = true_case()
-    data = [
-        replace(G, configuration=replace(G.configuration, angles=tuple(stated(np.array(G.configuration.angles)))))
-        for G in drawn(case, np.random.default_rng(0))
-    ]
-    first = identify(data, case.robot, SPEC).indices[0]
-    assert first.name == name
-    assert first.share > 0.99
-
-
-@pytest.mark.slow
-def test_inertias_of_motors_on_the_link_side_are_named() -> None:
-    """The file has n^2 times the inertias of the motors, as referred through their gears."""
-    case = true_case()
-    numbers = case.robot.parameters()
-    given = {f"Jm_{j.name}": numbers[f"Jm_{j.name}"][0] * case.robot.ratio(j.name) ** 2 for j in case.robot.driven}
-    first = identify(drawn(case, np.random.default_rng(0)), case.robot.with_parameters(given), SPEC).indices[0]
-    assert first.name == "inertias of all motors given on the link side, or in kg cm^2"
-    assert first.share > 0.99
 
 
 def first_of_demo(change: Callable[[Robot], Robot], seed: int) -> tuple[ModificationIndex, Robot]:
@@ -121,29 +74,3 @@ def test_an_inertia_of_a_motor_that_is_far_off_is_not_believed(names: tuple[str,
     alone = [replace(G, noise=G.total, total=None) for G in data]
     result, of_one = (identify(responses, wrong, SPEC) for responses in (data, alone))
     assert result.status == of_one.status == "model_error"
-
-
-@pytest.mark.slow
-def test_angles_of_an_axis_that_are_off_in_every_posture_are_named_together() -> None:
-    """By -2.5, 3 and -2 deg, more than one axis' zero: all three to 0.6 deg, and no two robots."""
-    case, off = true_case(), np.radians([-2.5, 3.0, -2.0])
-    data = [
-        replace(G, configuration=replace(G.configuration, angles=tuple(np.array(G.configuration.angles) - (0.0, by))))
-        for G, by in zip(drawn(case, np.random.default_rng(0)), off, strict=True)
-    ]
-    result = identify(data, case.robot, SPEC)
-    first = result.indices[0]
-    assert first.name == "angles_2"
-    assert first.steps == pytest.approx(off, abs=np.radians(0.6))
-    assert not any(note.code == "fit/unlike-responses" for note in result.notes)
-
-
-@pytest.mark.slow
-def test_torques_that_read_more_in_one_posture_are_named() -> None:
-    """4 % in c2, to 0.5 %."""
-    case = true_case()
-    data = drawn(case, np.random.default_rng(0))
-    data[1] = replace(data[1], G=data[1].G / 1.04)
-    first = identify(data, case.robot, SPEC).indices[0]
-    assert first.name == "torques@c2"
-    assert first.steps[0] == pytest.approx(np.log(1.04), abs=0.005)

@@ -9,44 +9,15 @@ import pytest
 from plants.noise_record import noise_record, truth
 from plants.random_plants import N, record_of
 
-from elastid.base.arrays import FloatArray
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.local.fitted_response import Experiments, fitted_response, with_model_error
 from elastid.frf.local.least_squares import WindowTerms, fit_ladder, windows
-from elastid.frf.spec import EstimatorSpec, Method
+from elastid.frf.spec import EstimatorSpec
 from elastid.response import Quality
 
 SPEC = EstimatorSpec(quantity="velocity", band_hz=(5.0, 95.0))
 NOISE = 0.3
-
-
-def log_odds(coherence: FloatArray) -> FloatArray:
-    """ln of explained over unexplained power: the signal-to-noise ratio, whose scatter is that of two powers."""
-    return np.asarray(np.log(coherence / (1 - coherence)))
-
-
-@pytest.mark.parametrize(("method", "n_w"), [("local_polynomial", 12), ("local_rational", 17)])
-@pytest.mark.slow
-def test_coherence_of_white_noise_is_the_clean_power_over_the_power(method: Method, n_w: int) -> None:
-    r"""A resonance of 32 dB with noise on its output: gamma^2 = |G|^2 / (|G|^2 + s^2) within its own scatter.
-
-    Variance of the log odds: 1 / dof of the residual, 1 / n_w of the input's power, and that of |G|^2.
-    """
-    response = estimate([noise_record(16384, 1, n=1, noise=NOISE)], replace(SPEC, method=method))
-    quality, total = response.quality, response.total
-    assert quality is not None
-    assert total is not None
-    clean = np.abs(truth(response.freq_hz, 1)[:, 0, 0]) ** 2
-    gamma2 = clean / (clean + NOISE**2)
-    np.testing.assert_allclose(quality.coherence[:, :, 0], quality.multiple_coherence, rtol=1e-9, atol=1e-9)
-    assert quality.multiple_coherence[:, 0].mean() == pytest.approx(gamma2.mean(), abs=0.02)
-    clear = clean > 0.5
-    error = log_odds(quality.multiple_coherence[clear, 0]) - log_odds(gamma2[clear])
-    variance = 1 / total.dof + 1 / n_w + 2 * np.median(total.variance[clear, 0, 0] / clean[clear])
-    assert np.median(error) == pytest.approx(0, abs=0.1)
-    assert np.std(error) == pytest.approx(np.sqrt(variance), rel=0.25)
-    np.testing.assert_allclose(quality.singular_values[:, 0], np.abs(response.G[:, 0, 0]))
 
 
 def test_coherences_of_two_inputs_are_their_shares() -> None:

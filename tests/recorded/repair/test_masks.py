@@ -168,16 +168,6 @@ def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     assert find_steps(np.stack([CLEAN[:, 0], fine], axis=1), N, 1, LOG) == ()
 
 
-@pytest.mark.parametrize("decimals", [1, 2, 3])
-@pytest.mark.parametrize("cycles", [1, 5])
-def test_a_rounded_sine_that_dwells_at_its_maximum_is_not_clipped(decimals: int, cycles: int) -> None:
-    """Four periods of a slow sine, rounded; cut at 90 % of its amplitude it is clipped."""
-    t = np.arange(4000)
-    x = 3.7 * np.sin(2 * np.pi * cycles * t / 1000 + 0.3)
-    log = Log("log", ("x",))
-    assert find_clipping(np.round(x, decimals)[:, None], 1000, log) == ()
-
-
 def test_levels_that_a_torque_was_given_are_no_steps() -> None:
     """A binary sequence, a ternary one and the blows of a hammer; a coarse encoder is one still."""
     rng = np.random.default_rng(0)
