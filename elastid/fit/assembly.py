@@ -59,9 +59,6 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
 # Variance by noise and distortion over that by noise alone, from which on a response holds distortion.
 DISTORTED = 4.0
-# The effect of the motion is worked out on a share of its lines at the first optimum, which it moves, and on all of
-# them at the next.
-AT_REST_SHARES = (1 / 3, 1.0)
 # Of the way back from where the robot does not stand to the start.
 HALVINGS = 8
 
@@ -166,18 +163,15 @@ class Assembly:
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
-    def at_rest(self, x: FloatArray, share: float = 1.0) -> Assembly:
-        """Assembly without what the motion of the measurements adds to their responses at x (n_x,).
-
-        share: of the lines on which that is worked out.
-        """
+    def at_rest(self, x: FloatArray) -> Assembly:
+        """Assembly without what the motion of the measurements adds to their responses at x (n_x,)."""
         if all(response.motion is None for response in self.responses):
             return self
         responses = []
         for response in self.responses:
             theta = self.parameters.expand(x, response.configuration.name)
             linear = linear_model(self.linearisation, response, theta)
-            effect = effect_of_motion(self.linearisation.model, linear, theta, response, share)
+            effect = effect_of_motion(self.linearisation.model, linear, theta, response)
             responses.append(response if effect is None else replace(response, G=response.G - effect))
         is_same = all(map(operator.is_, responses, self.responses))
         return self if is_same else replace(self, responses=tuple(responses))
@@ -314,8 +308,8 @@ def relinearise(
     is_held = any(response.hold is not None for response in assembly.responses)
     for i in range(rounds):
         try:
-            if i < len(AT_REST_SHARES):
-                rested = assembly.at_rest(end.x, AT_REST_SHARES[i])
+            if i < 2:  # the effect of the motion moves the first optimum
+                rested = assembly.at_rest(end.x)
             current = rested.reweighted(end.x)
             if len(c):
                 models = rested.models(end.x)
