@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError
 from elastid.base.execution import HERE, Execution
-from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, elastic_fit, linear_model, part_of
+from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, linear_model, part_of
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     Evaluation,
@@ -40,7 +40,7 @@ from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.linear.equilibrium import equilibrium, spring_notes
-from elastid.linear.linear_model import LinearModel, is_load
+from elastid.linear.linear_model import is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion
 from elastid.model.formulation import EXACT
@@ -127,20 +127,8 @@ class Assembly:
         """The fit with every configuration linearised at x."""
         part = partial(_part, self.linearisation, self.parameters, x, criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
-        return self._of(ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home))))
-
-    def models(self, x: FloatArray) -> list[LinearModel]:
-        """Every configuration linearised at x."""
-        thetas = (self.parameters.expand(x, G.configuration.name) for G in self.responses)
-        return [linear_model(self.linearisation, *pair) for pair in zip(self.responses, thetas, strict=True)]
-
-    def of_models(self, models: Sequence[LinearModel], criterion: ResidualKind) -> ElasticFit:
-        """The fit with the linear model of each configuration."""
-        return self._of(elastic_fit(self.responses, models, self.weights, self.parameters, criterion))
-
-    def _of(self, fit: ElasticFit) -> ElasticFit:
         inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
-        return replace(fit, inertias=inertias, loads=self.loads, home=self.home)
+        return ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home)), inertias, self.loads, self.home)
 
     @cached_property
     def is_local(self) -> bool:
@@ -312,10 +300,9 @@ def relinearise(
                 rested = assembly.at_rest(end.x)
             current = rested.reweighted(end.x)
             if len(c):
-                models = rested.models(end.x)
-                current = current.with_modelled_bias(current.of_models(models, criterion), end.x)
-                c = next_factors(current.unbiased(c).of_models(models, criterion), current.responses, end.x, c)
-            fit = current.unbiased(c).of_models(models, criterion) if len(c) else current.at(end.x, criterion)
+                current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
+                c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
+            fit = current.unbiased(c).at(end.x, criterion)
             # A logarithm counts other elements at each x, and images of held torques are others.
             if first is not None and current is known and criterion == "complex" and not is_held:
                 fit = fit.with_residuals_of(first)
@@ -333,7 +320,7 @@ def relinearise(
             break
     if not is_settled or is_far_from_noise(end.cost, fit.problem.dof):
         try:
-            assembly.models(end.x)
+            assembly.at(end.x, criterion)
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
     text = (
