@@ -137,15 +137,6 @@ class Estimated:
         return np.flatnonzero(np.any(self.slopes, axis=1))
 
 
-def known_axes(covariance: FloatArray) -> FloatArray:
-    """The principal axes (n_d, n_x) of x.
-
-    A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
-    """
-    unreached = np.isinf(np.diag(covariance))
-    return principal_axes(np.where(unreached[:, None] | unreached, 0.0, covariance) + 1e4 * np.diag(unreached))
-
-
 def _deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     """Standard deviations of y (n,) with slopes dy/dx (n, n_x)."""
     unreached = np.isinf(np.diag(covariance))
@@ -312,8 +303,14 @@ class FittedModel:
         return np.asarray(np.hypot(*parts).reshape(J.shape[1:]))
 
     def response_shifts(self, freq_hz: FloatArray) -> ComplexArray:
-        """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions."""
-        return np.asarray(np.tensordot(known_axes(self.estimated.covariance), self._response_slopes(freq_hz), axes=1))
+        """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions.
+
+        A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
+        """
+        C = self.estimated.covariance
+        unreached = np.isinf(np.diag(C))
+        axes = principal_axes(np.where(unreached[:, None] | unreached, 0.0, C) + 1e4 * np.diag(unreached))
+        return np.asarray(np.tensordot(axes, self._response_slopes(freq_hz), axes=1))
 
     def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
         """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""

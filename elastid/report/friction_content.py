@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from elastid.base.display import digits, number, percent, value_cells
+from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import NoteGroup, grouped
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.extended_kalman_filter import FollowedFriction
@@ -213,5 +213,7 @@ NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", 
 
 def number_cells(identified: FrictionNumber) -> tuple[str, ...]:
     """One identified number as texts under NUMBER_HEADINGS."""
-    cells = value_cells(identified.value, identified.std, (identified.low, identified.high))
+    places = digits(identified.value, identified.std)
+    ends = " … ".join(interval_of((identified.low, identified.high), places))
+    cells = number(identified.value, places), number(identified.std, 2), ends
     return identified.name, identified.symbol, *cells, identified.unit, identified.learnt_from

@@ -14,7 +14,7 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import comment_lines, printable
 from elastid.base.names import SEPARATOR, at_level, is_match, matching
 from elastid.base.units import Quantity, to_si
-from elastid.fit.parameter_choice import choose, named_on_demand, nearest_parameter
+from elastid.fit.parameter_choice import choose, named_on_demand
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
 from elastid.robot import Robot, Tolerances
@@ -68,7 +68,7 @@ def _convert_parameter(
         return _convert(value, names, (*path, *keys), table, problems)
 
     if not names:
-        known = nearest_parameter(pattern, table, every)
+        known = did_you_mean(pattern, table, every)
         problems.append(Problem(path, f"no parameter of the robot is called '{pattern}'; {known}", at_key=True))
         return spec
     start = None if spec.start is None else number(spec.start, "start")

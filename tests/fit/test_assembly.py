@@ -88,5 +88,5 @@ def test_a_search_that_ends_where_the_robot_tips_over_comes_back_to_where_it_sta
     end = relinearise(assembly, LocalOptimum(soft, soft, 0.0, 0, True, "soft"), "complex").end
     assert not end.converged
     assert "the robot cannot stand: configuration c1: joint 1 tips over" in end.message
-    assembly.models(end.x)  # StudyError where the robot does not stand
+    assembly.at(end.x, "complex")  # StudyError where the robot does not stand
     np.testing.assert_allclose(end.x, (soft + start) / 2)

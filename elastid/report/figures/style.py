@@ -18,7 +18,6 @@ from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator, StrMethodF
 from numpy.typing import ArrayLike
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.escape import figure_label, figure_text
 from elastid.base.statistics import QUANTILE_95
 
 # Okabe and Ito (2008), by role.
@@ -65,8 +64,14 @@ class ShownFigure(Figure):
         return buffer.getvalue()
 
 
-# Text with its dollar signs as they are, not as the start of a formula; and as a label that a legend shows.
-plain, plain_label = figure_text, figure_label
+def plain(text: str) -> str:
+    """A text with its dollar signs as they are, not as the start of a formula."""
+    return text.replace("$", r"\$")
+
+
+def plain_label(text: str) -> str:
+    """A label in a legend, which leaves out those that begin with an underscore."""
+    return f" {plain(text)}" if text.startswith("_") else plain(text)
 
 
 def pretty_unit(unit: str) -> str:
