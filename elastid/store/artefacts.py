@@ -93,17 +93,11 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
             yield file
     except (ElastidError, MemoryError):
         raise
-    except OSError as error:
-        raise DataError(
-            "files/damaged",
-            f"not a readable HDF5 file ({_first_line(error)}); name one that elastid has written; if it "
-            "was one, it is damaged: delete it and run again",
-            path,
-        ) from None
     except Exception as error:  # what a damaged file makes h5py and NumPy raise
-        raise DataError(
-            "files/damaged", f"damaged, or of an older layout ({_first_line(error)}); delete it and run again", path
-        ) from error
+        text = (
+            f"no HDF5 file of elastid, damaged, or of an older layout ({_first_line(error)}); delete it and run again"
+        )
+        raise DataError("files/damaged", text, path) from error
 
 
 def _require_kind(path: Path, file: Any, kind: str) -> None:
