@@ -75,11 +75,6 @@ class CommandedRobot:
             rows = tuple(partition(model, model.constraint_jacobian(point.q, model.theta).full()).rows.tolist())
         return cls(robot, model, frame, rows, spec)
 
-    @property
-    def is_posed(self) -> bool:
-        """True if the orientation of the frame is followed, too: with more than three motors."""
-        return self.model.n_u > 3
-
     @cached_property
     def balance(self) -> ca.Function:
         """(q, v, a, lambda) -> r (n_q,), the forces that a motion takes; phi, its slope."""
@@ -118,7 +113,7 @@ class CommandedRobot:
         names = [frame.name for frame in self.robot.frames]
         seat = layout.named[names.index(self.frame)]
         error = position(layout, turned, seat, (0.0, 0.0, 0.0)) - p
-        if self.is_posed:
+        if self.model.n_u > 3:  # the orientation is followed, too
             axes = ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
             error = ca.vertcat(error, LEVER / 2 * sum(ca.cross(R[:, i], axes[:, i]) for i in range(3)))
         results = [ca.densify(part) for part in (error, ca.jacobian(error, q))]
