@@ -26,6 +26,7 @@ from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
+from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit import posture
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
@@ -41,6 +42,7 @@ from elastid.store.friction_study import read_friction_records, read_friction_re
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, write_loops, write_map, write_map_table, write_tune
 from elastid.store.values import json_value
+from elastid.study import Study
 from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
 from elastid.targets.fmu import write_move_fmu
@@ -184,7 +186,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
 
     rate_hz, delay: None for those of the study.
     """
-    study_hz = _own_rate(run)
+    study_hz, today = _todays(run.study)
     hz = rate_hz or study_hz
     if hz is None:
         raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
@@ -194,7 +196,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         simulated = run.study.experiment.simulated
         rig_delay = 0 if simulated is None else simulated.controller.delay_samples
-        known = _today(run, study_hz or hz)
+        known = None if today is None else Today(study_hz or hz, today)
         asked_delay = rig_delay if delay is None else delay
         loops = design_loops(run.study.name, result, family, asked_delay, draws, run.study.seed, known)
         files = {
@@ -207,21 +209,15 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
     use_fit(run, "loops", work)
 
 
-def _own_rate(run: Run) -> float | None:
-    """Rate of today's controller in Hz; None where the study does not state it."""
-    study, recorded = run.study, run.study.experiment.recorded
-    if study.experiment.simulated is not None and study.excitation is not None:
-        return study.excitation.rate_hz
-    return None if recorded is None or recorded.rate_hz == "unknown" else recorded.known_rate_hz
-
-
-def _today(run: Run, rate_hz: float) -> Today | None:
-    """Controller that the study states; None where it states none."""
-    experiment = run.study.experiment
-    if experiment.simulated is not None:
-        return Today(rate_hz, experiment.simulated.controller)
-    spec = None if experiment.recorded is None else experiment.recorded.controller
-    return None if spec is None else Today(rate_hz, spec.spec)
+def _todays(study: Study) -> tuple[float | None, ControllerSpec | None]:
+    """Rate in Hz of the controller, and the controller; None where the study does not state it."""
+    simulated, recorded = study.experiment.simulated, study.experiment.recorded
+    if simulated is not None:
+        return (None if study.excitation is None else study.excitation.rate_hz), simulated.controller
+    if recorded is None:
+        return None, None
+    rate_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
+    return rate_hz, None if recorded.controller is None else recorded.controller.spec
 
 
 def loops_section(loops: Loops) -> str:
