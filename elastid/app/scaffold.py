@@ -57,7 +57,10 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
     if not robot.driven:
         raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
     postures = _postures(robot.driven)
-    inertia = _inertia_at_joints(_without_drives(robot), postures)
+    links = _without_drives(robot)
+    model, theta = formulate(links), [value for value, _ in links.parameters().values()]
+    # Inertia that each motor accelerates, others held, mean over postures: kg m^2, kg of one that slides.
+    inertia = np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
     of_driven = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
     bodies = tuple(
         replace(body, joints=tuple(_with_drive(joint, of_driven.get(joint.name, 0.0)) for joint in body.joints))
@@ -118,12 +121,6 @@ def _postures(joints: Sequence[Joint]) -> FloatArray:
     low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
     half = np.minimum(0.3 * (high - low), reach)
     return np.asarray(np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES, len(joints))), 2))
-
-
-def _inertia_at_joints(robot: Robot, postures: FloatArray) -> FloatArray:
-    """Inertia that each motor accelerates, others held (n_u,), mean over postures: kg m^2, kg of one that slides."""
-    model, theta = formulate(robot), [value for value, _ in robot.parameters().values()]
-    return np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
 
 
 def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:

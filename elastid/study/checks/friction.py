@@ -100,16 +100,11 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
             ("friction", "law", "temperature"),
             "no log has a temperature; add a channel of role t, or give files[].temperature",
         )
-    yield from _check_left_out(study, recorded)
-
-
-def _check_left_out(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    left_out = study.validation.left_out
-    motions = [name for name, file in zip(recorded.log_names, recorded.files, strict=True) if file.purpose == "motion"]
+    pairs = zip(recorded.log_names, recorded.files, strict=True)
+    motions, left_out = [name for name, file in pairs if file.purpose == "motion"], study.validation.left_out
     yield from check_names(("validation", "left_out"), "log of a motion", left_out, motions)
     if set(left_out) >= set(recorded.log_names):
-        message = "every log is left out; leave at least one to identify from"
-        yield Problem(("validation", "left_out"), message)
+        yield Problem(("validation", "left_out"), "every log is left out; leave at least one to identify from")
 
 
 def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
