@@ -81,7 +81,7 @@ class CommandedRobot:
         m, n = self.model, self.model.n_q
         q, v, a = (ca.SX.sym(name, n) for name in "qva")
         lambda_, rows = ca.SX.sym("lambda", len(self.rows)), list(self.rows)
-        force = m.mass(q, m.theta) @ a + m.force(q, v, m.theta) + self._friction(v)
+        force = m.mass(q, m.theta) @ a + m.force(q, v, m.theta) + self.friction(v)
         phi = m.constraint(q, m.theta)[rows]
         Phi = ca.jacobian(phi, q)
         if rows:
@@ -89,7 +89,7 @@ class CommandedRobot:
         results = [ca.densify(part) for part in (force, phi, Phi)]
         return ca.Function("balance", [q, v, a, lambda_], results, {"cse": True})
 
-    def _friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
+    def friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
         """P tau_f (n_q,) of steady sliding, of all laws or those of motors alone."""
         laws = [law for law in frictions(self.robot) if law.place in self.model.inputs or not of_motors]
         total = ca.SX(self.model.n_q, 1)
@@ -97,12 +97,6 @@ class CommandedRobot:
             slip, curve = ca.dot(ca.DM(column), v), law.symbols(law.curve().tolist())
             total += ca.DM(column) * (curve.level(slip) * ca.tanh(slip / SLIDING) + curve.growing(slip))
         return total
-
-    def planned_friction(self, v: FloatArray) -> FloatArray:
-        """Friction (N, n_u) of the motors at v (N, n_q) as it is planned with, turning around gradually."""
-        symbols = ca.SX.sym("v", self.model.n_q)
-        force = ca.Function("friction", [symbols], [ca.densify(self._friction(symbols, of_motors=True))])
-        return np.asarray((np.linalg.pinv(self.model.B) @ force.map(len(v))(v.T).full()).T)
 
     @cached_property
     def tool(self) -> ca.Function:
@@ -419,8 +413,11 @@ def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s
     m = commanded.model
     q, v, a, jerk = (held(planned.q, time_s, order) @ m.B for order in range(4))
     state = [held(planned.q, time_s + 0.5 / rate_hz, order) for order in range(3)]
-    torque = commanded.torque(*state) - commanded.planned_friction(state[1])
-    torque += friction_along(commanded.robot, m, state[1] @ m.B, rate_hz)
+    torque = commanded.torque(*state) + friction_along(commanded.robot, m, state[1] @ m.B, rate_hz)
+    # In place of the friction that it is planned with, which turns around gradually.
+    symbols = ca.SX.sym("v", m.n_q)
+    planned_with = ca.Function("friction", [symbols], [ca.densify(commanded.friction(symbols, of_motors=True))])
+    torque -= (np.linalg.pinv(m.B) @ planned_with.map(n + 1)(state[1].T).full()).T
     return References(time_s, q, v, a, jerk, torque)
 
 
