@@ -39,8 +39,8 @@ def check_fit(study: Study) -> Iterator[Problem]:
     # The start of a body's inertias is one that a body can have.
     for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
         entries = {parameters.names[place] for place in body.places}
-        keys = [key for key in study.fit.parameters if any(is_match(entry, key) for entry in entries)]
-        yield Problem((*_PARAMETERS, *keys[-1:]), body.refusal)
+        given = [key for key in study.fit.parameters if any(is_match(entry, key) for entry in entries)]
+        yield Problem((*_PARAMETERS, *given[-1:]), body.refusal)
 
 
 def _check_groups(study: Study) -> Iterator[Problem]:
