@@ -142,7 +142,9 @@ class Session:
                 reached = f"{sum(share <= 1 for share in used.values())} of {len(used)} reached, {self.worst(used)}"
                 self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {reached}")
                 if result.status not in TRUSTED:
-                    return plans, False, _contradiction(len(plans), result)
+                    step, before = len(plans), "" if len(plans) == 1 else "contradict those before them, or "
+                    words = f"the logs of x{step} {before}are not described by the model: {result.message}; put others"
+                    return plans, False, f"{words} into live/logs, or remove live/x{step}* and live/*/x{step}-*"
                 if max(used.values()) <= 1:
                     whole_s = planned_time_s(self.run)
                     time_used = f"{spent_s:.4g} s of the robot's time, {100 * spent_s / whole_s:.0f} % of the"
@@ -314,15 +316,6 @@ class Session:
         name = max(used, key=lambda joint: used[joint])
         goal = 100 * self.goal.widths[name]
         return f"{name} is known to {number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
-
-
-def _contradiction(step: int, result: Result) -> str:
-    """Refusal of a fit that cannot be trusted: of the last logs, if it could be trusted before them."""
-    before = "" if step == 1 else "contradict those before them, or "
-    return (
-        f"the logs of x{step} {before}are not described by the model: {result.message}; put others into live/logs, or "
-        f"remove live/x{step}* and live/*/x{step}-* to plan it again"
-    )
 
 
 def planned_time_s(run: Run) -> float:

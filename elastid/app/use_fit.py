@@ -21,7 +21,7 @@ from elastid.app.identified_robot import with_findings, with_identified_friction
 from elastid.app.run import Run, carry_out, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
 from elastid.app.stages.validate import Validated, in_time
-from elastid.app.summaries import prediction_summary, validation_summary
+from elastid.app.summaries import predicted, validation_summary
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
@@ -41,7 +41,7 @@ from elastid.store.files import keep_checksums, write_rows, write_text
 from elastid.store.friction_study import read_friction_records, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, write_loops, write_map, write_map_table, write_tune
-from elastid.store.values import json_value
+from elastid.store.values import SCHEMA, json_value
 from elastid.study import Study
 from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
@@ -272,7 +272,8 @@ def predict(run: Run, source: Path) -> None:
             if name in run.stages and not run.is_current(name):
                 carry_out(run, name)
         judged, content, words = (_friction if of_friction else _elasticity)(run, path)
-        write_text(run.folder / "prediction.json", json.dumps(json_value(content), indent=1, allow_nan=False) + "\n")
+        content = json_value(content | {"with": str(path)})
+        write_text(run.folder / "prediction.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
         if judged.balances:
             octaves_figure(judged.balances).savefig(run.folder / "prediction.png")
         keep_checksums(run.folder, ["prediction.json"])
@@ -313,7 +314,7 @@ def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seque
             "none of its joints can be predicted on these logs; the reasons are above",
             f"--with {path}",
         )
-    return prediction, prediction_summary(run.study.name, str(path), prediction), prediction.words
+    return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.words
 
 
 def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
@@ -333,5 +334,5 @@ def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seq
     twin = in_time(validated, records, run.console, Execution(run.jobs))
     shifts = {G.configuration.name: fitted.at(G.configuration.name).response_shifts(G.freq_hz) for G in responses}
     judged = validate(responses, fitted.responses, [*shifts], shifts=shifts)
-    content = {**validation_summary(study.name, judged, twin), "with": str(path)}
+    content = validation_summary(study.name, judged, twin)
     return twin, content, [words for words in (judged.verdict, *twin.words) if words]

@@ -28,8 +28,7 @@ _DEGREES = ("deg", "degree", "degrees")
 def limits_of(robot: Robot) -> FloatArray:
     """Lower and upper angle (n_u, 2) of the driven joints; a full turn, or 0 for those that slide, without limits."""
     whole = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
-    given = [joint.limits.angle for joint in robot.driven]
-    limits = np.array([span if limit is None else limit for limit, span in zip(given, whole, strict=True)], float)
+    limits = np.array([joint.limits.angle for joint in robot.driven], float)
     return np.where(np.isfinite(limits), limits, np.array(whole))
 
 
