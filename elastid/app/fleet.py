@@ -130,11 +130,12 @@ def _identified(study: Path, folder: Path, member: Member) -> Outcome:
     run = Run(load(study, member.overrides), folder / MEMBERS / member.name, 1, Console(-2))
     try:
         run_all(run)
+        message = ""
     except FitError as error:  # the summary says how the fit ended
-        return Outcome(member.robot, member.date, str(_summary(run.folder).get("status", "")) or "failed", str(error))
+        message = str(error)
     except (ElastidError, OSError, MemoryError) as error:
         return Outcome(member.robot, member.date, "failed", str(error))
-    return Outcome(member.robot, member.date, str(_summary(run.folder).get("status", "")), "")
+    return Outcome(member.robot, member.date, str(_summary(run.folder).get("status", "failed")), message)
 
 
 def _summary(folder: Path) -> dict[str, Any]:
