@@ -216,7 +216,11 @@ class Session:
                 f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
             )
             write_plan(path, plan, self.stamp, peaks=proposal.limit_use)
-        self.folder.write_references(plan, self._movement(plan, problem.robot))
+        references, movement = self.folder.path / "references", self._movement(plan, problem.robot)
+        references.mkdir(parents=True, exist_ok=True)
+        for run in plan.experiments:
+            if not (path := references / f"{run.name}.csv").exists():
+                write_run(path, movement, plan.inputs, plan.sliding, movement.injected(plan.torque(run)))
         return plan
 
     def _movement(self, plan: Plan, robot: Robot) -> Reference:
@@ -383,14 +387,6 @@ class LiveFolder:
         inputs = self.robot.motor_locations
         r, u, y = (np.stack([columns[role, at] for at in inputs], axis=1) for role in ("r", "u", "y"))
         return r, u, y
-
-    def write_references(self, plan: Plan, reference: Reference) -> None:
-        """A file for each run of an experiment, unless it is there."""
-        for run in plan.experiments:
-            path = self.path / "references" / f"{run.name}.csv"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if not path.exists():
-                write_run(path, reference, plan.inputs, plan.sliding, reference.injected(plan.torque(run)))
 
     def write_study(self, data: Mapping[str, Any], plans: Sequence[Plan]) -> Path:
         """study.yml and robot.yml of the logs of some plans; data: keys of the study that was asked for."""
