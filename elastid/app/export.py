@@ -106,8 +106,14 @@ def _export_fit(run: Run, target: str, folder: Path) -> Iterable[Path]:
     if any(models):
         groups = (f"{label} ({', '.join(G.configuration.name for G in m.measured)})" for label, m in models.items())
         run.console.say(f"export: a model for each of {', '.join(groups)}, which have parameters of their own")
-    writers = {ROBOT: partial(_write_robot, run, gears), COMPENSATION: partial(_write_compensation, run, gears)}
-    write = (writers | TARGETS)[target]
+    friction = read_friction(run.path("estimate"))
+    own: dict[str, Writer] = {
+        ROBOT: lambda folder, m: _written(folder, robot_of_fit(m.name, m.robot, friction, interval_lines(m), gears)),
+        COMPENSATION: lambda folder, m: write_compensation(
+            folder, with_findings(m.robot, friction, gears), m.name, interval_lines(m)
+        ),
+    }
+    write = (own | TARGETS)[target]
     if target == "mujoco" and geared is not None:
         write = partial(write_mujoco, rubbing=geared)
     if gears is not None and gears.effects and target not in (ROBOT, "fmu"):
@@ -142,16 +148,6 @@ def gears_of(run: Run) -> GearResult | None:
     run.require_result("gears")
     gears = read_gears(run.path("gears"))
     return None if gears is None or gears.refused else gears
-
-
-def _write_robot(run: Run, gears: GearResult | None, folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    friction = read_friction(run.path("estimate"))
-    return _written(folder, robot_of_fit(model.name, model.robot, friction, interval_lines(model), gears))
-
-
-def _write_compensation(run: Run, gears: GearResult | None, folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    robot = with_findings(model.robot, read_friction(run.path("estimate")), gears)
-    return write_compensation(folder, robot, model.name, interval_lines(model))
 
 
 def _export_friction(run: Run, target: str, folder: Path) -> Iterable[Path]:

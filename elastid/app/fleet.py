@@ -130,11 +130,12 @@ def _identified(study: Path, folder: Path, member: Member) -> Outcome:
     run = Run(load(study, member.overrides), folder / MEMBERS / member.name, 1, Console(-2))
     try:
         run_all(run)
+        message = ""
     except FitError as error:  # the summary says how the fit ended
-        return Outcome(member.robot, member.date, str(_summary(run.folder).get("status", "")) or "failed", str(error))
+        message = str(error)
     except (ElastidError, OSError, MemoryError) as error:
         return Outcome(member.robot, member.date, "failed", str(error))
-    return Outcome(member.robot, member.date, str(_summary(run.folder).get("status", "")), "")
+    return Outcome(member.robot, member.date, str(_summary(run.folder).get("status", "failed")), message)
 
 
 def _summary(folder: Path) -> dict[str, Any]:
@@ -147,31 +148,25 @@ def rows_of(folder: Path, member: Member) -> Iterator[Row]:
     """The parameters in a member's summary, then what was seen at its gears."""
     summary = _summary(folder / MEMBERS / member.name)
     parameters, gears = summary.get("parameters", {}), (summary.get("gears") or {}).get("numbers", {})
-    known = {name: _of_fit(number) for name, number in parameters.items()}
+    known = {name: _numbers_of(number) for name, number in parameters.items()}
     # Ends of ranges differ from robot to robot.
-    known |= {k: _at_gear(number) for k, number in gears.items() if k not in parameters and not k.startswith("K")}
+    known |= {k: _numbers_of(number) for k, number in gears.items() if k not in parameters and not k.startswith("K")}
     units = {name: number["unit"] for name, number in (gears | parameters).items()}
     for name, numbers in known.items():
         of = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
         yield of | {"unit": units[name]} | numbers
 
 
-def _of_fit(number: Mapping[str, Any]) -> Row:
-    low, high = number.get("interval95") or (None, None)
-    std = number.get("std")
-    return {"value": number["value"], "std": std, "low": low, "high": high} | {
-        "std_repeated": number.get("std_repeated", std)
-    }
-
-
-def _at_gear(number: Mapping[str, Any]) -> Row:
-    """Row of a number of a gear: 0 where none was seen, with the std of which its bound is the one-sided 95 %."""
+def _numbers_of(number: Mapping[str, Any]) -> Row:
+    """Row of a number; where none was seen of a gear 0, with the std of which its bound is the one-sided 95 %."""
     if number["value"] is None:
         bound = number["bound95"]
         std = bound / ONE_SIDED_95
         return {"value": 0.0, "std": std, "low": 0.0, "high": bound, "std_repeated": std}
-    low, high = number["interval95"]
-    return {"value": number["value"], "std": number["std"], "low": low, "high": high, "std_repeated": number["std"]}
+    low, high = number.get("interval95") or (None, None)
+    std = number.get("std")
+    numbers = {"value": number["value"], "std": std, "low": low, "high": high}
+    return numbers | {"std_repeated": number.get("std_repeated", std)}
 
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:

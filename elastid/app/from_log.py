@@ -301,7 +301,8 @@ def in_order_of(robot: Robot, guess: LogGuess, values: Mapping[tuple[str, int | 
             f"({', '.join(joint.torque.name for joint in joints)}), and robot {robot.name} drives {len(names)} "
             f"({', '.join(names)}); log all of them, or drive in the robot's file those that were logged",
         )
-    by_name = {name: joint for name in names for joint in joints if _is_of(name, joint)}
+    words = {name: re.compile(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", re.IGNORECASE) for name in names}
+    by_name = {name: joint for name in names for joint in joints if words[name].search(joint.torque.name)}
     labels = [joint.torque.parts[1].lower() for joint in joints]
     order = {label: [*map(int, label.split())] for label in labels if re.fullmatch(r"[\d ]+", label)}
     if len({joint.torque.key for joint in by_name.values()}) == len(names):
@@ -315,11 +316,6 @@ def in_order_of(robot: Robot, guess: LogGuess, values: Mapping[tuple[str, int | 
         is_open = [joint.motion.unit == "rad" and "assumed" in joint.motion.why for joint in at]
         at = [replace(j, motion=replace(j.motion, unit="deg")) if o else j for j, o in zip(at, is_open, strict=True)]
     return replace(guess, joints=tuple(at))
-
-
-def _is_of(name: str, joint: JointGuess) -> bool:
-    """True if the channel of its torque has the name of a joint in it, as a word."""
-    return re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", joint.torque.name, re.IGNORECASE) is not None
 
 
 def _at(joint: Joint, guess: JointGuess, why: str, values: Mapping[tuple[str, int | None], FloatArray]) -> JointGuess:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
@@ -167,8 +168,10 @@ def _taken_out(robot: Robot, friction: FrictionTakenOut | None) -> dict[str, tup
     for row in () if friction is None else friction_rows(friction):
         joint = motors[row.place]
         if row.level is not None and row.level > 0 and joint.motor is not None:
-            viscous = joint.motor.viscous * joint.motor.ratio**2
-            laws[joint.name] = _with_level(robot, joint.name, row.level), viscous
+            law = Friction(row.level)
+            with suppress(ValueError):  # the level alone where the law of the file contradicts it
+                law = replace(law_of(robot, joint.name) or law, coulomb=row.level)
+            laws[joint.name] = law, joint.motor.viscous * joint.motor.ratio**2
     return laws
 
 
@@ -183,15 +186,6 @@ def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) ->
     except ValueError:
         return law
     return completed
-
-
-def _with_level(robot: Robot, joint: str, level: float) -> Friction:
-    """The law of the robot's file with another Coulomb level, link side; the level alone where both contradict."""
-    known = law_of(robot, joint)
-    try:
-        return Friction(level) if known is None else replace(known, coulomb=level)
-    except ValueError:
-        return Friction(level)
 
 
 def with_effects(robot: Robot, gears: GearResult) -> Robot:

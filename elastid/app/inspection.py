@@ -102,7 +102,11 @@ def _lines(path: Path) -> list[str]:
     if kind_of(path) is not None:
         return [described_artefact(path)]
     if path.suffix.lower() == ".json":
-        return [f"{path}:", *_json_lines(path)]
+        try:
+            return [f"{path}:", *yaml_text(json.loads(path.read_text(encoding="utf-8"))).splitlines()]
+        except ValueError as error:
+            text = f"damaged, cut short or no JSON file ({error}); run its stage again"
+            raise DataError("files/damaged", text, path) from None
     responses, lines = contents_of(path), []
     if responses:
         lines = [f"{path}: {len(responses)} frequency responses; list the file under experiment.responses.files"]
@@ -143,13 +147,3 @@ def _other(array: Any) -> str:
         return shown_values(np.asarray(array.read()))
     except DataError as error:
         return str(error)
-
-
-def _json_lines(path: Path) -> list[str]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise DataError(
-            "files/damaged", f"damaged, cut short or no JSON file ({error}); run its stage again", path
-        ) from None
-    return yaml_text(content).splitlines()

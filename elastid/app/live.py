@@ -142,7 +142,9 @@ class Session:
                 reached = f"{sum(share <= 1 for share in used.values())} of {len(used)} reached, {self.worst(used)}"
                 self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {reached}")
                 if result.status not in TRUSTED:
-                    return plans, False, _contradiction(len(plans), result)
+                    step, before = len(plans), "" if len(plans) == 1 else "contradict those before them, or "
+                    words = f"the logs of x{step} {before}are not described by the model: {result.message}; put others"
+                    return plans, False, f"{words} into live/logs, or remove live/x{step}* and live/*/x{step}-*"
                 if max(used.values()) <= 1:
                     whole_s = planned_time_s(self.run)
                     time_used = f"{spent_s:.4g} s of the robot's time, {100 * spent_s / whole_s:.0f} % of the"
@@ -214,7 +216,11 @@ class Session:
                 f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
             )
             write_plan(path, plan, self.stamp, peaks=proposal.limit_use)
-        self.folder.write_references(plan, self._movement(plan, problem.robot))
+        references, movement = self.folder.path / "references", self._movement(plan, problem.robot)
+        references.mkdir(parents=True, exist_ok=True)
+        for run in plan.experiments:
+            if not (path := references / f"{run.name}.csv").exists():
+                write_run(path, movement, plan.inputs, plan.sliding, movement.injected(plan.torque(run)))
         return plan
 
     def _movement(self, plan: Plan, robot: Robot) -> Reference:
@@ -316,15 +322,6 @@ class Session:
         return f"{name} is known to {number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
 
 
-def _contradiction(step: int, result: Result) -> str:
-    """Refusal of a fit that cannot be trusted: of the last logs, if it could be trusted before them."""
-    before = "" if step == 1 else "contradict those before them, or "
-    return (
-        f"the logs of x{step} {before}are not described by the model: {result.message}; put others into live/logs, or "
-        f"remove live/x{step}* and live/*/x{step}-* to plan it again"
-    )
-
-
 def planned_time_s(run: Run) -> float:
     """Robot time of the plan that the study itself asks for."""
     study = run.study
@@ -390,14 +387,6 @@ class LiveFolder:
         inputs = self.robot.motor_locations
         r, u, y = (np.stack([columns[role, at] for at in inputs], axis=1) for role in ("r", "u", "y"))
         return r, u, y
-
-    def write_references(self, plan: Plan, reference: Reference) -> None:
-        """A file for each run of an experiment, unless it is there."""
-        for run in plan.experiments:
-            path = self.path / "references" / f"{run.name}.csv"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if not path.exists():
-                write_run(path, reference, plan.inputs, plan.sliding, reference.injected(plan.torque(run)))
 
     def write_study(self, data: Mapping[str, Any], plans: Sequence[Plan]) -> Path:
         """study.yml and robot.yml of the logs of some plans; data: keys of the study that was asked for."""

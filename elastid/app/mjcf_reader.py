@@ -46,7 +46,8 @@ def _joint(model: Any, i: int) -> Joint:
     name, kind = model.joint(i).name or f"joint {i}", ("free", "ball", "slide", "hinge")[int(model.jnt_type[i])]
     if kind in ("free", "ball"):
         raise ValueError(f"joint {name} is of type {kind}; take hinges and slides, a base that stands still")
-    gears, stiffness, spring, motor = _gears(model, i), _stiffness(model, i), None, None
+    gears, spring, motor = _gears(model, i), None, None
+    stiffness = float(model.jnt_stiffness[i]) if model.jnt_stiffness.ndim == 1 else 0.0
     damping = float(model.dof_damping.reshape(model.nv, -1)[i, 0])
     is_driven = bool(gears) or not (stiffness or any(_gears(model, j) for j in range(model.njnt)))
     if is_driven:
@@ -69,10 +70,6 @@ def _gears(model: Any, i: int) -> dict[int, float]:
     """The gear of each actuator of a joint."""
     at = zip(model.actuator_trntype.tolist(), model.actuator_trnid[:, 0].tolist(), strict=True)
     return {a: float(model.actuator_gear[a, 0]) for a, (kind, j) in enumerate(at) if kind in (0, 1) and j == i}
-
-
-def _stiffness(model: Any, i: int) -> float:
-    return float(model.jnt_stiffness[i]) if model.jnt_stiffness.ndim == 1 else 0.0
 
 
 def _largest(is_limited: bool, ends: Any) -> float:

@@ -31,6 +31,7 @@ from elastid.base.escape import file_name, one_line
 from elastid.base.files import from_template, unlinked
 from elastid.model.formulation import formulate
 from elastid.robot import Joint, Motor, Robot, Spring
+from elastid.robot.simplified import with_joints
 from elastid.robot.urdf import UrdfJoint, UrdfRobot, read_elements
 from elastid.store.files import text_file
 from elastid.study import SCHEMA_NAME, make_schema
@@ -57,12 +58,13 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
     if not robot.driven:
         raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
     postures = _postures(robot.driven)
-    inertia = _inertia_at_joints(_without_drives(robot), postures)
+    # The links alone: rotors without inertia, and no joint that only a spring holds.
+    links = with_joints(robot, lambda joint: replace(joint, motor=Motor(_NO_ROTOR)) if joint.motor else None)
+    model, theta = formulate(links), [value for value, _ in links.parameters().values()]
+    # Inertia that each motor accelerates, others held, mean over postures: kg m^2, kg of one that slides.
+    inertia = np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
     of_driven = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
-    bodies = tuple(
-        replace(body, joints=tuple(_with_drive(joint, of_driven.get(joint.name, 0.0)) for joint in body.joints))
-        for body in robot.bodies
-    )
+    driven = with_joints(robot, lambda joint: _with_drive(joint, of_driven.get(joint.name, 0.0)))
     guessed = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
     rotors = f"; motors of {', '.join(guessed)}, with as much inertia as the links behind them" if guessed else ""
     comments = (
@@ -72,7 +74,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
         "Constraints, tendons, dry friction, and springs of driven joints are not taken over from a file.",
     )
     texts = {"study.yml": _study(robot, postures, inertia)}
-    return robot, texts | {"robot.yml": yaml_text(replace(robot, bodies=bodies), comments)}
+    return robot, texts | {"robot.yml": yaml_text(driven, comments)}
 
 
 def _of_urdf(path: Path) -> Robot:
@@ -84,15 +86,6 @@ def _of_urdf(path: Path) -> Robot:
         raise root.wrong("no joint moves; an elastic robot has driven ones")
     joints = {name: UrdfJoint(motor=Motor(_NO_ROTOR / 1e10, ratio)) for name, ratio in moving.items()}
     return UrdfRobot(path.name, joints).robot(path.parent)
-
-
-def _without_drives(robot: Robot) -> Robot:
-    """The links alone: rotors without inertia, and no joint that only a spring holds."""
-    bodies = (
-        replace(body, joints=tuple(replace(joint, motor=Motor(_NO_ROTOR)) for joint in body.joints if joint.motor))
-        for body in robot.bodies
-    )
-    return replace(robot, bodies=tuple(bodies))
 
 
 def _with_drive(joint: Joint, of_links: float) -> Joint:
@@ -118,12 +111,6 @@ def _postures(joints: Sequence[Joint]) -> FloatArray:
     low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
     half = np.minimum(0.3 * (high - low), reach)
     return np.asarray(np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES, len(joints))), 2))
-
-
-def _inertia_at_joints(robot: Robot, postures: FloatArray) -> FloatArray:
-    """Inertia that each motor accelerates, others held (n_u,), mean over postures: kg m^2, kg of one that slides."""
-    model, theta = formulate(robot), [value for value, _ in robot.parameters().values()]
-    return np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
 
 
 def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:

@@ -186,7 +186,7 @@ def friction_study_summary(
         },
         "rigid_bodies": [_rigid_body(body) for body in result.rigid_bodies],
         **_twin(twin),
-        "left_out": _prediction(left_out),
+        "left_out": predicted(left_out),
         "measured": {
             joint: {name: json_value(ranges and getattr(ranges, name)) for name in ("speed", "load", "temperature")}
             for joint, ranges in measured.items()
@@ -196,13 +196,8 @@ def friction_study_summary(
     }
 
 
-def prediction_summary(name: str, source: str, prediction: TwinFindings) -> dict[str, Any]:
-    """The content of prediction.json: torque and twin of the logs of a study under the numbers of `source`."""
-    return {"schema": SCHEMA, "study": name, "with": source} | _prediction(prediction)
-
-
-def _prediction(prediction: TwinFindings) -> dict[str, Any]:
-    """not_predicted: reasons by joint."""
+def predicted(prediction: TwinFindings) -> dict[str, Any]:
+    """Torque and twin of logs under the numbers of others; not_predicted: reasons by joint."""
     return {"not_predicted": dict(prediction.missing)} | _twin(prediction)
 
 

@@ -21,11 +21,12 @@ from elastid.app.identified_robot import with_findings, with_identified_friction
 from elastid.app.run import Run, carry_out, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
 from elastid.app.stages.validate import Validated, in_time
-from elastid.app.summaries import prediction_summary, validation_summary
+from elastid.app.summaries import predicted, validation_summary
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
+from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit import posture
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
@@ -40,7 +41,8 @@ from elastid.store.files import keep_checksums, write_rows, write_text
 from elastid.store.friction_study import read_friction_records, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, write_loops, write_map, write_map_table, write_tune
-from elastid.store.values import json_value
+from elastid.store.values import SCHEMA, json_value
+from elastid.study import Study
 from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
 from elastid.targets.fmu import write_move_fmu
@@ -184,7 +186,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
 
     rate_hz, delay: None for those of the study.
     """
-    study_hz = _own_rate(run)
+    study_hz, today = _todays(run.study)
     hz = rate_hz or study_hz
     if hz is None:
         raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
@@ -194,7 +196,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         simulated = run.study.experiment.simulated
         rig_delay = 0 if simulated is None else simulated.controller.delay_samples
-        known = _today(run, study_hz or hz)
+        known = None if today is None else Today(study_hz or hz, today)
         asked_delay = rig_delay if delay is None else delay
         loops = design_loops(run.study.name, result, family, asked_delay, draws, run.study.seed, known)
         files = {
@@ -207,21 +209,15 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
     use_fit(run, "loops", work)
 
 
-def _own_rate(run: Run) -> float | None:
-    """Rate of today's controller in Hz; None where the study does not state it."""
-    study, recorded = run.study, run.study.experiment.recorded
-    if study.experiment.simulated is not None and study.excitation is not None:
-        return study.excitation.rate_hz
-    return None if recorded is None or recorded.rate_hz == "unknown" else recorded.known_rate_hz
-
-
-def _today(run: Run, rate_hz: float) -> Today | None:
-    """Controller that the study states; None where it states none."""
-    experiment = run.study.experiment
-    if experiment.simulated is not None:
-        return Today(rate_hz, experiment.simulated.controller)
-    spec = None if experiment.recorded is None else experiment.recorded.controller
-    return None if spec is None else Today(rate_hz, spec.spec)
+def _todays(study: Study) -> tuple[float | None, ControllerSpec | None]:
+    """Rate in Hz of the controller, and the controller; None where the study does not state it."""
+    simulated, recorded = study.experiment.simulated, study.experiment.recorded
+    if simulated is not None:
+        return (None if study.excitation is None else study.excitation.rate_hz), simulated.controller
+    if recorded is None:
+        return None, None
+    rate_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
+    return rate_hz, None if recorded.controller is None else recorded.controller.spec
 
 
 def loops_section(loops: Loops) -> str:
@@ -276,7 +272,8 @@ def predict(run: Run, source: Path) -> None:
             if name in run.stages and not run.is_current(name):
                 carry_out(run, name)
         judged, content, words = (_friction if of_friction else _elasticity)(run, path)
-        write_text(run.folder / "prediction.json", json.dumps(json_value(content), indent=1, allow_nan=False) + "\n")
+        content = json_value(content | {"with": str(path)})
+        write_text(run.folder / "prediction.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
         if judged.balances:
             octaves_figure(judged.balances).savefig(run.folder / "prediction.png")
         keep_checksums(run.folder, ["prediction.json"])
@@ -317,7 +314,7 @@ def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seque
             "none of its joints can be predicted on these logs; the reasons are above",
             f"--with {path}",
         )
-    return prediction, prediction_summary(run.study.name, str(path), prediction), prediction.words
+    return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.words
 
 
 def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
@@ -337,5 +334,5 @@ def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seq
     twin = in_time(validated, records, run.console, Execution(run.jobs))
     shifts = {G.configuration.name: fitted.at(G.configuration.name).response_shifts(G.freq_hz) for G in responses}
     judged = validate(responses, fitted.responses, [*shifts], shifts=shifts)
-    content = {**validation_summary(study.name, judged, twin), "with": str(path)}
+    content = validation_summary(study.name, judged, twin)
     return twin, content, [words for words in (judged.verdict, *twin.words) if words]

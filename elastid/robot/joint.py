@@ -401,6 +401,25 @@ class Joint:
             f"give it in {_other(number.dimension)}"
         )
 
+    def position_refusal(self, at: float, swing: float = 0.0) -> str:
+        """Why it cannot be at a position, in rad or m, and swing about it; empty where it can."""
+        low, high = self.limits.angle
+        # Without limits: beyond a long rail in m, or two turns in rad, it was given in another unit.
+        if math.isinf(high - low) and abs(at) > (50.0 if self.slides else 4 * math.pi):
+            turns = "" if self.slides else f", {abs(at) / (2 * math.pi):.2g} turns,"
+            return (
+                f"joint {self.name} at {at:g} {self.unit}{turns} is farther than robots go; a number without a unit is "
+                f"in {self.unit}: write '{at:g} {'mm' if self.slides else 'deg'}' if that is meant, or give the joint "
+                "its limits"
+            )
+        if low <= at - swing <= at + swing <= high:
+            return ""
+        reach = f" with the carrier's {swing:.4g} {self.unit} to either side" if swing else ""
+        return (
+            f"joint {self.name} at {at:.4g} {self.unit}{reach} is outside its limits [{low:.4g}, {high:.4g}] "
+            f"{self.unit}"
+        )
+
     def _check_units(self) -> None:
         """A number written with a unit must have one of the joint's motion; those of its motor, of a rotation."""
         for name, number in _numbers_of(self):

@@ -93,17 +93,10 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
             yield file
     except (ElastidError, MemoryError):
         raise
-    except OSError as error:
-        raise DataError(
-            "files/damaged",
-            f"not a readable HDF5 file ({_first_line(error)}); name one that elastid has written; if it "
-            "was one, it is damaged: delete it and run again",
-            path,
-        ) from None
     except Exception as error:  # what a damaged file makes h5py and NumPy raise
-        raise DataError(
-            "files/damaged", f"damaged, or of an older layout ({_first_line(error)}); delete it and run again", path
-        ) from error
+        why = (str(error).strip("'\"") or type(error).__name__).splitlines()[0]
+        text = f"no HDF5 file of elastid, damaged, or of an older layout ({why}); delete it and run again"
+        raise DataError("files/damaged", text, path) from error
 
 
 def _require_kind(path: Path, file: Any, kind: str) -> None:
@@ -146,10 +139,6 @@ def read_stamp(path: Path | str) -> Stamp | None:
 def plain(value: Any) -> Any:
     """A number of NumPy as that of Python."""
     return value.item() if isinstance(value, np.generic) else value
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip("'\"").splitlines()[0] if str(error) else type(error).__name__
 
 
 def kind_of(path: Path | str) -> str | None:

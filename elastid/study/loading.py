@@ -238,14 +238,9 @@ def _with_every_amplitude(study: Study) -> Study:
 def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
     """Study, robot and overrides as one source; and the errors of the robot's file."""
     source, robot_errors = read_source(path, str(path)), ""
-    if source.data is None:
-        raise StudyError(
-            "study/invalid", "the file is empty; `elastid new DIR` writes a study to start from", f"{path}:1:1"
-        )
     if not isinstance(source.data, dict):
-        raise StudyError(
-            "study/invalid", "a study is a mapping with the keys name, robot, experiment ...", f"{path}:1:1"
-        )
+        text = "a study is a mapping with the keys name, robot, experiment ...; `elastid new DIR` writes one"
+        raise StudyError("study/invalid", text, f"{path}:1:1")
     # `--set robot=other.yml` comes before that file is read, all other overrides reach into it.
     pairs = [_split(override) for override in overrides]
     for keys, value, option in pairs:

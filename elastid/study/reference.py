@@ -105,14 +105,10 @@ def type_at(root: Any, path: KeyPath) -> Any:
     return root
 
 
-def sections_in(annotation: Any) -> list[type]:
-    """The sections that an annotation allows."""
-    return [option for option in _options(annotation) if is_dataclass(option) and isinstance(option, type)]
-
-
 def names_in(annotation: Any) -> list[str]:
-    """The keys of the section that an annotation allows."""
-    return [f.name for section in sections_in(annotation) for f in fields(section)]
+    """The keys of the sections that an annotation allows."""
+    sections = [option for option in _options(annotation) if is_dataclass(option) and isinstance(option, type)]
+    return [f.name for section in sections for f in fields(section)]
 
 
 def words_in(annotation: Any) -> list[str]:

@@ -61,8 +61,7 @@ def read_source(path: Path, name: str, rank: int = 0) -> YamlSource:
     except FileNotFoundError:
         raise StudyError("files/missing", "no such file", name) from None
     except OSError as error:
-        folder = f"; name the study in it, such as {name}/study.yml" if path.is_dir() else ""
-        raise StudyError("study/yaml", f"cannot be read ({error.strerror}){folder}", name) from None
+        raise StudyError("study/yaml", f"cannot be read ({error.strerror})", name) from None
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:

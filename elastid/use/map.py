@@ -48,13 +48,11 @@ class Cut:
     force: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        if not np.all(np.isfinite(self.load)):
-            raise ValueError(f"the load {self.load} N is not finite; give three numbers, the force on the frame")
+        directions = [each for each in (self.normal, self.force) if each is not None]
+        if not (np.all(np.isfinite([self.load, *directions])) and all(map(np.any, directions))):
+            raise ValueError("load, normal and force are finite, and no direction is the zero vector")
         if not self.cutting_coefficient > 0:
             raise ValueError(f"cutting coefficient {self.cutting_coefficient:g} N/m^2; it must be positive")
-        for name in ("normal", "force"):
-            if getattr(self, name) is not None and not np.any(getattr(self, name)):
-                raise ValueError(f"{name} is the zero vector; give a direction in the axes of the base")
 
     @property
     def directions(self) -> tuple[FloatArray, FloatArray] | None:

@@ -75,18 +75,13 @@ class CommandedRobot:
             rows = tuple(partition(model, model.constraint_jacobian(point.q, model.theta).full()).rows.tolist())
         return cls(robot, model, frame, rows, spec)
 
-    @property
-    def is_posed(self) -> bool:
-        """True if the orientation of the frame is followed, too: with more than three motors."""
-        return self.model.n_u > 3
-
     @cached_property
     def balance(self) -> ca.Function:
         """(q, v, a, lambda) -> r (n_q,), the forces that a motion takes; phi, its slope."""
         m, n = self.model, self.model.n_q
         q, v, a = (ca.SX.sym(name, n) for name in "qva")
         lambda_, rows = ca.SX.sym("lambda", len(self.rows)), list(self.rows)
-        force = m.mass(q, m.theta) @ a + m.force(q, v, m.theta) + self._friction(v)
+        force = m.mass(q, m.theta) @ a + m.force(q, v, m.theta) + self.friction(v)
         phi = m.constraint(q, m.theta)[rows]
         Phi = ca.jacobian(phi, q)
         if rows:
@@ -94,7 +89,7 @@ class CommandedRobot:
         results = [ca.densify(part) for part in (force, phi, Phi)]
         return ca.Function("balance", [q, v, a, lambda_], results, {"cse": True})
 
-    def _friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
+    def friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
         """P tau_f (n_q,) of steady sliding, of all laws or those of motors alone."""
         laws = [law for law in frictions(self.robot) if law.place in self.model.inputs or not of_motors]
         total = ca.SX(self.model.n_q, 1)
@@ -102,12 +97,6 @@ class CommandedRobot:
             slip, curve = ca.dot(ca.DM(column), v), law.symbols(law.curve().tolist())
             total += ca.DM(column) * (curve.level(slip) * ca.tanh(slip / SLIDING) + curve.growing(slip))
         return total
-
-    def planned_friction(self, v: FloatArray) -> FloatArray:
-        """Friction (N, n_u) of the motors at v (N, n_q) as it is planned with, turning around gradually."""
-        symbols = ca.SX.sym("v", self.model.n_q)
-        force = ca.Function("friction", [symbols], [ca.densify(self._friction(symbols, of_motors=True))])
-        return np.asarray((np.linalg.pinv(self.model.B) @ force.map(len(v))(v.T).full()).T)
 
     @cached_property
     def tool(self) -> ca.Function:
@@ -118,7 +107,7 @@ class CommandedRobot:
         names = [frame.name for frame in self.robot.frames]
         seat = layout.named[names.index(self.frame)]
         error = position(layout, turned, seat, (0.0, 0.0, 0.0)) - p
-        if self.is_posed:
+        if self.model.n_u > 3:  # the orientation is followed, too
             axes = ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
             error = ca.vertcat(error, LEVER / 2 * sum(ca.cross(R[:, i], axes[:, i]) for i in range(3)))
         results = [ca.densify(part) for part in (error, ca.jacobian(error, q))]
@@ -424,8 +413,11 @@ def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s
     m = commanded.model
     q, v, a, jerk = (held(planned.q, time_s, order) @ m.B for order in range(4))
     state = [held(planned.q, time_s + 0.5 / rate_hz, order) for order in range(3)]
-    torque = commanded.torque(*state) - commanded.planned_friction(state[1])
-    torque += friction_along(commanded.robot, m, state[1] @ m.B, rate_hz)
+    torque = commanded.torque(*state) + friction_along(commanded.robot, m, state[1] @ m.B, rate_hz)
+    # In place of the friction that it is planned with, which turns around gradually.
+    symbols = ca.SX.sym("v", m.n_q)
+    planned_with = ca.Function("friction", [symbols], [ca.densify(commanded.friction(symbols, of_motors=True))])
+    torque -= (np.linalg.pinv(m.B) @ planned_with.map(n + 1)(state[1].T).full()).T
     return References(time_s, q, v, a, jerk, torque)
 
 

@@ -28,8 +28,7 @@ _DEGREES = ("deg", "degree", "degrees")
 def limits_of(robot: Robot) -> FloatArray:
     """Lower and upper angle (n_u, 2) of the driven joints; a full turn, or 0 for those that slide, without limits."""
     whole = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
-    given = [joint.limits.angle for joint in robot.driven]
-    limits = np.array([span if limit is None else limit for limit, span in zip(given, whole, strict=True)], float)
+    limits = np.array([joint.limits.angle for joint in robot.driven], float)
     return np.where(np.isfinite(limits), limits, np.array(whole))
 
 
@@ -63,11 +62,7 @@ def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> 
     seeds = _seeds(robot, seed)
     reached = frame_poses(robot, followed(robot, seeds), frame).position
     low, high = reached.min(axis=0), reached.max(axis=0)
-    spacing = float((high - low).max()) / max(points - 1, 1)
-    if not spacing > 0:
-        raise StudyError(
-            "use/unreachable", f"frame {frame} of robot {robot.name} moves nowhere; name another with --frame"
-        )
+    spacing = max(float((high - low).max()) / max(points - 1, 1), _REACHED)
     sides = [np.arange(a, b + spacing / 2, spacing) for a, b in zip(low, high, strict=True)]
     targets = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
     angles, is_reached = inverse_kinematics(robot, frame, targets, seed=seed)

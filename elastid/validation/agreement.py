@@ -51,8 +51,8 @@ CIRCULAR_95 = float(np.sqrt(-np.log(0.05)))
 class PredictedResponse:
     """A measured response and the prediction of the fitted robot, on the same lines.
 
-    pointwise, simultaneous (F, n_y, n_u): distances from the prediction within which the truth is with 95 %, at each
-    line and at all lines of an element.  std: E|dG|^2 ^ 1/2.  motors: held, free or controlled.
+    pointwise (F, n_y, n_u): distances from the prediction within which the truth is with 95 % at each line.
+    std: E|dG|^2 ^ 1/2.  motors: held, free or controlled.
     is_fitted: the response was fitted, together with those of the motors.
     """
 
@@ -60,7 +60,6 @@ class PredictedResponse:
     predicted: Response
     std: FloatArray = labelled("standard deviation of the prediction")
     pointwise: FloatArray = labelled("95 % of the truth, line by line")
-    simultaneous: FloatArray = labelled("95 % of the truth, all lines")
     motors: str
     by: str
     is_fitted: bool = False
@@ -71,14 +70,9 @@ class PredictedResponse:
         return self.measured.configuration.name
 
     @property
-    def measured_std(self) -> FloatArray:
-        """Standard deviation (F, n_y, n_u) of the measured response, 0 where it is not known."""
-        return sigma_of(self.measured)
-
-    @property
     def inside(self) -> float:
         """Share of the lines of all elements on which both agree within their 95 % bands together."""
-        radius = np.hypot(self.pointwise, CIRCULAR_95 * self.measured_std)
+        radius = np.hypot(self.pointwise, CIRCULAR_95 * sigma_of(self.measured))
         return float(np.mean(np.abs(self.measured.G - self.predicted.G) <= radius))
 
     @property
@@ -108,7 +102,7 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
     band = family.at(where).response_band(measured.freq_hz, LEVEL)
     predicted = replace(band.response, configuration=measured.configuration)
     return PredictedResponse(
-        measured, predicted, band.std, band.pointwise, band.simultaneous, motors, band.by, is_fitted
+        measured, predicted, band.std, band.pointwise, motors, band.by, is_fitted
     )  # fmt: skip
 
 

@@ -349,12 +349,8 @@ def _verdict(rows: Sequence[ComparedModel]) -> str:
     sentence = f"{best.name} predicts left-out configurations best ({math.sqrt(best.mean_misfit):.3g} sigma rms)"
     if equal:
         sentence += f"; {', '.join(row.name for row in equal)} cannot be distinguished from it with these data"
-    worse = [row for row in rivals if row not in equal]
-    if worse:
-        factors = [math.sqrt(row.mean_misfit / best.mean_misfit) for row in worse]
-        low, high = min(factors), max(factors)
-        by = f"a factor {low:.3g}" if len(worse) == 1 else f"factors {low:.3g} to {high:.3g}"
-        sentence += f"; the others are worse by more than the standard error, by {by} of the error"
+    if worse := [math.sqrt(row.mean_misfit / best.mean_misfit) for row in rivals if row not in equal]:
+        sentence += f"; the others are worse by more than the standard error, the next by a factor {min(worse):.3g}"
     if simplest is not best and simplest.n_free < best.n_free:
         sentence += f". The simplest model as good as that is {simplest.name}, with {simplest.n_free} parameters"
     return sentence + "."

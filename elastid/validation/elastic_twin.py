@@ -92,7 +92,9 @@ def elastic_balances(
     record: Record, net: Record, parts: ModelParts, freq_hz: FloatArray, spec: EstimatorSpec
 ) -> tuple[TorqueBalance, ...]:
     """Balances of each motor at freq_hz (F,), none of fewer than two settled periods; net: without dry friction."""
-    if settled_periods(record, spec) < 2:
+    # Periods that count: neither dropped by the study nor left out by the repair of the log.
+    dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
+    if len({*range(dropped, record.n_samples // record.repeat_samples)} - {*record.left_out}) < 2:
         return ()
     (motors, _), N = parts[0], record.period_samples
     lines = np.rint(freq_hz * N / record.rate_hz).astype(np.int64)
@@ -208,12 +210,6 @@ def _compared(
     measured, simulated = in_time(record, 1.0).T, in_time(_logged(record, plant, moved), late).T
     for row in zip(kinds, (*record.inputs, *record.outputs), units, measured, simulated, strict=True):
         yield TwinSignal(*row)
-
-
-def settled_periods(record: Record, spec: EstimatorSpec) -> int:
-    """Number of periods that count: neither dropped by the study nor left out by the repair of the log."""
-    dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
-    return len(set(range(dropped, record.n_samples // record.repeat_samples)) - set(record.left_out))
 
 
 def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:

@@ -129,24 +129,19 @@ def friction_twin(
     Under its torque and its reference.  robot: with the friction of `joints`.  controller: None where it is not known;
     no reference drives the twin then.
     """
+    groups: dict[str, list[tuple[JointFriction, FrictionRecord]]] = {}
+    for joint in joints:
+        if joint.motion is not None and not joint.motion.motion.is_run_down and joint.friction is not None:
+            record = _record_of(joint.motion, measured.of(joint.joint, "motion"))
+            groups.setdefault(record.name, []).append((joint, record))
     driven: list[tuple[_Log, CascadeSpec | None]] = []
-    for log in _logs(robot, joints, measured):
+    for members in groups.values():
+        log = _log(robot, members)
         driven.append((log, None))
         if controller is not None and all(record.reference is not None for record in log.records):
             driven.append((log, controller))
     runs = execution.ordered(partial(_run, robot), driven)
     return TwinFindings(friction_balances(joints, measured), tuple(runs))
-
-
-def _logs(robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecords) -> list[_Log]:
-    """The log of each regression, with all joints that moved in it."""
-    groups: dict[str, list[tuple[JointFriction, FrictionRecord]]] = {}
-    for joint in joints:
-        if joint.motion is None or joint.motion.motion.is_run_down or joint.friction is None:
-            continue
-        record = _record_of(joint.motion, measured.of(joint.joint, "motion"))
-        groups.setdefault(record.name, []).append((joint, record))
-    return [_log(robot, members) for members in groups.values()]
 
 
 def _log(robot: Robot, members: Sequence[tuple[JointFriction, FrictionRecord]]) -> _Log:
@@ -249,24 +244,16 @@ def predict_logs(
     execution: Execution,
 ) -> TwinFindings:
     """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
-    outcomes = list(_along_logs(robot, joints, measured))
-    judged = [outcome for outcome in outcomes if isinstance(outcome, JointFriction)]
-    reasons = [outcome for outcome in outcomes if not isinstance(outcome, JointFriction)]
-    missing = {joint: "; ".join(text for name, text in reasons if name == joint) for joint, _ in reasons}
-    return replace(friction_twin(robot, judged, measured, controller, execution), missing=missing)
-
-
-def _along_logs(
-    robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecords
-) -> Iterator[JointFriction | tuple[str, str]]:
-    """Joints along each log in which they move, or name and reason of one that cannot be predicted there."""
-    known = {joint.joint: joint for joint in joints}
+    known, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
+    reasons = dict[str, list[str]]()
     for log in motion_logs(measured):
         for name, record in log.items():
             try:
-                yield _along(robot, known.get(name), record, log)
+                judged.append(_along(robot, known.get(name), record, log))
             except DataError as error:
-                yield name, f"{record.name}: {error}"
+                reasons.setdefault(name, []).append(f"{record.name}: {error}")
+    missing = {name: "; ".join(texts) for name, texts in reasons.items()}
+    return replace(friction_twin(robot, judged, measured, controller, execution), missing=missing)
 
 
 def _along(

@@ -163,7 +163,7 @@ def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(ti
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "study.yml:1:1: the file is empty"),
+        (b"", "study.yml:1:1: a study is a mapping"),
         (b"- 1\n- 2\n", "study.yml:1:1: a study is a mapping"),
         (b"\x89HDF\r\n\x1a\n\x00\x01", "study.yml:1:1: not a YAML text in UTF-8 (byte 0x89)"),
         (b"name: tiny\n\x00\n", "study.yml:2:1: not a YAML text"),

@@ -133,7 +133,7 @@ def test_the_model_with_the_smallest_misfit_is_first_and_qaic_is_in_units_of_the
     assert found.rows[1].behind(found.rows[0]) == pytest.approx((difference.mean(), difference.std(ddof=1) / 2))
     assert found.rows[1].rms_log_db == pytest.approx(math.sqrt(np.mean(np.array([3, 3.2, 2.9, 3]) ** 2)))
     worse = math.sqrt(3.025 / 2)
-    assert f"worse by more than the standard error, by a factor {worse:.3g} of the error" in found.verdict
+    assert f"worse by more than the standard error, the next by a factor {worse:.3g}" in found.verdict
     assert "own predicts left-out configurations best (1.41 sigma rms)" in found.verdict
 
 

@@ -42,11 +42,11 @@ def estimate(study: Study, work: Work) -> Artefacts:
     """frf.h5 from records.h5; each process has one configuration in memory at a time."""
     robot, estimator, records = study.robot, study.estimator, work.sources["measure"]
     lines = read_plan(work.sources["design"]).lines if "design" in work.sources else None
-    E = shaft_couplings(robot)
-    friction = find_friction_of_run(records, estimator, lines, E, Execution(work.jobs))
-    if friction is not None:
+    names, friction = read_configurations(records), None
+    if estimator.friction != "none":
+        on_motors = [RecordsOnShafts(records, name, shaft_couplings(robot)) for name in names]
+        friction = find_friction(on_motors, estimator, lines, Execution(work.jobs))
         work.console.notes(note for note in friction.notes if note.severity == "warning")
-    names = read_configurations(records)
     estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot)
     with work.execution() as execution:
         estimates = execution.ordered(estimate_one, names)
@@ -80,20 +80,6 @@ def estimate_configuration(
     for record in records:
         repairs.update(record.repairs)
     return replace(response, repairs=dict(repairs)), {note for record in records for note in record.notes}
-
-
-def find_friction_of_run(
-    path: Path,
-    spec: EstimatorSpec,
-    lines: IntArray | None,
-    E: FloatArray | None = None,
-    execution: Execution | None = None,
-) -> FrictionTakenOut | None:
-    """Friction in records.h5, one configuration in memory at a time; None where the study asks for none."""
-    if spec.friction == "none":
-        return None
-    records = [RecordsOnShafts(path, name, E) for name in read_configurations(path)]
-    return find_friction(records, spec, lines, execution)
 
 
 @dataclass(frozen=True)

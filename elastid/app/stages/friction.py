@@ -35,7 +35,7 @@ from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointFriction, JointLevels, held_spring, identify_friction
 from elastid.friction_study.spec import FilterSpec
-from elastid.record import FrictionRecord, FrictionRecords
+from elastid.record import FrictionRecord
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.report.friction_content import FrictionContent, part_words, refusals
 from elastid.report.page.page_of_friction import write_page_of_friction
@@ -209,9 +209,13 @@ def follow_friction(study: Study, work: Work) -> Artefacts:
     measured = stored.read_friction_records(work.sources["measure"])
     result = stored.read_friction_result(work.sources["friction"])
     followed, notes, spec = [], list[Note](), study.filter or FilterSpec()
+    together = [record.name for record in measured.records]
+    moved = [record for record in measured.records if record.purpose in ("passes", "motion")]
+    alone = [record for record in moved if together.count(record.name) == 1]
     for joint in result.joints:
+        records = sorted((r for r in alone if r.joint == joint.joint), key=lambda record: record.start_s)
         try:
-            followed.append(_followed(study.as_robot(), joint, _records_of(measured, joint.joint), spec))
+            followed.append(_followed(study.as_robot(), joint, records, spec))
         except StudyError as error:
             notes.append(Note("filter/record", str(error)))
     if not followed:
@@ -223,14 +227,6 @@ def follow_friction(study: Study, work: Work) -> Artefacts:
             console.say(f"follow: joint {joint.joint}: {_words(joint)}")
 
     return Artefacts({"filter.h5": lambda path, stamp: stored.write_filter(path, tuple(followed), stamp)}, report)
-
-
-def _records_of(measured: FrictionRecords, joint: str) -> tuple[FrictionRecord, ...]:
-    """The motions of a joint that moved alone, in the order of time."""
-    together = [record.name for record in measured.records]
-    alone = [record for record in measured.records if record.joint == joint and together.count(record.name) == 1]
-    chosen = [record for record in alone if record.purpose in ("passes", "motion")]
-    return tuple(sorted(chosen, key=lambda record: record.start_s))
 
 
 def _followed(

@@ -59,10 +59,7 @@ def gears(study: Study, work: Work) -> Artefacts:
 
     def report(console: Console) -> None:
         console.notes(opened.notes)
-        if opened.refused:
-            console.warn(f"gears: {gear_line(opened)}")
-        else:
-            console.say(f"gears: {gear_line(opened)}")
+        (console.warn if opened.refused else console.say)(f"gears: {gear_line(opened)}")
 
     return Artefacts(files, report)
 

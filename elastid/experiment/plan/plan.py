@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -225,14 +224,8 @@ def checked_configurations(experiment: ExperimentSpec, robot: Places) -> tuple[C
         if refused := robot.count_refusal(len(angles)):
             raise StudyError("experiment/limits", refused, f"configuration {name}")
         for joint, angle in zip(robot.driven, angles, strict=True):
-            low, high = joint.limits.angle
-            if not low <= angle <= high:
-                raise StudyError(
-                    "experiment/limits",
-                    f"joint {joint.name} at {math.degrees(angle):.4g} deg is outside its limits "
-                    f"[{math.degrees(low):.4g}, {math.degrees(high):.4g}] deg; move it inside, or correct limits.angle",
-                    f"configuration {name}",
-                )
+            if refused := joint.position_refusal(angle):
+                raise StudyError("experiment/limits", refused, f"configuration {name}")
     return tuple(
         Configuration(name, np.array(angles), name not in experiment.without_payload)
         for name, angles in experiment.configurations.items()

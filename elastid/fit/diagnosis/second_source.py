@@ -124,26 +124,20 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
     now = SecondSource.of(alone, partial(_residuals, loads, alone.parameters), loads.n_residuals)
     compared, least = agreement(now, alone)
     if compared.disagrees and np.isfinite(least):
-        compared = replace(compared, cause=_softer_or_stiffer(compared.ratio - 1))
-    return StaticAgreement(**vars(compared), readings=_readings(loads, alone, now))
-
-
-def _readings(loads: StaticLoads, alone: Result, now: SecondSource) -> tuple[LoadReading, ...]:
+        does = "softer at rest than in motion, as gear hysteresis makes them under slow loads"
+        if compared.ratio < 1:
+            does = "stiffer at rest than in motion, as friction in the gears makes them that carries part of the load"
+        cause = f"all springs are {does}, or the loads or the gauge are in another scale"
+        compared = replace(compared, cause=cause)
     predicted, slopes = loads.predicted(alone.parameters, alone.x)
     rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
     by_responses_std = np.linalg.norm(slopes @ now.root, axis=1)
     numbers = np.column_stack([loads.measured, loads.std, predicted, by_responses_std]).tolist()
-    return tuple(
+    readings = tuple(
         LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *row)
         for i, (x, y, z), row in zip(loads.owners, rows, numbers, strict=True)
     )
-
-
-def _softer_or_stiffer(by: float) -> str:
-    does = "softer at rest than in motion, as gear hysteresis makes them under slow loads" if by > 0 else (
-        "stiffer at rest than in motion, as friction in the gears makes them that carries part of the load"
-    )  # fmt: skip
-    return f"all springs are {does}, or the loads or the gauge are in another scale"
+    return StaticAgreement(**vars(compared), readings=readings)
 
 
 def _tool_residuals(

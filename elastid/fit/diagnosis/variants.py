@@ -21,7 +21,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Scores, against
-from elastid.fit.diagnosis.score_test import LEAST, Load, find_load, steps_of
+from elastid.fit.diagnosis.score_test import LEAST, find_load, steps_of
 from elastid.fit.diagnosis.sensitivities import AS_READ, settle, thinned
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -172,7 +172,9 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
 
     Resonances move farther with it than they are wide, so that its linear step is only a start.
     """
-    loads = _loads(scores)
+    bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
+    every = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.level, 0.0) for c in bodies}
+    loads = {name: load for name, load in every.items() if load is not None}
     body = max(loads, key=lambda name: loads[name].drop, default="")
     if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
         return []
@@ -189,13 +191,6 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
         tuple(n.unit for n in members), tuple(n.log for n in members), steps_of(members, p),
     )  # fmt: skip
     return [against(index, cost, x, evidence, scores)]
-
-
-def _loads(scores: Scores) -> dict[str, Load]:
-    """The best load of each body, by its name."""
-    bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
-    loads = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.level, 0.0) for c in bodies}
-    return {name: load for name, load in loads.items() if load is not None}
 
 
 def _centre(scores: Scores, body: str) -> FloatArray:

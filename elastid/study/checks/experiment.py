@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,7 +10,6 @@ from elastid.base.errors import StudyError
 from elastid.base.names import posture_of
 from elastid.excitation.spec import planned_lines
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.robot import Joint
 from elastid.study.checks.names import check_names, check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
@@ -46,7 +44,7 @@ def check_configurations(study: Study) -> Iterator[Problem]:
             yield Problem(path, refused)
             continue
         refusals = [
-            joint.refusal_of(angle) or _angle_refusal(angle, joint, swing)
+            joint.refusal_of(angle) or joint.position_refusal(angle, swing)
             for angle, joint, swing in zip(angles, robot.driven, swings, strict=True)
         ]
         yield from (Problem((*path, i), refused) for i, refused in enumerate(refusals) if refused)
@@ -74,26 +72,6 @@ def _swings(study: Study) -> list[float]:
     if carrier is None or carrier.amplitude is None or np.size(carrier.amplitude) not in (1, n_u):
         return [0.0] * n_u
     return list(carrier.amplitudes(n_u).tolist())
-
-
-def _angle_refusal(angle: float, joint: Joint, swing: float) -> str:
-    """Why a joint cannot be at a position, in rad or m, and swing about it; empty where it can."""
-    low, high = joint.limits.angle
-    # Without limits: beyond a long rail in m, or two turns in rad, it was given in another unit.
-    if math.isinf(high - low) and abs(angle) > (50.0 if joint.slides else 4 * math.pi):
-        reading = f"{angle:g} mm" if joint.slides else f"{angle:g} deg"
-        far = f"{angle:g} m" if joint.slides else f"{angle:g} rad, {abs(angle) / (2 * math.pi):.2g} turns,"
-        return (
-            f"joint {joint.name} at {far} is farther than robots go; a number without a unit is in {joint.unit}: write "
-            f"'{reading}' if that is meant, or give the joint its limits"
-        )
-    if low <= angle - swing <= angle + swing <= high:
-        return ""
-    reach = f" with the carrier's {swing:.4g} {joint.unit} to either side" if swing else ""
-    return (
-        f"joint {joint.name} at {angle:.4g} {joint.unit}{reach} is outside its limits [{low:.4g}, {high:.4g}] "
-        f"{joint.unit}"
-    )
 
 
 def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:

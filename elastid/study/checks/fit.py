@@ -10,7 +10,6 @@ from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
 from elastid.fit.spec import FitSpec, misnamed
-from elastid.parameters import Parameters
 from elastid.robot import TOOL
 from elastid.study.checks.names import check_names, check_units, list_configurations, list_inputs, list_outputs, unknown
 from elastid.study.messages import Problem
@@ -31,12 +30,17 @@ def check_fit(study: Study) -> Iterator[Problem]:
         parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     except StudyError:
         return  # reported where the parameters are checked
-    yield from _check_chosen(study, parameters)
+    free, profile = [parameter.name for parameter in parameters.free], study.fit.profile
+    for section, keys in (("wanted", study.fit.wanted), ("profile", () if isinstance(profile, str) else profile)):
+        for i, key in enumerate(keys):
+            if key not in FitSpec().wanted and not matching(key, free):
+                message = f"no identified parameter is called {key}; {did_you_mean(key, free)}"
+                yield Problem(("fit", section, i), message)
     # The start of a body's inertias is one that a body can have.
     for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
         entries = {parameters.names[place] for place in body.places}
-        keys = [key for key in study.fit.parameters if any(is_match(entry, key) for entry in entries)]
-        yield Problem((*_PARAMETERS, *keys[-1:]), body.refusal)
+        given = [key for key in study.fit.parameters if any(is_match(entry, key) for entry in entries)]
+        yield Problem((*_PARAMETERS, *given[-1:]), body.refusal)
 
 
 def _check_groups(study: Study) -> Iterator[Problem]:
@@ -52,16 +56,6 @@ def _check_groups(study: Study) -> Iterator[Problem]:
     if fit.robots and missing:
         message = f"configuration {', '.join(missing)} is assigned to no robot; add it to the robot it was measured on"
         yield Problem(("fit", "robots"), message, at_key=True)
-
-
-def _check_chosen(study: Study, parameters: Parameters) -> Iterator[Problem]:
-    """Names that no parameter of the fit has, other than the usual ones."""
-    names, profile = [parameter.name for parameter in parameters.free], study.fit.profile
-    for section, keys in (("wanted", study.fit.wanted), ("profile", () if isinstance(profile, str) else profile)):
-        for i, key in enumerate(keys):
-            if key not in FitSpec().wanted and not matching(key, names):
-                message = f"no identified parameter is called {key}; {did_you_mean(key, names)}"
-                yield Problem(("fit", section, i), message)
 
 
 def check_loads(study: Study) -> Iterator[Problem]:

@@ -11,7 +11,7 @@ from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec
 from elastid.robot import Joint
 from elastid.study.checks.experiment import check_configurations, check_count, check_simulated
 from elastid.study.checks.names import check_names, unknown
-from elastid.study.checks.recorded import check_channels, check_files
+from elastid.study.checks.recorded import check_channels, check_controller, check_files
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, joint_called
 from elastid.study.source import KeyPath
@@ -70,9 +70,6 @@ def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
             f"the window leaves the limits of joint {joint.name}, {limits.angle[0]:.4g} to {limits.angle[1]:.4g} "
             f"{joint.unit}; narrow it",
         )
-    if passes.speeds is not None and passes.speeds[1] > limits.velocity:
-        message = f"joint {joint.name} may move at {limits.velocity:.4g} {joint.unit}/s; lower the highest speed"
-        yield Problem((*_PASSES, "speeds", 1), message)
     if spec.warm_up is not None and (refused := joint.refusal_of(spec.warm_up.speed)):
         yield Problem((*_FRICTION, "warm_up", "speed"), refused)
 
@@ -91,7 +88,12 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
     """Logs exist and names are known; `measure` says at once what rate and channels lack."""
     yield from check_files(study, recorded.files, _RECORDED, base)
     yield from check_channels(study, recorded.channels, _RECORDED)
-    yield from _check_controller(study, recorded)
+    yield from check_controller(study, recorded)
+    if recorded.controller is not None and not any(channel.role == "reference" for channel in recorded.channels):
+        message = (
+            "no channel has role reference, so that the motion that the controller was asked for is unknown; add it"
+        )
+        yield Problem((*_RECORDED, "controller"), message, at_key=True)
     if isinstance(study.as_friction().passes, PassesSpec):
         message = "speeds, count and window are of passes that are still to be made; logs have passes: detect"
         yield Problem(("friction", "passes"), message, at_key=True)
@@ -103,30 +105,11 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
             ("friction", "law", "temperature"),
             "no log has a temperature; add a channel of role t, or give files[].temperature",
         )
-    yield from _check_left_out(study, recorded)
-
-
-def _check_left_out(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    left_out = study.validation.left_out
-    motions = [name for name, file in zip(recorded.log_names, recorded.files, strict=True) if file.purpose == "motion"]
+    pairs = zip(recorded.log_names, recorded.files, strict=True)
+    motions, left_out = [name for name, file in pairs if file.purpose == "motion"], study.validation.left_out
     yield from check_names(("validation", "left_out"), "log of a motion", left_out, motions)
     if set(left_out) >= set(recorded.log_names):
-        message = "every log is left out; leave at least one to identify from"
-        yield Problem(("validation", "left_out"), message)
-
-
-def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    controller, path = recorded.controller, (*_RECORDED, "controller")
-    has_reference = any(channel.role == "reference" for channel in recorded.channels)
-    if controller is None:  # a reference alone is of no use, and does no harm: reading the logs says so
-        return
-    for keys, refused in controller.refusals([j.name for j in study.as_robot().driven], recorded.known_rate_hz):
-        yield Problem((*path, *keys), refused)
-    if not has_reference:
-        message = (
-            "no channel has role reference, so that the motion that the controller was asked for is unknown; add it"
-        )
-        yield Problem(path, message, at_key=True)
+        yield Problem(("validation", "left_out"), "every log is left out; leave at least one to identify from")
 
 
 def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem]:

@@ -54,14 +54,6 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
     path = _RECORDED
     yield from check_files(study, recorded.files, path, base)
     yield from check_channels(study, recorded.channels, path)
-    yield from _check_method(study, recorded)
-    yield from _check_controller(study, recorded)
-    for i in range(len(recorded.files)):
-        if refused := recorded.repeat_refusal(i):
-            yield Problem((*path, "files", i), refused)
-
-
-def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     without = [file.path for file in recorded.files if recorded.period_of(file) is None]
     if without and study.estimator.method not in WITHOUT_PERIOD:
         yield Problem(
@@ -70,9 +62,13 @@ def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
             "experiment.recorded.period (a time, or find), or take a method that needs none: "
             f"{', '.join(WITHOUT_PERIOD)}",
         )
+    yield from check_controller(study, recorded)
+    for i in range(len(recorded.files)):
+        if refused := recorded.repeat_refusal(i):
+            yield Problem((*path, "files", i), refused)
 
 
-def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
+def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     """Gains for each driven joint; `elastid loops` reads them."""
     if recorded.controller is not None and study.robot is not None:
         joints = [joint.name for joint in study.as_robot().driven]
