@@ -11,6 +11,7 @@ import shlex
 import sys
 from codecs import register_error
 from collections.abc import Sequence
+from dataclasses import replace
 from io import StringIO, TextIOWrapper
 from pathlib import Path
 from typing import Any
@@ -320,11 +321,11 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
     runs/<name of the study>-live, with --simulate runs/<name of the study>-live-simulated.
     """
     given, asked = options["folder"], run_of(study, options)
-    from elastid.app.live import Asked, live_study
+    from elastid.app.live import live_study
 
     # Simulated logs never lie where those of the robot are awaited.
     folder = given or Path("runs") / f"{asked.study.name}-live{'-simulated' * simulate}"
-    live_study(asked, folder, Asked(goals, simulate, robot_time))
+    live_study(replace(asked, folder=folder), goals, simulate, robot_time)
 
 
 @cli.command()

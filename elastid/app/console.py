@@ -176,20 +176,14 @@ def _deviation(std: float, value: float) -> str:
 
 
 def forecast_table(forecast: Forecast) -> list[list[str]]:
-    """Headings, then a line for each parameter: predicted std, the configuration that informs it most, correlation."""
-    parts = ["by noise", "by file"] if len(forecast.parts) else []
-    rows = [["parameter", "unit", "nominal", *parts, "expected std", "most of it from", "most correlated with"]]
-    by_configuration = forecast.share.sum(axis=1)
+    """Headings, then a line for each parameter: predicted std, parts of it by noise and by the file, correlation."""
+    parts = {"by noise": forecast.std_by_noise, "by file": forecast.std_by_file} if len(forecast.parts) else {}
+    columns = {**parts, "expected std": forecast.std}
+    rows = [["parameter", "unit", "nominal", *columns, "most correlated with"]]
     for i, name in enumerate(forecast.parameters):
-        relative, std = float(forecast.relative[i]), float(forecast.std[i])
-        informed = math.isfinite(std)
-        known = f"{number(100 * relative, 2)} %" if math.isfinite(relative) else number(std, 2)
-        best = int(by_configuration[:, i].argmax())
         partner, correlation = forecast.strongest(name)
-        source = f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %"
         nominal = float(forecast.nominal[i])
-        row = [name, forecast.units[i], number(nominal)]
-        row += [_deviation(float(part[i]), nominal) for part in (forecast.std_by_noise, forecast.std_by_file) if parts]
-        row += [known, source] if informed else ["not seen", "–"]
-        rows.append([*row, f"{partner} {correlation:+.2f}" if partner else "–"])
+        deviations = [_deviation(float(std[i]), nominal) for std in columns.values()]
+        most = f"{partner} {correlation:+.2f}" if partner else "–"
+        rows.append([name, forecast.units[i], number(nominal), *deviations, most])
     return rows

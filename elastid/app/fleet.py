@@ -26,6 +26,7 @@ from elastid.report.page.page_of_use import html_of_answer
 from elastid.store.files import changed_texts, keep_checksums, write_rows
 from elastid.study import load
 from elastid.study.fleet import Fleet, Member
+from elastid.study.source import first_of
 from elastid.validation.fleet import FleetValue, find_changes
 
 MEMBERS = "members"
@@ -35,8 +36,6 @@ WRITTEN = ("fleet.parquet", "fleet.csv", "fleet.html", "figures")
 DIED = "its worker died 2 times, perhaps for lack of memory; run it alone, or with fewer --jobs"
 # How studies end whose numbers are compared: of elasticity and of friction.
 COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
-# Members that a message names.
-MAX_LISTED = 5
 
 # A parameter of a member, with its 95 % interval; std, low and high None where it was held.  std_repeated: without the
 # part of the robot's file, whose error all members share.
@@ -58,7 +57,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         rows = [row for member, outcome in ends if not outcome.failed for row in rows_of(folder, member)]
         if not rows:
             raise FitError(
-                "fleet/members", f"no member was identified: {_listed(_reasons(outcomes))}", f"fleet {fleet.name}"
+                "fleet/members", f"no member was identified: {first_of(_reasons(outcomes))}", f"fleet {fleet.name}"
             )
         table, values = _write_table(folder, rows), _values(rows)
         findings = find_changes(values, fleet.false_discovery_rate)
@@ -82,7 +81,7 @@ def _check(fleet: Fleet, folder: Path) -> None:
         except StudyError as error:
             wrong.append(f"{member.words}: {error}")
     if wrong:
-        raise StudyError("study/invalid", _listed(wrong))
+        raise StudyError("study/invalid", first_of(wrong))
     try:
         own_path(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -102,18 +101,13 @@ def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
             raise error(
                 "fleet/members",
                 f"{len(members)} of {len(outcomes)} members {kind} and are not compared with the others: "
-                f"{_listed(_reasons(members))}",
+                f"{first_of(_reasons(members))}",
                 f"fleet {name}",
             )
 
 
 def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
     return [f"{outcome.words}: {outcome.message}" for outcome in outcomes]
-
-
-def _listed(lines: Sequence[str]) -> str:
-    rest = [f"and {len(lines) - MAX_LISTED} more"] if len(lines) > MAX_LISTED else []
-    return "\n".join([*lines[:MAX_LISTED], *rest])
 
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:

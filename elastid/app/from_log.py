@@ -48,14 +48,13 @@ _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 class Clock:
     """The rate of a log in Hz, None where nothing shows it; the name of its time.
 
-    is_even: its samples need not be brought to the rate.  is_in_s: as a study has its times.
+    is_even: its samples need not be brought to the rate.
     """
 
     rate_hz: float | None
     why: str
     name: str = ""
     is_even: bool = True
-    is_in_s: bool = True
 
 
 def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = None) -> dict[str, str]:
@@ -136,9 +135,7 @@ def _clock(log: Log) -> Clock:
             grid = even_grid(t - t[0])
             rate_hz = (usual if grid is None else grid[1]) / TIME_UNITS[unit]
             is_even = unit != "s" or (grid is not None and len(grid[0]) > grid[0][-1])
-            return Clock(
-                float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even, unit == "s"
-            )
+            return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even)
     arrays = log.arrays if isinstance(log, ArrayLog) else {}
     for name, array in arrays.items():
         if array.rate_hz:

@@ -40,9 +40,9 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut |
     rigid = {joint.name for joint in robot.driven} - {joint.name for joint in robot.flexible}
     rough = set(robot.motor_locations)
     if is_simulated:
-        from elastid.friction.robot_friction import frictions  # brings CasADi
-
-        rough = {law.place for law in frictions(robot)}
+        motors = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.dry_friction]
+        rough = {f"motor {name}" for name in motors}
+        rough |= {f"joint {joint.name}" for joint in robot.joints if joint.friction is not None}
     for place in () if friction is None else friction.taken_places():
         joint = place.removeprefix("motor ")
         rough -= {place} | ({f"joint {joint}"} & {f"joint {name}" for name in rigid})
@@ -250,11 +250,7 @@ def with_terms_of(result: Result, robot: Robot) -> Result:
 
 def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:
     """A gap is soft within, a range of torque stiffer beyond; a file can state one of them."""
-    ends = [
-        (effect.kind, effect.scale, f)
-        for effect, f in zip(gears.effects, gears.levels.tolist(), strict=True)
-        if effect.joint == joint and effect.kind in ("gap", "range") and f
-    ]
+    ends = [(kind, b, f) for kind, b, f in _effects(joint, gears) if kind in ("gap", "range") and f]
     if ends:
         (kind, b, f), k = ends[0], spring.stiffness
         inner, outer = (max(k - f, 0.0), k) if kind == "gap" else (k, k + f)
@@ -274,25 +270,25 @@ def _gear(joint: Joint, gears: GearResult) -> Gear | None:
         load=max(gears.level("load", name), 0.0),
         error=tuple(TransmissionError(*of_order) for of_order in _harmonics("error", name, gears)),
         ripple=tuple(GearRipple(*of_order) for of_order in _harmonics("ripple", name, gears)),
-        hysteresis=tuple(_elements(name, gears)),
+        hysteresis=tuple(
+            Hysteresis(level, scale, "sharp" if kind == "stop" else "smooth")
+            for kind, scale, level in _effects(name, gears)
+            if kind in ("stop", "bristle") and level > 0
+        ),
     )
     return gear if gear != Gear() else None
 
 
 def _harmonics(word: Literal["error", "ripple"], joint: str, gears: GearResult) -> Iterator[tuple[float, float, float]]:
     """Amplitude, order and phase of each order."""
-    parts: dict[tuple[str, float], float] = {
-        (effect.kind, effect.scale): f
-        for effect, f in zip(gears.effects, gears.levels.tolist(), strict=True)
-        if effect.joint == joint and effect.kind.startswith(word)
-    }
+    parts = {(kind, scale): f for kind, scale, f in _effects(joint, gears) if kind.startswith(word)}
     for order in dict.fromkeys(scale for _, scale in parts):
         sine, cosine = (parts.get((f"{word} {part}", order), 0.0) for part in ("sine", "cosine"))
         if amplitude := math.hypot(sine, cosine):
             yield amplitude, order, math.atan2(cosine, sine)
 
 
-def _elements(joint: str, gears: GearResult) -> Iterator[Hysteresis]:
-    for effect, level in zip(gears.effects, gears.levels.tolist(), strict=True):
-        if effect.joint == joint and effect.kind in ("stop", "bristle") and level > 0:
-            yield Hysteresis(level, effect.scale, "sharp" if effect.kind == "stop" else "smooth")
+def _effects(joint: str, gears: GearResult) -> list[tuple[str, float, float]]:
+    """Kind, scale and level of each effect at a joint."""
+    levels = zip(gears.effects, gears.levels.tolist(), strict=True)
+    return [(effect.kind, effect.scale, f) for effect, f in levels if effect.joint == joint]

@@ -21,6 +21,7 @@ import numpy as np
 from elastid.app.run import Run, carry_out, hash_of, logged_in, run_all
 from elastid.app.run import stamps as stamps_of
 from elastid.app.stage_table import SIMULATED
+from elastid.app.stages.design import movement_of
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.arrays import FloatArray
 from elastid.base.display import degrees, number
@@ -30,10 +31,9 @@ from elastid.base.workers import lasting_workers
 from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s
-from elastid.experiment.plan.movement import Reference, reference
+from elastid.experiment.plan.movement import Reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.hardware import logged_quantity
-from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -64,26 +64,18 @@ FACTOR = 1.5
 DRAWS = 2  # robots at twice the deviations of the fit, on which the limits are kept, too
 
 
-@dataclass(frozen=True)
-class Asked:
-    """Goals and options of the command line; robot_time in s."""
-
-    goals: tuple[str, ...]
-    simulate: bool = False
-    robot_time: float | None = None
-
-
-def live_study(run: Run, folder: Path, asked: Asked) -> None:
+def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None) -> None:
     """DIR/live and the run folder of its logs; FitError where the goal is not reached, with what limits it.
 
-    StudyError for a study without a plan, or a folder of another study; DataError for a log that contradicts its plan.
+    robot_time: in s, None for that of the study's own plan.  StudyError for a study without a plan, or a folder of
+    another study; DataError for a log that contradicts its plan.
     """
-    session = Session.of(replace(run, folder=folder), asked)
-    with logged_in(folder, run.jobs, run.console), lasting_workers():
+    session = Session.of(run, goals, simulate, robot_time)
+    with logged_in(run.folder, run.jobs, run.console), lasting_workers():
         plans, reached, words = session.work()
-        study = session.folder.write_study(study_data(run.loaded.path, run.loaded.overrides), plans)
+        study = session.folder.write_study(session.data, plans)
         run.console.say(f"live: {words}")
-    finished = Run(load(study), folder, run.jobs, run.console)
+    finished = replace(run, loaded=load(study))
     run_all(finished)
     used = session.goal.reached(read_fit(finished.path("fit")))
     if not reached or max(used.values()) > 1:
@@ -92,24 +84,28 @@ def live_study(run: Run, folder: Path, asked: Asked) -> None:
 
 @dataclass(frozen=True)
 class Session:
-    """A live identification: run: of the study that was asked for, in the folder of the results."""
+    """A live identification: run: of the study that was asked for, in the folder of the results.
+
+    simulate: by the study's rig.  budget_s: robot time that may be used.
+    """
 
     run: Run
-    asked: Asked
     goal: Goal
     folder: LiveFolder
     problem: DesignProblem
+    simulate: bool
+    budget_s: float
 
     @classmethod
-    def of(cls, run: Run, asked: Asked) -> Session:
+    def of(cls, run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None = None) -> Session:
         """The session of a study; StudyError for one that has no plan, and for a goal that names no parameter."""
         study, robot = run.study, run.study.as_robot()
         require_one_robot_in_any_posture(study, str(run.loaded.path))
         assert study.excitation is not None
         if robot.tolerances is None:  # a simulated rig is as exact as its file
             usual = Tolerances(torque_constant=EXACT)
-            robot = replace(robot, tolerances=EXACT if asked.simulate else usual)
-        goal = read_goal(asked.goals, choose(study.fit, robot).free_names)
+            robot = replace(robot, tolerances=EXACT if simulate else usual)
+        goal = read_goal(goals, choose(study.fit, robot).free_names)
         outputs = study.experiment.as_simulated().outputs or robot.motor_locations
         folder = LiveFolder(run.folder / "live", robot, outputs)
         candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)
@@ -121,18 +117,18 @@ class Session:
             robot, study.excitation, experiment, study.seeded_fit, study.estimator.quantity, study.seed, design,
             model=study.model, friction=study.estimator.friction,
         )  # fmt: skip
-        return cls(run, asked, goal, folder, problem)
+        return cls(run, goal, folder, problem, simulate, robot_time or planned_time_s(run))
 
     @property
-    def budget_s(self) -> float:
-        """The robot time that may be used: what was asked for, or that of the study's own plan."""
-        return self.asked.robot_time or planned_time_s(self.run)
+    def data(self) -> dict[str, Any]:
+        """Keys of the study that was asked for."""
+        return study_data(self.run.loaded.path, self.run.loaded.overrides)
 
     @cached_property
     def stamp(self) -> Stamp:
         """Stamp of all files of the session: the values of the study that a plan depends on, and who makes the logs."""
         own = stamps_of(self.run.loaded)["design"]
-        return replace(own, study="", inputs=hash_of([own.inputs, "simulated"]) if self.asked.simulate else own.inputs)
+        return replace(own, study="", inputs=hash_of([own.inputs, "simulated"]) if self.simulate else own.inputs)
 
     def work(self) -> tuple[list[Plan], bool, str]:
         """The plans that were carried out, True where the goal is reached, and how it ended."""
@@ -180,7 +176,7 @@ class Session:
         assert design is not None
         if not plans:
             return design
-        measured = read_responses(self.folder.results(len(plans)) / "frf.h5")
+        measured = read_responses(self.folder.plan(len(plans)).with_suffix("") / "frf.h5")
         shown = [(q.stochastic, q.excited.amplitude) for q in (G.quality for G in measured) if q is not None]
         shares = [np.median((by_distortion / size) ** 2) for by_distortion, size in shown if by_distortion is not None]
         level = math.sqrt(np.mean(shares)) if shares else design.distortion
@@ -218,8 +214,11 @@ class Session:
                 f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
             )
             write_plan(path, plan, self.stamp, peaks=proposal.limit_use)
-        self.folder.write_references(plan, _reference(problem, plan))
+        self.folder.write_references(plan, self._movement(plan, problem.robot))
         return plan
+
+    def _movement(self, plan: Plan, robot: Robot) -> Reference:
+        return movement_of(plan, self.problem.simulated.carrier, robot, plan.configurations[0])
 
     def _seed(self, step: int) -> int:
         """Seed of the phases and the noise of one experiment."""
@@ -263,7 +262,7 @@ class Session:
             return  # they were checked before that
         with self._execution(f"rehearsal of x{step}") as execution:
             rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
-        if self.asked.simulate:
+        if self.simulate:
             true = replace(problem.experiment, simulated=self.run.study.experiment.simulated)
             rig = SimulatedRig(self.run.study.as_robot(), true, plan, self._seed(step))
             with self._execution(f"x{step}") as execution:
@@ -273,7 +272,7 @@ class Session:
                 f"live: run {self.folder.path / 'references'}/x{step}-*.csv and put the logs of the whole runs into "
                 f"{logs} under the same names; columns: {', '.join(c.channel for c in self.folder.channels)}"
             )
-        given, swings = _reference(problem, plan), problem.simulated.carrier is not None
+        given, swings = self._movement(plan, problem.robot), problem.simulated.carrier is not None
         for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
             path = self._awaited(run)
             planned = PlannedRun(plan, run, given, rehearsal, problem.robot, swings)
@@ -291,16 +290,16 @@ class Session:
             path = self.folder.log(run)
             parts = [] if path is None else [path, *path.iterdir()] if path.is_dir() else [path]
             size = sum(part.stat().st_size for part in parts)
-            if path is not None and (self.asked.simulate or size == last):
+            if path is not None and (self.simulate or size == last):
                 return path
             last = size
             time.sleep(POLL_S)
 
     def _run(self, plans: Sequence[Plan]) -> Run:
         """The run of all logs so far."""
-        study = self.folder.write_study(study_data(self.run.loaded.path, self.run.loaded.overrides), plans)
+        study = self.folder.write_study(self.data, plans)
         loaded = load(study, ("fit.profile=[]", "fit.bootstrap=0"))
-        return replace(self.run, loaded=loaded, folder=self.folder.results(len(plans)))
+        return replace(self.run, loaded=loaded, folder=self.folder.plan(len(plans)).with_suffix(""))
 
     def _fitted(self, plans: Sequence[Plan]) -> Result:
         """The fit of all logs so far, kept until one of them changes."""
@@ -315,12 +314,6 @@ class Session:
         name = max(used, key=lambda joint: used[joint])
         goal = 100 * self.goal.widths[name]
         return f"{name} is known to {number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
-
-
-def _reference(problem: DesignProblem, plan: Plan) -> Reference:
-    """The movement of the robot in the configuration of a plan."""
-    forward = feed_forward_of(model_of(problem.robot.carrying(True)))
-    return reference(plan, problem.simulated.carrier, forward, plan.configurations[0])
 
 
 def _contradiction(step: int, result: Result) -> str:
@@ -352,12 +345,8 @@ class LiveFolder:
     outputs: tuple[str, ...]
 
     def plan(self, step: int) -> Path:
-        """The plan of an experiment, from 1."""
+        """The plan of an experiment, from 1; without its suffix the folder of the results up to this one."""
         return self.path / f"x{step}.h5"
-
-    def results(self, step: int) -> Path:
-        """The folder of the results of all experiments up to this one."""
-        return self.path / f"x{step}"
 
     def log(self, run: Experiment) -> Path | None:
         """The log of a run; None until it is there. DataError where there are several."""
@@ -408,7 +397,7 @@ class LiveFolder:
             path = self.path / "references" / f"{run.name}.csv"
             path.parent.mkdir(parents=True, exist_ok=True)
             if not path.exists():
-                write_run(path, reference, plan, run)
+                write_run(path, reference, plan.inputs, plan.sliding, reference.injected(plan.torque(run)))
 
     def write_study(self, data: Mapping[str, Any], plans: Sequence[Plan]) -> Path:
         """study.yml and robot.yml of the logs of some plans; data: keys of the study that was asked for."""
@@ -443,22 +432,19 @@ def require_one_robot_in_any_posture(study: Study, path: str) -> None:
             path,
         )
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
-    missing = sorted({*motors} - {*(simulated.outputs or motors)})
     grouped = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
-    offset = simulated.carrier is not None and simulated.carrier.kind == "offset"
-    weighed = any(factor.configurations for factor in study.fit.weights.factors)
-    for is_wrong, place in (
-        (missing, "experiment.simulated.outputs"),
-        (offset, "experiment.simulated.carrier"),
-        (study.fit.robots, "fit.robots"),
-        (grouped, f"fit.parameters.{''.join(grouped[:1])}.per"),
-        (weighed, "fit.weights.factors"),
-        (study.experiment.without_payload, "experiment.without_payload"),
-    ):
-        if is_wrong:
-            raise StudyError(
-                "live/study",
-                "live chooses the configurations of one robot itself, without a carrier of constant velocity, and "
-                "reads the position of every motor; leave this key out",
-                place,
-            )
+    refused: dict[str, Any] = {
+        "experiment.simulated.outputs": {*motors} - {*(simulated.outputs or motors)},
+        "experiment.simulated.carrier": simulated.carrier is not None and simulated.carrier.kind == "offset",
+        "fit.robots": study.fit.robots,
+        f"fit.parameters.{''.join(grouped[:1])}.per": grouped,
+        "fit.weights.factors": any(factor.configurations for factor in study.fit.weights.factors),
+        "experiment.without_payload": study.experiment.without_payload,
+    }
+    for place in (place for place, is_given in refused.items() if is_given):
+        raise StudyError(
+            "live/study",
+            "live chooses the configurations of one robot itself, without a carrier of constant velocity, and reads "
+            "the position of every motor; leave this key out",
+            place,
+        )

@@ -9,16 +9,17 @@ any file that its reader may open read as a measurement.
 
 from __future__ import annotations
 
+import csv
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import ELOOP
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from elastid.base.errors import DataError, ElastidError
+from elastid.base.errors import DataError, ElastidError, StudyError
 
 
 def own_path(run_folder: Path, *names: str) -> Path:
@@ -99,26 +100,17 @@ def _flush_folder(folder: Path) -> None:
             os.close(handle)
 
 
-MAX_MEMBERS = 100_000
-
-
 def require_own_data(file: Any) -> None:
     """Refuse an open HDF5 file that names data elsewhere, contains itself, or claims more data than it can hold.
 
     file: h5py.File.  Raises DataError with the place inside the file.
     """
     root = file["/"].id
-    members = _members(file.filename, root, "", (_address(root),))
-    if next(islice(members, MAX_MEMBERS, None), None) is not None:
-        raise DataError(
-            "files/unsafe",
-            f"more than {MAX_MEMBERS} groups and datasets are in it; export fewer signals",
-            file.filename,
-        )
+    _require_own_members(file.filename, root, "", (_address(root),))
 
 
-def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Iterator[str]:
-    """The place of each member below a group, once it was looked at; above: the groups that it lies in.
+def _require_own_members(path: str, group: Any, place: str, above: tuple[int, ...]) -> None:
+    """Look at each member below a group at a place; above: the groups that it lies in.
 
     group: h5py.h5g.GroupID, whose members are there in half the time of h5py.Group.
     """
@@ -144,8 +136,7 @@ def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Itera
                 raise DataError(
                     "files/unsafe", f"the group {name} contains itself, or lies too deep; export the file again", path
                 )
-            yield from _members(path, item, name, (*above, _address(item)))
-        yield name
+            _require_own_members(path, item, name, (*above, _address(item)))
 
 
 def _require_own_values(path: str, name: str, dataset: Any) -> None:
@@ -182,3 +173,34 @@ def from_template(template: str, /, **values: Any) -> str:
     from string import Template
 
     return Template((files("elastid") / template).read_text("utf-8")).substitute(values)
+
+
+def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
+    """Line, from 1, and cells by the names in the first row, of each row of a CSV file; StudyError where it is none.
+
+    Empty rows, and those that begin with #, are left out.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise StudyError("files/table", f"it cannot be read as a table ({error})", f"{path}:1:1") from None
+    rows = [(n, [cell.strip() for cell in next(csv.reader([line]), [])]) for n, line in enumerate(lines, start=1)]
+    rows = [(n, row) for n, row in rows if any(row) and not row[0].startswith("#")]
+    if len(rows) < 2:
+        raise StudyError("files/table", "a table has a row of names and at least one below it", f"{path}:1:1")
+    (first, heads), *rest = rows
+    for number, row in rest:
+        if len(row) != len(heads) or len(set(heads)) < len(heads):
+            text = f"{len(row)} cells, and {len({*heads})} different names, with commas between them, in line {first}"
+            raise StudyError("files/table", text, f"{path}:{number}:1")
+        yield number, dict(zip(heads, row, strict=True))
+
+
+_HEAD = re.compile(r"(?:joint\s+)?(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|\s+(deg|degrees?|rad|m|s))?")
+
+
+def name_and_unit(head: str) -> tuple[str, str]:
+    """Name and unit of a column of a table: `1 deg`, `1 (deg)` and `joint 1 [deg]` are 1 and deg."""
+    match = _HEAD.fullmatch(head)
+    name, in_brackets, behind = match.groups() if match else (head, "", "")
+    return name, in_brackets or behind or ""

@@ -311,6 +311,7 @@ def relinearise(
     rounds = 10 if is_square else 30
     end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
     known, moved, is_settled = assembly, math.inf, False
+    is_held = any(response.hold is not None for response in assembly.responses)
     for i in range(rounds):
         try:
             if i < len(AT_REST_SHARES):
@@ -321,8 +322,8 @@ def relinearise(
                 current = current.with_modelled_bias(current.of_models(models, criterion), end.x)
                 c = next_factors(current.unbiased(c).of_models(models, criterion), current.responses, end.x, c)
             fit = current.unbiased(c).of_models(models, criterion) if len(c) else current.at(end.x, criterion)
-            # A logarithm counts other elements at each x.
-            if first is not None and current is known and criterion == "complex":
+            # A logarithm counts other elements at each x, and images of held torques are others.
+            if first is not None and current is known and criterion == "complex" and not is_held:
                 fit = fit.with_residuals_of(first)
             elif is_square and not len(c):
                 first, known = fit, current

@@ -31,7 +31,8 @@ from elastid.base.display import Display, as_html, as_text, degrees, number
 from elastid.base.errors import StudyError
 from elastid.base.statistics import By, principal_axes, propagate
 from elastid.linear.linear_model import LinearModel, StateSpace, state_space
-from elastid.linear.modes import Modes, modes, modes_display, shapes_of_all
+from elastid.linear.modes import Modes, modes, shapes_of_all
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import checked_frequencies, frequency_response, to_response
 from elastid.parameters import Parameters
@@ -170,8 +171,9 @@ class UncertainModes(Modes):
     @property
     def display(self) -> Display:
         """Frequency and damping ratio of each mode with their standard deviations."""
-        columns = self.freq_hz, self.freq_std, self.zeta, self.zeta_std
-        return modes_display(f"{len(self.freq_hz)} modes", *columns)
+        columns = self.freq_hz, self.freq_std, 100 * self.zeta, 100 * self.zeta_std
+        rows = [tuple(map(number, row, (5, 2, 4, 2))) for row in np.transpose(columns).tolist()]
+        return Display(f"{len(rows)} modes", ("natural frequency in Hz", "std", "damping ratio in %", "std"), rows)
 
 
 @frozen_value
@@ -317,7 +319,7 @@ class FittedModel:
         """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
         moved = self.estimated.moved
         kernel = Kernel(self.linear, checked_frequencies(freq_hz), tuple(self.estimated.names[row] for row in moved))
-        return np.asarray(np.tensordot(self.estimated.slopes[moved].T, kernel.evaluate(self.theta)[1], axes=1))
+        return np.asarray(np.tensordot(self.estimated.slopes[moved].T, Columns(kernel).evaluate(self.theta)[1], axes=1))
 
     def modes(self) -> UncertainModes:
         """Natural frequencies, damping ratios and shapes of what can move, an integral of a controller left out.

@@ -162,11 +162,11 @@ def kind_of(path: Path | str) -> str | None:
     return kind if isinstance(kind, str) else None
 
 
-class DiskFile(io.RawIOBase):
+class DiskFile(io.FileIO):
     """A new binary file for HDF5 to write; nothing more is written after an error of the disk, which `close` raises."""
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("w+b", buffering=0)
+        super().__init__(path, "w+")
         self._error: OSError | None = None
 
     def write(self, data: Any) -> int:
@@ -175,7 +175,7 @@ class DiskFile(io.RawIOBase):
         total = len(rest)
         try:
             while self._error is None and len(rest):
-                rest = rest[self._file.write(rest) :]
+                rest = rest[super().write(rest) :]
         except OSError as error:
             self._error = error
         return total
@@ -183,30 +183,21 @@ class DiskFile(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         """The bytes that were written, zeros behind their end."""
         view = memoryview(buffer).cast("B")
-        count = self._file.readinto(view) or 0
+        count = super().readinto(view) or 0
         view[count:] = bytes(len(view) - count)
         return len(view)
 
     def truncate(self, size: int | None = None) -> int:
         """Cut or extended."""
         try:
-            return 0 if self._error is not None else self._file.truncate(size)
+            return 0 if self._error is not None else super().truncate(size)
         except OSError as error:
             self._error = error
             return 0
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        """Position moved as in a file."""
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        """Position as of a file."""
-        return self._file.tell()
 
     def close(self) -> None:
         """Raises OSError where something could not be written."""
         error, self._error = self._error, None
         super().close()
-        self._file.close()
         if error is not None:
             raise error

@@ -20,7 +20,7 @@ from elastid.record import Record
 from elastid.response import Response, Responses
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.files import once_per_version, text_file
-from elastid.store.reading import entry_names, read_dataclass, read_optional_part, read_part, reader
+from elastid.store.reading import entry_names, read_dataclass, read_part, reader
 from elastid.store.values import write_artefact, writer
 
 if TYPE_CHECKING:
@@ -47,37 +47,27 @@ def read_forecast(path: Path | str) -> Forecast | None:
     """The forecast in plan.h5; None where there is none."""
     from elastid.design.forecast import Forecast  # as above
 
-    return read_optional_part(path, PLAN, "forecast", Forecast)
+    return read_part(path, PLAN, "forecast", Forecast | None)  # type: ignore[arg-type]
 
 
-def write_movement(path: Path, reference: Reference, inputs: tuple[str, ...], sliding: tuple[str, ...] = ()) -> None:
-    """A whole run in one configuration as CSV; the periods begin at time 0, and the scale is that of their torque.
+def write_run(
+    path: Path, reference: Reference, inputs: Sequence[str], sliding: Sequence[str] = (),
+    injected: FloatArray | None = None,
+) -> None:  # fmt: skip
+    """A whole run as CSV, the movement of each input; the periods begin at time 0.
 
-    sliding: inputs that translate.
+    sliding: inputs that translate.  injected (n, n_u): torque on top; without it the scale of that of the periods.
     """
-    headings, rows = _columns(reference, inputs, sliding)
-    rows = np.column_stack([reference.scale, rows])
-    _write_csv(path, ["time_s", "torque scale", *headings], rows, reference.rate_hz, reference.first_sample)
-
-
-def write_run(path: Path, reference: Reference, plan: Plan, experiment: Experiment) -> None:
-    """A whole run as CSV: the movement of each motor, and the torque to inject on top; the periods begin at time 0."""
-    injected = reference.injected(plan.torque(experiment))
-    headings, rows = _columns(reference, plan.inputs, plan.sliding, ("injected torque", "N*m", injected))
-    _write_csv(path, ["time_s", *headings], rows, reference.rate_hz, reference.first_sample)
-
-
-def _columns(
-    reference: Reference, inputs: Sequence[str], sliding: Sequence[str], *further: tuple[str, str, FloatArray]
-) -> tuple[list[str], FloatArray]:
-    """Headings and columns of the motion of each input, and of further signals (n, n_u)."""
-    parts = [*((name, unit, getattr(reference, name)) for name, unit in _MOTION), *further]
+    parts = [(name, unit, getattr(reference, name)) for name, unit in _MOTION]
+    parts += [] if injected is None else [("injected torque", "N*m", injected)]
     headings = [
         f"{name} of {place} ({of_translation(unit) if place in sliding else unit}, link side)"
         for name, unit, _ in parts
         for place in inputs
     ]
-    return headings, np.hstack([signal for _, _, signal in parts])
+    columns, scale = [signal for _, _, signal in parts], ["torque scale"] * (injected is None)
+    rows = np.column_stack([reference.scale, *columns] if scale else columns)
+    _write_csv(path, ["time_s", *scale, *headings], rows, reference.rate_hz, reference.first_sample)
 
 
 def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
@@ -148,7 +138,7 @@ def read_responses(path: Path | str) -> Responses:
 
 def read_friction(path: Path | str) -> FrictionTakenOut | None:
     """The friction that was taken out of the responses in frf.h5; None where the study asked for none."""
-    return read_optional_part(path, RESPONSES, "friction", FrictionTakenOut)
+    return read_part(path, RESPONSES, "friction", FrictionTakenOut | None)  # type: ignore[arg-type]
 
 
 def write_modes(path: Path | str, modes: tuple[Modes, ...], stamp: Stamp = NO_STAMP) -> None:

@@ -15,14 +15,12 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from elastid.base.arrays import NO_LABEL, Label, mapped, shown_range, shown_values, value_range
+from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, mapped, shown_range, shown_values, value_range
 from elastid.base.escape import group_name
 from elastid.store.artefacts import kind_of, opened, plain
 from elastid.store.values import NAMES, Kind, fields_of, from_json, from_text, has_own_groups, kind_of_annotation
 
 T = TypeVar("T")
-# Values that are in memory at a time where a range is found.
-_BLOCK_VALUES = 1 << 20
 _NUMBERS = {bool: "b", int: "iu", float: "f"}
 
 
@@ -148,16 +146,9 @@ def _numbers(dataset: Any, number: type, shape: tuple[int, ...] | None = None) -
 
 
 def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
-    """One part of a file of a kind; DataError where it is absent."""
+    """One part of a file of a kind; DataError where it is absent, unless its annotation takes None."""
     with opened(path, kind) as file:
         part: T = read_value(file, name, annotation)
-        return part
-
-
-def read_optional_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T | None:
-    """One part of a file of a kind, or None."""
-    with opened(path, kind) as file:
-        part: T | None = read_value(file, name, annotation) if name in file else None
         return part
 
 
@@ -213,8 +204,8 @@ def _shown_values(dataset: Any) -> str:
         return ""
     if dataset.dtype.kind not in "fiubc":
         return f" = {shown_values(np.asarray(dataset.asstr()[()]))}"
-    if dataset.size <= _BLOCK_VALUES:
+    if dataset.size <= PIECE_VALUES:
         return f" = {shown_values(np.asarray(dataset[()]))}"
-    n = max(1, _BLOCK_VALUES * len(dataset) // dataset.size)
+    n = max(1, PIECE_VALUES * len(dataset) // dataset.size)
     blocks = (dataset[start : start + n] for start in range(0, len(dataset), n))
     return f" = {shown_range(value_range(blocks), dataset.dtype.kind == 'c')}"

@@ -17,7 +17,7 @@ from elastid.nonlinear.gear_result import GearResult
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.files import write_rows, write_text
 from elastid.store.reading import read_part, reader
-from elastid.store.values import from_json, json_value, or_text, write_artefact, writer
+from elastid.store.values import SCHEMA, from_json, json_value, or_text, write_artefact, writer
 from elastid.use.map import WorkspaceMap
 from elastid.validation.agreement import Validation
 from elastid.validation.comparison import Comparison
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from elastid.use.tune import TunedMove
 
 FIT, GEARS, VALIDATION, MAP = "fit", "gears", "validation", "map"
-# Version of the form of compare.json.
-_SCHEMA = 1
 
 
 read_fit, read_validation = reader(FIT, "fit", Result), reader(VALIDATION, "validation", Validation)
@@ -98,7 +96,7 @@ def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
 
 def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
     """compare.json. stamp: of the frequency responses that the models were fitted to."""
-    head = {"schema": _SCHEMA, "responses": stamp.inputs, "code": stamp.code, "made by": stamp.software}
+    head = {"schema": SCHEMA, "responses": stamp.inputs, "code": stamp.code, "made by": stamp.software}
     ranking = {"models": comparison.rows, "search": comparison.trials}
     content = {**head, "verdict": comparison.verdict, "configurations": comparison.configurations, **ranking}
     write_text(path, json.dumps(json_value(content, or_text), indent=1, allow_nan=False) + "\n")
@@ -108,7 +106,7 @@ def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:
     """The comparison in compare.json; None where there is none, or one of other frequency responses."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        if (content["schema"], content["responses"]) != (_SCHEMA, stamp.inputs):
+        if (content["schema"], content["responses"]) != (SCHEMA, stamp.inputs):
             return None
         names = {"configurations": "configurations", "verdict": "verdict", "rows": "models", "trials": "search"}
         comparison: Comparison = from_json({name: content[key] for name, key in names.items()}, Comparison)

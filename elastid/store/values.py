@@ -30,7 +30,7 @@ from elastid.store.artefacts import NO_STAMP, TEXT, Stamp, created
 
 Form: TypeAlias = Literal["scalar", "text", "array", "optional", "union", "fields", "sequence", "record", "mapping"]
 _SCALARS = (bool, int, float, str)
-# Version of the form of summary.json and validation.json.
+# Version of the form of summary.json, validation.json and compare.json.
 SCHEMA = 1
 
 

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from elastid.base.errors import StudyError
+from elastid.base.files import read_table
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.sections import FleetSpec, MemberSpec
-from elastid.study.source import read_source, read_table
+from elastid.study.source import read_source
 
 # Columns of a table that are no keys of the study.
 ROBOT, DATE = "robot", "date"
@@ -81,11 +82,11 @@ def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
 
 
 def _rows(path: Path) -> Iterator[MemberSpec]:
-    for place, row in read_table(path, "members"):
+    for line, row in read_table(path):
         if missing := [name for name in (ROBOT, DATE) if name not in row]:
             raise StudyError("files/table", f"no column is called {missing[0]}", f"{path}:1:1")
         values = {key: value for key, value in row.items() if key not in (ROBOT, DATE) and value}
         try:
             yield MemberSpec(row[ROBOT], row[DATE], values)
         except ValueError as error:
-            raise StudyError("files/table", str(error), str(place)) from None
+            raise StudyError("files/table", str(error), f"{path}:{line}:1") from None

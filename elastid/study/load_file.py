@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.study.source import KeyPath, Place, YamlSource, read_table
+from elastid.base.files import name_and_unit, read_table
+from elastid.study.source import KeyPath, Place, YamlSource
 
-# Columns by the key that they fill; several are its entries.
-_KEYS: Mapping[str, tuple[str, ...]] = {
-    "configuration": ("configuration",), "frame": ("frame",), "measured_at": ("measured_at",), "mass": ("mass",),
+# Columns of the entries of a key; those of one text or number are called as their key.
+_ENTRIES: Mapping[str, tuple[str, ...]] = {
     "force": ("fx", "fy", "fz"), "torque": ("tx", "ty", "tz"), "along": ("along_x", "along_y", "along_z"),
     "deflection": ("x", "y", "z"), "std": ("std_x", "std_y", "std_z"),
 }  # fmt: skip
-_SINGLE = ("deflection", "std")  # also columns of one number, of dial gauges
 _TEXTS = ("configuration", "frame", "measured_at")
-_HEAD = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*)\s*[\])])?$")
+_SINGLE = ("mass", "deflection", "std")  # deflections and their std also of dial gauges
 
 
 def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
     """The study with the tests of `loads.file` behind those that it lists; StudyError where the file is no table."""
-    loads = source.data.get("loads") if isinstance(source.data, dict) else None
-    name = loads.get("file") if isinstance(loads, dict) else None
-    if not isinstance(loads, dict) or not isinstance(name, str):
-        return source
-    place, path = source.place(("loads", "file"), of_value=True), folder / name
+    loads = source.data["loads"]
+    place, path = source.place(("loads", "file"), of_value=True), folder / loads["file"]
     if not path.is_file():
         raise StudyError(
             "files/missing", f"loads.file: no such file (looked for {path}; the path is relative to the study)", place
@@ -55,42 +50,37 @@ def _joints(robot: Any) -> tuple[str, ...]:
 
 def _tests(path: Path, joints: Sequence[str]) -> Iterator[tuple[Place, dict[str, Any]]]:
     """The line of each test, and its keys."""
-    for place, row in read_table(path, "load tests"):
+    for line, row in read_table(path):
         columns = [_column(f"{path}:1:1", head, joints) for head in row]
         cells = {
             column: f"{cell}{unit and f' {unit}'}"
             for cell, (column, unit) in zip(row.values(), columns, strict=True)
             if cell
         }
-        yield place, _test(cells, joints)
+        yield Place(1, line, 1, str(path)), _test(cells, joints)
 
 
 def _column(place: str, head: str, joints: Sequence[str]) -> tuple[str, str]:
     """Name and unit of a column."""
-    match = _HEAD.match(head.strip())
-    name, unit = (match["name"], match["unit"] or "") if match else (head.strip(), "")
-    bare = name.removeprefix("joint ").strip()
-    if bare in joints:
-        return f"joint {bare}", unit
-    known = [*_SINGLE, *(word for names in _KEYS.values() for word in names)]
-    if name not in known:
+    name, unit = name_and_unit(head)
+    known = [*_TEXTS, *_SINGLE, *(word for names in _ENTRIES.values() for word in names)]
+    if name not in (*known, *joints):
         raise StudyError(
             "files/table",
             f"no column of load tests is called '{name}'; {did_you_mean(name, [*known, *joints])}",
             place,
         )
-    return name, unit
+    return f"joint {name}" * (name in joints) or name, unit
 
 
 def _test(cells: Mapping[str, str], joints: Sequence[str]) -> dict[str, Any]:
     """The keys of a test."""
-    test: dict[str, Any] = {key: _value(cells[key]) for key in _SINGLE if key in cells}
-    for key, names in _KEYS.items():
+    test: dict[str, Any] = {key: cells[key] for key in _TEXTS if key in cells}
+    test |= {key: _value(cells[key]) for key in _SINGLE if key in cells}
+    angles = {} if "configuration" in test else {"angles": tuple(f"joint {name}" for name in joints)}
+    for key, names in {**_ENTRIES, **angles}.items():
         if key not in test and any(name in cells for name in names):
-            values = [cells.get(name, "0") if key in _TEXTS else _value(cells.get(name, "0")) for name in names]
-            test[key] = values if len(names) > 1 else values[0]
-    if "configuration" not in test and any(f"joint {name}" in cells for name in joints):
-        test["angles"] = [_value(cells.get(f"joint {name}", "0")) for name in joints]
+            test[key] = [_value(cells.get(name, "0")) for name in names]
     return test
 
 

@@ -21,7 +21,6 @@ from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_study
-from elastid.study.checks.recorded import check_logs
 from elastid.study.load_file import with_load_file
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot
@@ -202,6 +201,8 @@ def study_data(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any
 def load_with_logs(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     """Study with its logs opened; StudyError also where they contradict the study, see `study.checks.logs`."""
     loaded, source = _load(Path(path), tuple(overrides))
+    from elastid.study.checks.recorded import check_logs  # brings the reader of logs
+
     if problems := list(check_logs(loaded.study, loaded.base)):
         raise make_error(source, problems)
     return loaded
@@ -266,7 +267,9 @@ def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
         source = with_robot(source, folder)
     except StudyError as error:
         return replace(source, data={key: value for key, value in source.data.items() if key != "robot"}), str(error)
-    return with_load_file(source, path.parent), robot_errors
+    loads = source.data.get("loads")
+    has_file = isinstance(loads, dict) and isinstance(loads.get("file"), str)
+    return with_load_file(source, path.parent) if has_file else source, robot_errors
 
 
 def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:

@@ -27,15 +27,11 @@ _OF_KEY = "[key]"
 
 @dataclass(frozen=True)
 class Problem:
-    """One error: the key path, a sentence, and True if the key (not its value) is at fault.
-
-    origin: True if a comment at the head of the study may say more: where a missing record can be had.
-    """
+    """One error: the key path, a sentence, and True if the key (not its value) is at fault."""
 
     path: KeyPath
     message: str
     at_key: bool = False
-    origin: bool = False
 
 
 def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
@@ -170,13 +166,9 @@ def value_at(data: Any, path: KeyPath) -> Any:
 
 
 def make_error(source: YamlSource, problems: Iterable[Problem], robot_errors: str = "") -> StudyError:
-    """One line for each problem, in the order of the sources; last the errors of the robot's file and the origin."""
-    problems = tuple(problems)
+    """One line for each problem, in the order of the sources; last the errors of the robot's file."""
     lines = [message for _, message in sorted({_line(source, problem) for problem in problems})]
-    origin = source.origin if any(problem.origin for problem in problems) else ()
-    return StudyError(
-        "study/invalid", "\n".join([first_of(lines), *filter(None, [robot_errors]), *origin]).lstrip("\n")
-    )
+    return StudyError("study/invalid", "\n".join(filter(None, [first_of(lines), robot_errors])))
 
 
 def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:

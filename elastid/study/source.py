@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import dropwhile, takewhile
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -47,12 +45,6 @@ class YamlSource:
     places: dict[KeyPath, tuple[Place, Place]]
     text: str = ""
 
-    @property
-    def origin(self) -> tuple[str, ...]:
-        """Lines from `# The record:` on of the comment before the first key, which say where its logs are had."""
-        comment = takewhile(lambda line: line.startswith("#"), self.text.splitlines())
-        return tuple(dropwhile(lambda line: not line.startswith("# The record:"), comment))
-
     def place(self, path: KeyPath, of_value: bool = False) -> Place:
         """Place where a key path is written, or else the nearest key above it."""
         for length in range(len(path), -1, -1):
@@ -81,27 +73,6 @@ def read_source(path: Path, name: str, rank: int = 0) -> YamlSource:
     return parse(text, name, rank)
 
 
-def read_table(path: Path, kind: str) -> Iterator[tuple[Place, dict[str, str]]]:
-    """Rows of a CSV file by the names in its first one, each with its place; StudyError where it is no such table.
-
-    Empty rows, and those that begin with #, are left out.
-    """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError("files/table", f"it cannot be read as a table ({error})", f"{path}:1:1") from None
-    rows = [(n, [cell.strip() for cell in next(csv.reader([line]), [])]) for n, line in enumerate(lines, start=1)]
-    rows = [(n, row) for n, row in rows if any(row) and not row[0].startswith("#")]
-    if len(rows) < 2:
-        raise StudyError("files/table", f"a file of {kind} has a row of names and a row for each", f"{path}:1:1")
-    (first, heads), *rest = rows
-    for number, row in rest:
-        if len(row) != len(heads):
-            text = f"{len(row)} cells, and {len(heads)} names, with commas between them, in line {first}"
-            raise StudyError("files/table", text, f"{path}:{number}:1")
-        yield Place(1, number, 1, str(path)), dict(zip(heads, row, strict=True))
-
-
 def parse(text: str, name: str, rank: int = 0) -> YamlSource:
     """YAML text of a source called `name`; StudyError lists broken YAML, duplicate keys and tags by place."""
     root = Place(rank, 1, 1, name)
@@ -113,7 +84,9 @@ def parse(text: str, name: str, rank: int = 0) -> YamlSource:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        raise StudyError("study/yaml", f"broken YAML: {_reason(error)}", f"{name}:{line}:{column}") from None
+        raise StudyError(
+            "study/yaml", f"broken YAML: {error.problem or error.context}", f"{name}:{line}:{column}"
+        ) from None
     except ReaderError as error:
         line, column = _line_column(text[: error.position])
         raise StudyError("study/yaml", f"not a YAML text ({error.reason})", f"{name}:{line}:{column}") from None
@@ -133,15 +106,6 @@ def first_of(lines: Sequence[str]) -> str:
     most = 20  # correcting them corrects most others
     more = len(lines) - most
     return "\n".join([*lines[:most], *([f"... and {more} further errors"] if more > 0 else [])])
-
-
-def _reason(error: MarkedYAMLError) -> str:
-    problem = str(error.problem or error.context or "cannot be read")
-    if "'\\t'" in problem or "\\t" in problem:
-        mark = error.problem_mark
-        is_indent = mark is None or not (mark.buffer or "")[: mark.pointer].rpartition("\n")[2].strip()
-        return "a tab cannot indent; use spaces" if is_indent else "a tab cannot separate; use a space in its place"
-    return problem if not error.context or not error.problem else f"{problem} ({error.context})"
 
 
 def _line_column(before: str) -> tuple[int, int]:

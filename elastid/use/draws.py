@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,8 +36,11 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
     """
     covariance, exact = result.covariance_of_prediction, replace(result.known_robot, tolerances="exact")
     names = result.parameters.moved(configuration)
-    drawn, values, robots, refused = [], [], [], 0
-    for x, sizes in _draws(result.x, covariance, len(result.doubts), seed):
+    axes, rng = principal_axes(covariance), np.random.default_rng(seed)
+    drawn, values, robots, refused = [], [], list[Robot](), 0
+    while len(robots) < count:
+        x = result.x + rng.standard_normal(len(axes)) @ axes
+        sizes = rng.standard_normal(len(result.doubts))
         moved_by_doubts = sum((size * doubt.effects for size, doubt in zip(sizes, result.doubts, strict=True)), 0.0 * x)
         x = np.clip(x + moved_by_doubts, *result.parameters.x_bounds)
         numbers = result.parameters.numbers(x, configuration)
@@ -59,11 +61,9 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
                     f"of {refused + len(robots)} draws {refused} have impossible inertias: the fit knows too "
                     "little of masses or inertias; give them a prior, or hold them",
                 ) from None
-            continue
-        values.append(moved)
-        drawn.append(np.append(x - moved_by_doubts, sizes))
-        if len(robots) == count:
-            break
+        else:
+            values.append(moved)
+            drawn.append(np.append(x - moved_by_doubts, sizes))
     held = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
     return DrawnRobots(names, np.array(drawn), np.array(values), tuple(robots), tuple(held))
 
@@ -73,9 +73,3 @@ def estimated_robot(result: Result) -> Robot:
     numbers = result.parameters.numbers(result.x)
     numbers.pop(DELAY, None)
     return result.known_robot.with_parameters(numbers)
-
-
-def _draws(x: FloatArray, covariance: FloatArray, doubts: int, seed: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-    axes, rng = principal_axes(covariance), np.random.default_rng(seed)
-    while True:
-        yield x + rng.standard_normal(len(axes)) @ axes, rng.standard_normal(doubts)

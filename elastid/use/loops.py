@@ -117,11 +117,9 @@ class Cascade:
 
     def filters(self, rate_hz: float) -> Filters:
         """Notches, low pass and delay."""
-        sections: list[list[FloatArray]] = [[] for _ in self.low_pass_hz]
+        sections = [[low_pass(corner, rate_hz)] for corner in self.low_pass_hz]
         for axis, row in zip(self.axes, self.notches, strict=True):
-            sections[axis].append(notch(row[0], row[1], row[2], rate_hz))
-        for chain, corner in zip(sections, self.low_pass_hz, strict=True):
-            chain.append(low_pass(corner, rate_hz))
+            sections[axis].insert(-1, notch(row[0], row[1], row[2], rate_hz))
         return Filters(tuple(tuple(tuple(part.tolist()) for part in chain) for chain in sections), self.delay)
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:

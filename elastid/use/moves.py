@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError, StudyError
 from elastid.robot import Robot
-from elastid.use.postures import Table, beyond_limits, follow_path, read_table
+from elastid.use.postures import Table, beyond_limits, follow_path, read_numbers
 
 KINDS = {"velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "torque": "N*m"}
 
@@ -125,7 +125,7 @@ def read_move(path: Path, robot: Robot, frame: str, duration: float | None = Non
 
     DataError for cells that are no numbers, times that do not rise, poses out of reach and angles beyond the limits.
     """
-    table = read_table(path)
+    table = read_numbers(path)
     if len(table.values) < 2:
         raise DataError("use/path", "a move has a row for its start and one for its end, and there is one row", path)
     times = _times(table)

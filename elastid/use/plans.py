@@ -16,7 +16,7 @@ Hessian of the tool's error. Of plans the best within limits, and the shortest t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -171,23 +171,11 @@ class CommandedRobot:
 
 
 DEGREE = 5
-STEP = 1.25  # between durations that bracket the shortest one
+TOOL_M = 5e-5  # e_0
 _HELD = 3  # coefficients at each end, which hold position at zero velocity and acceleration
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Weights and mesh: tool_m e_0, rate_s t_0, knots in a second, tolerance and iterations of IPOPT."""
-
-    tool_m: float = 5e-5
-    rate_s: float = 0.02
-    ripple: float = 1e-5
-    knots_per_s: float = 100.0
-    tolerance: float = 1e-6
-    iterations: int = 150
-
-
-SETTINGS = Settings()
+_RATE_S, _RIPPLE = 0.02, 1e-5  # t_0, and the same of what differs from knot to knot
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,17 +198,18 @@ class Planned:
 
 
 def plan(
-    commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, settings: Settings = SETTINGS
-) -> Planned:
-    """The best motion within the limits from margin_s before a move to margin_s after it.
+    commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, tool_m: float = TOOL_M,
+    iterations: int = 150, knots_per_s: float = 100.0,
+) -> Planned:  # fmt: skip
+    """The best motion within the limits from margin_s before a move to margin_s after it; tool_m: e_0.
 
     KeyboardInterrupt where it was interrupted; StudyError where an end finds no rest.
     """
-    problem = _Problem(commanded, move, limits, margin_s, settings)
+    problem = _Problem(commanded, move, limits, margin_s, tool_m, knots_per_s)
     options: dict[str, Any] = {
         "print_time": False, "no_nlp_grad": True, "calc_lam_p": False, "show_eval_warnings": False,
         "hess_lag": problem.hessian, "ipopt.sb": "yes", "ipopt.print_level": 0,
-        "ipopt.tol": settings.tolerance, "ipopt.max_iter": settings.iterations, "ipopt.mu_strategy": "adaptive",
+        "ipopt.tol": 1e-6, "ipopt.max_iter": iterations, "ipopt.mu_strategy": "adaptive",
         "ipopt.nlp_scaling_method": "none", "ipopt.acceptable_tol": 1e-4, "ipopt.acceptable_iter": 5,
         "ipopt.bound_relax_factor": 0.0, "ipopt.mu_init": 1e-3,
     }  # fmt: skip
@@ -239,10 +228,11 @@ class _Problem:
     """Variables x = [spline coefficients, torques u / u_0, multipliers], each knot by knot; constraints g likewise."""
 
     def __init__(
-        self, commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, settings: Settings
-    ) -> None:
-        model, N = commanded.model, max(12, round((move.duration + 2 * margin_s) * settings.knots_per_s))
-        self.commanded, self.limits, self.settings = commanded, limits, settings
+        self, commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, tool_m: float,
+        knots_per_s: float,
+    ) -> None:  # fmt: skip
+        model, N = commanded.model, max(12, round((move.duration + 2 * margin_s) * knots_per_s))
+        self.commanded, self.limits, self.tool_m = commanded, limits, tool_m
         times, self.step = np.linspace(-margin_s, move.duration + margin_s, N + 1, retstep=True)
         self.knots = np.pad(times, DEGREE, mode="edge")
         self.n, self.n_q, self.n_u, self.n_c = N - 1, model.n_q, model.n_u, len(commanded.rows)
@@ -272,7 +262,7 @@ class _Problem:
         return c
 
     def _build(self) -> None:
-        n, n_q, n_u, n_c, s = self.n, self.n_q, self.n_u, self.n_c, self.settings
+        n, n_q, n_u, n_c = self.n, self.n_q, self.n_u, self.n_c
         sizes = n_q * n, n_u * n, n_c * n
         x = ca.MX.sym("x", sum(sizes))
         C_x, U_x, L_x = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist()) if n_c else (*ca.vertsplit(
@@ -291,11 +281,11 @@ class _Problem:
         g = ca.vertcat(ca.vec(dynamics), ca.vec(phi), bounded)
         R = self.target.rotation.transpose(0, 2, 1).reshape(-1, 9)
         error, _ = self.commanded.tool.map(n)(Q, self.target.position.T, R.T)
-        tool = ca.vec(error) / s.tool_m * np.sqrt(self.step)
+        tool = ca.vec(error) / self.tool_m * np.sqrt(self.step)
         held = [ca.DM(u / self.u_0) for u in self.holding]
-        rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (s.rate_s / np.sqrt(self.step))
+        rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (_RATE_S / np.sqrt(self.step))
         # Sixth differences of coefficients: small of any smooth motion, large of one from knot to knot.
-        sixth = [math.comb(6, i) * (-1.0) ** i * np.sqrt(self.step) / s.ripple for i in range(7)]
+        sixth = [math.comb(6, i) * (-1.0) ** i * np.sqrt(self.step) / _RIPPLE for i in range(7)]
         ripple = diags_array(sixth, offsets=range(7), shape=(self.count - 6, self.count)).tocsc()
         whole = ca.horzcat(
             *(ca.DM(self.ends[0]) for _ in range(_HELD)), C, *(ca.DM(self.ends[1]) for _ in range(_HELD))
@@ -363,13 +353,13 @@ def best_plan(commanded: CommandedRobot, move: Move, limits: MotionLimits, margi
 
     Of a tool far from its path the square outweighs the torque's rate, which would leave torques that chatter.
     """
-    planned = plan(commanded, move, limits, margin_s, replace(SETTINGS, iterations=30))
+    planned = plan(commanded, move, limits, margin_s, iterations=30)
     for _ in range(2):
         away = float(planned_error(commanded, move, planned).max())
-        if planned.has_converged and away < SETTINGS.tool_m * 20:
+        if planned.has_converged and away < TOOL_M * 20:
             break
-        scale = max(SETTINGS.tool_m, min(away, 1.0) / 40)
-        planned = plan(commanded, move, limits, margin_s, replace(SETTINGS, tool_m=scale))
+        scale = max(TOOL_M, min(away, 1.0) / 40)
+        planned = plan(commanded, move, limits, margin_s, scale)
     return planned
 
 
@@ -389,13 +379,13 @@ def shortest(
         if duration > LONGEST_S:
             return False
         motion = move.in_time(duration)
-        planned = plan(commanded, motion, limits, margin_s, replace(SETTINGS, iterations=30))
+        planned = plan(commanded, motion, limits, margin_s, iterations=30)
         return planned.is_feasible and bool(planned_error(commanded, motion, planned).max() <= error_m)
 
     # The rigid robot, which is not far from the elastic one, needs about this.
     duration = first_duration(commanded, move, limits)
     works = can(duration)
-    step = 1 / STEP if works else STEP
+    step = 1 / 1.25 if works else 1.25
     for _ in range(12):
         if can(duration * step) != works:
             break

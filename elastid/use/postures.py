@@ -8,8 +8,6 @@ J. Dyn. Sys. Meas. Control 108 (1986), 163).
 
 from __future__ import annotations
 
-import csv
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, StudyError
+from elastid.base.files import name_and_unit, read_table
 from elastid.model.closed_posture import are_closed, followed, rates
 from elastid.model.kinematics import frame_jacobians, frame_poses
 from elastid.robot import Robot
@@ -159,14 +158,14 @@ class Table:
     @property
     def words(self) -> dict[str, int]:
         """The column of each head without its unit."""
-        return {_bare(head): place for place, head in enumerate(self.heads)}
+        return {name_and_unit(head)[0]: place for place, head in enumerate(self.heads)}
 
     def angles(self, robot: Robot) -> FloatArray | None:
         """Angles (Q, n_u) of the driven joints; None where the table lacks one."""
         names, words = [joint.name for joint in robot.driven], self.words
         if not set(names) <= set(words):
             return None
-        in_degrees = [_unit(self.heads[words[name]]) in _DEGREES for name in names]
+        in_degrees = [name_and_unit(self.heads[words[name]])[1] in _DEGREES for name in names]
         turning = [not joint.slides for joint in robot.driven]
         scale = [np.pi / 180 if deg and turns else 1.0 for deg, turns in zip(in_degrees, turning, strict=True)]
         return np.asarray(self.values[:, [words[name] for name in names]] * scale)
@@ -197,7 +196,7 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
     are kept: some robots' files are stricter than the robots.
     DataError for other columns and for cells that are no numbers.
     """
-    table = read_table(path)
+    table = read_numbers(path)
     angles = table.angles(robot)
     if angles is not None:
         beyond = np.asarray(beyond_limits(robot, angles).any(axis=1))
@@ -221,46 +220,18 @@ def _remark(where: BoolArray, words: str) -> tuple[str, ...]:
     return (f"{len(rows)} of the path's postures (row {', '.join(rows[:5])}{more}) {words}",) if rows else ()
 
 
-def read_table(path: Path) -> Table:
-    """The numbers of a CSV file; DataError with line and column of a cell that is none. Lines with # are comments."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
-    except UnicodeDecodeError:
-        raise DataError("use/path", "no text; give a CSV file", path) from None
-    except OSError as error:
-        raise DataError("use/path", f"{error.strerror}; give a CSV file with the path", path) from None
-    if len(rows) < 2:
-        raise DataError("use/path", "a path has a row of names and a row for each posture", path)
-    heads = tuple(cell.strip() for cell in rows[0][1])
-    if repeated := next((head for head in heads if heads.count(head) > 1), ""):
-        raise DataError("use/path", f"column {repeated} is there twice; leave one out", f"{path}:{rows[0][0]}")
-    values = []
-    for line, row in rows[1:]:
+def read_numbers(path: Path) -> Table:
+    """The numbers of a CSV file; DataError with the line of a cell that is none."""
+    values, lines, heads = [], [], tuple[str, ...]()
+    for line, cells in read_table(path):
         try:
-            numbers = [float(cell) for cell in row]
+            numbers = [float(cell) for cell in cells.values()]
         except ValueError:
-            numbers = []
-        if len(numbers) != len(heads) or not np.isfinite(numbers).all():
-            raise DataError(
-                "use/path",
-                f"{', '.join(cell.strip() for cell in row)}: a row has a finite number below each of {len(heads)} "
-                "names, with commas between them and a point before decimals",
-                f"{path}:{line}",
-            )
+            numbers = [np.nan]
+        if not np.isfinite(numbers).all():
+            text = f"{', '.join(cells.values())}: a cell is a finite number, with a point before decimals"
+            raise DataError("use/path", text, f"{path}:{line}")
         values.append(numbers)
-    return Table(path, heads, np.array(values), tuple(line for line, _ in rows[1:]))
-
-
-_UNIT = re.compile(r"(?:\s+|\s*[\[(]\s*)(deg|degrees?|rad|m|s)\s*[\])]?$")
-
-
-def _bare(head: str) -> str:
-    """A name without its unit: `1 deg`, `1 (deg)`, `joint 1 [rad]` are 1."""
-    return re.sub(r"^joint\s+", "", _UNIT.sub("", head)) or head
-
-
-def _unit(head: str) -> str:
-    match = _UNIT.search(head)
-    return match[1] if match else ""
+        lines.append(line)
+        heads = tuple(cells)
+    return Table(path, heads, np.array(values), tuple(lines))

@@ -147,16 +147,28 @@ def search(coordinates: Sequence[str], fit: Fit, start: Elastic = ()) -> Iterato
 
     fit: gives at least the models asked for, under one scale of QAIC.  start: elastic at the start.
     """
-    visited: tuple[Elastic, ...] = (start,)
+    visited = [start]
     while True:
-        for candidates in _steps(coordinates, visited[-1], start):
+        now = visited[-1]
+        others = [name for name in coordinates if name not in now]
+        stiffer = {gone: tuple(name for name in now if name != gone) for gone in now}
+        # A freed coordinate rigid, one more free, all free, one of the start rigid.
+        for candidates in (
+            [model for gone, model in stiffer.items() if gone not in start],
+            [tuple(name for name in coordinates if name in now or name == free) for free in others],
+            [tuple(coordinates)] if len(others) > 1 else [],
+            [model for gone, model in stiffer.items() if gone in start],
+        ):
             new = [model for model in candidates if model not in visited]
-            rows = fit([visited[-1], *new])
-            chosen = _chosen(rows, visited[-1], new)
+            rows = fit([now, *new])
+            chosen, before = _chosen(rows, now, new), rows[now].mean_misfit
             for model in new:
-                yield _trial(len(visited), rows, visited[-1], model, model == chosen)
+                changed = tuple(name for name in coordinates if (name in model) != (name in now))
+                becomes: Literal["free", "rigid"] = "free" if len(model) > len(now) else "rigid"
+                after = rows[model].mean_misfit
+                yield Trial(len(visited), becomes, changed, model, before, after, model == chosen)
             if chosen is not None:
-                visited = (*visited, chosen)
+                visited.append(chosen)
                 break
         else:
             return
@@ -189,19 +201,6 @@ def is_justified(rigid: ComparedModel, free: ComparedModel) -> bool:
     return gain > standard_error and free.criterion < rigid.criterion
 
 
-def _steps(coordinates: Sequence[str], model: Elastic, start: Elastic) -> Iterator[list[Elastic]]:
-    """The models to try from this one: a freed coordinate rigid, one more free, all free, one of the start rigid."""
-    others = _others(coordinates, model)
-    yield [tuple(_others(model, [freed])) for freed in model if freed not in start]
-    yield [tuple(name for name in coordinates if name in model or name == free) for free in others]
-    yield [tuple(coordinates)] if len(others) > 1 else []
-    yield [tuple(_others(model, [first])) for first in model if first in start]
-
-
-def _others(coordinates: Sequence[str], model: Sequence[str]) -> list[str]:
-    return [name for name in coordinates if name not in model]
-
-
 def _chosen(rows: Mapping[Elastic, ComparedModel], now: Elastic, tried: Sequence[Elastic]) -> Elastic | None:
     """The model that predicts best of those tried whose step is justified; None without any."""
     good = [
@@ -210,13 +209,6 @@ def _chosen(rows: Mapping[Elastic, ComparedModel], now: Elastic, tried: Sequence
         if (is_justified(rows[now], rows[model]) if len(model) > len(now) else not is_justified(rows[model], rows[now]))
     ]
     return min(good, key=lambda model: (rows[model].mean_misfit, rows[model].criterion), default=None)
-
-
-def _trial(step: int, rows: Mapping[Elastic, ComparedModel], now: Elastic, model: Elastic, taken: bool) -> Trial:
-    freed = len(model) > len(now)
-    names = tuple(_others(model, now) if freed else _others(now, model))
-    before, after = (rows[choice].mean_misfit for choice in (now, model))
-    return Trial(step, "free" if freed else "rigid", names, model, before, after, taken)
 
 
 @dataclass(frozen=True)

@@ -16,18 +16,18 @@ from two_axis_study import STUDY, TRUTH
 
 import elastid as ei
 from elastid.app.console import Console
-from elastid.app.live import Asked, Session, planned_time_s
+from elastid.app.live import Session, planned_time_s
 from elastid.app.run import Run
 from elastid.study import load_study
 
 folder = Path(tempfile.mkdtemp())
 (folder / "study.yml").write_text(STUDY, encoding="utf-8")
 run = Run(load_study(folder / "study.yml"), folder / "run", console=Console(-2))
-session = Session.of(run, Asked(("k_*: 0.05 %",), simulate=True))
+session = Session.of(run, ("k_*: 0.05 %",), simulate=True)
 plans, reached, words = session.work()
 
 # What was known after each experiment: half widths of the intervals of the springs, in percent.
-fits = [ei.load(session.folder.results(step) / "fit.h5") for step in range(1, len(plans) + 1)]
+fits = [ei.load(session.folder.plan(step).with_suffix("") / "fit.h5") for step in range(1, len(plans) + 1)]
 robot_time_s = np.cumsum([plan.robot_time_s for plan in plans])
 half_widths = {
     name: [100 * (high - low) / 2 / fit.values[name] for fit in fits for low, high in [fit.interval(name)]]

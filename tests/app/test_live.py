@@ -13,7 +13,7 @@ from plants.live_arm import GOAL, STUDY, TRUTH
 
 from elastid.app import cli
 from elastid.app.console import Console
-from elastid.app.live import Asked, Session, write_simulated_log
+from elastid.app.live import Session, write_simulated_log
 from elastid.app.run import Run
 from elastid.design.next_experiment import read_goal
 from elastid.experiment.plan.plan import Plan
@@ -31,7 +31,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def session(study: Path, folder: Path, *goals: str, jobs: int = 1, robot_time: float | None = None) -> Session:
-    return Session.of(Run(load(study), folder, jobs, Console(-2)), Asked(goals or (GOAL,), True, robot_time))
+    return Session.of(Run(load(study), folder, jobs, Console(-2)), goals or (GOAL,), True, robot_time)
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from plants.linkages import LEVER, LOWER, linkage
 from plants.refusals import refused
 
 from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate, serial
@@ -116,7 +117,7 @@ def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -
     linearisation = Linearisation.of(model)
     linear = linearisation.at(at, model.theta, outputs, "acceleration")
     kernel = Kernel(linear, LINES, linear.parameters)
-    G, dG = kernel.evaluate(linear.theta_ref)
+    G, dG = Columns(kernel).evaluate(linear.theta_ref)
     np.testing.assert_allclose(G, frequency_response(linear, linear.theta_ref, LINES), rtol=1e-9)
     scale = np.abs(G).max(axis=0)
     found = replace(linearisation, point=None)  # responses alone

@@ -10,6 +10,7 @@ from plants.refusals import refused
 from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.closed_posture import assembled, followed, rates
@@ -124,7 +125,7 @@ def test_derivatives_of_the_response_equal_differences(spec: ModelSpec):
     wanted = ("k_3", "d_3", "k_rod", "d_rod", "Jm_2", "k_2")
     linear = linearise(model, at, model.theta, model.inputs, "acceleration")
     kernel = Kernel(linear, LINES, wanted)
-    _, dG = kernel.evaluate(linear.theta_ref)
+    _, dG = Columns(kernel).evaluate(linear.theta_ref)
     for i, name in enumerate(wanted):
         place, step = linear.parameters.index(name), 1e-4
         up, down = (np.array(linear.theta_ref) for _ in range(2))

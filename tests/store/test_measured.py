@@ -29,7 +29,6 @@ from elastid.store.measured import (
     read_plan,
     read_records,
     read_responses,
-    write_movement,
     write_plan,
     write_records,
     write_responses,
@@ -95,7 +94,7 @@ def rows(path):
 
 def test_a_movement_is_a_table_with_a_row_for_each_sample(tmp_path):
     """Time 0 where the periods begin; newtons and metres for an input that translates."""
-    write_movement(tmp_path / "a.csv", some_reference(), ("motor 1", "motor 2"), ("motor 2",))
+    write_run(tmp_path / "a.csv", some_reference(), ("motor 1", "motor 2"), ("motor 2",))
     heading, numbers = rows(tmp_path / "a.csv")
     assert heading[:4] == [
         "time_s",
@@ -127,7 +126,7 @@ def test_the_torque_is_a_table_of_one_period(tmp_path):
 def test_a_whole_run_is_one_table_of_movement_and_torque(tmp_path):
     """The torque to inject grows with the ramp, and repeats its period from the sample on which the periods begin."""
     plan, experiment, reference = some_plan(), Experiment(AWAY, 0, 1), some_reference()
-    write_run(tmp_path / "run.csv", reference, plan, experiment)
+    write_run(tmp_path / "run.csv", reference, plan.inputs, plan.sliding, reference.injected(plan.torque(experiment)))
     heading, numbers = rows(tmp_path / "run.csv")
     assert heading[1] == "position of motor 1 (rad, link side)"
     assert heading[-1] == "injected torque of motor 2 (N, link side)"

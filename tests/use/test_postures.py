@@ -61,7 +61,7 @@ def test_a_file_that_is_no_path_is_refused_with_the_reason(tmp_path: Path, text:
     """Columns, cells and rows."""
     path = tmp_path / "path.csv"
     path.write_text(text, encoding="utf-8")
-    with refused("use/path", "use/unreachable", holds=place):
+    with refused("use/path", "files/table", "use/unreachable", holds=place):
         read_path(path, robot(), "tool")
 
 

@@ -21,7 +21,7 @@ from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp
-from elastid.store.measured import write_movement, write_plan, write_torque
+from elastid.store.measured import write_plan, write_run, write_torque
 from elastid.study import Study
 
 
@@ -41,7 +41,7 @@ def design(study: Study, work: Work) -> Artefacts:
     carrier = study.experiment.as_simulated().carrier
     with work.execution() as execution:
         designed = design_experiments(problem, execution)
-        movement = partial(_reference, designed.plan, carrier, robot)
+        movement = partial(movement_of, designed.plan, carrier, robot)
         movements = tuple(execution.ordered(movement, designed.plan.configurations))
     plan, forecast, limit_use = designed.plan, designed.forecast, designed.limit_use
 
@@ -73,7 +73,7 @@ def design(study: Study, work: Work) -> Artefacts:
     return Artefacts({"references": partial(_write_references, plan, movements, work), "plan.h5": write}, report)
 
 
-def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
+def movement_of(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
     """The movement in one configuration; a process builds the equations itself, since they do not pickle."""
     return reference(plan, carrier, feed_forward_of(model_of(robot.carrying(configuration.carries))), configuration)
 
@@ -87,7 +87,7 @@ def _write_references(plan: Plan, movements: Sequence[Reference], work: Work, fo
 
 def _write_configuration(folder: Path, plan: Plan, pair: tuple[Configuration, Reference]) -> None:
     configuration, movement = pair
-    write_movement(folder / f"{configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
+    write_run(folder / f"{configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
     for experiment in plan.experiments:
         if experiment.configuration.name == configuration.name:
             write_torque(folder / f"{experiment.name}.csv", plan, experiment)

@@ -68,11 +68,9 @@ def fit(study: Study, work: Work) -> Artefacts:
 
     def report(console: Console) -> None:
         console.notes(result.notes, on_page=True)
-        console.say(f"fit: {result.message}")
-        if result.static is not None:
-            console.say(f"fit: {result.static.words}")
-        if result.tool is not None:
-            console.say(f"fit: {result.tool.words}")
+        seconds = (second.words for second in (result.static, result.tool) if second is not None)
+        for words in (result.message, *seconds):
+            console.say(f"fit: {words}")
 
     names = [response.configuration.name for response in responses]
     robots = {file: text(robot_file) for file, robot_file in robot_files(study.name, robot, result, friction, names)}
@@ -109,7 +107,7 @@ def conclude(run: Run) -> None:
     """
     opened = read_gears(run.path("gears")) if "gears" in run.stages and run.path("gears").exists() else None
     linear = read_fit(run.path("fit"))
-    result = with_gears(linear, opened)
+    result = linear if opened is None else with_gears(linear, opened)
     estimated = run.path("estimate").exists()  # a kept fit does not need it
     friction = read_friction(run.path("estimate")) if estimated else None
     rows = fitted_rows(run.study, result, friction)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +15,6 @@ from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.stages.measure import measure_parts, report_count
 from elastid.app.stages.report import page_artefacts
 from elastid.app.summaries import as_json, failed_friction, friction_study_summary
-from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.base.errors import FitError, MisfitError, Note, StudyError
 from elastid.base.execution import Execution
@@ -205,9 +204,6 @@ def _level_words(joint: JointLevels) -> str:
     return ", ".join(parts) or "no log in which it slides"
 
 
-_PARTS = {"cos": "gravity.cos", "sin": "gravity.sin", "constant": "offset"}
-
-
 def follow_friction(study: Study, work: Work) -> Artefacts:
     """filter.h5: of each joint the followed numbers over time with their bands, and the consistency of the filter."""
     measured = stored.read_friction_records(work.sources["measure"])
@@ -252,7 +248,13 @@ def _followed(
     laws = frictions(with_laws(robot, {name: (identified.friction, identified.viscous)}))
     law = next(law for law in laws if law.place == f"motor {name}")
     joint = _joint(robot, identified, records, spec, law, identified.viscous)
-    motions = tuple(_motion(record, _gravity(identified), records[0].start_s) for record in records)
+    parts = ("gravity.cos", "gravity.sin", "offset")
+    cos, sin, constant = (identified.shared.get(part, (0.0, 0.0))[0] for part in parts)
+    motions = tuple(
+        # A filter reads a torque that is held from one sample to the next, at whose end the angle is.
+        JointSamples(r.torque[:-1], cos * np.cos(q[:-1]) + sin * np.sin(q[:-1]) + constant, q[1:], r.start_s - first_s)
+        for r, q, first_s in ((record, record.position, records[0].start_s) for record in records)
+    )
     angle = max(_count(record) for record in records) / np.sqrt(12)
     # The drift within 20 minutes is that of a random walk, of the offset in parts of F_c.
     rate = spec.drift / 1200.0**0.5
@@ -284,21 +286,28 @@ def _joint(
     """Elastic where the robot's file has a spring, else with the inertia that was identified."""
     F_c, F_s, inverse_nu_s = law.curve()[:3].tolist()
     bristle_stiffness, bristle_damping = law.at_rest()
-    if law.law.n_states == 0:  # no presliding was identified
-        bristle_stiffness, bristle_damping = F_c / _slip_deflection(records), 0.0
+    if law.law.n_states == 0:
+        # No presliding was identified: bristles slip after 1e-4 of the path, or 20 counts of the encoder.
+        path = max(float(np.ptp(record.position)) for record in records)
+        slip = max([1e-4 * path, *(20 * record.resolution for record in records)])
+        bristle_stiffness, bristle_damping = F_c / slip, 0.0
     known = {"coulomb": F_c, "viscous": max(viscous, 1e-6 * F_c), "stiction_ratio": F_s / F_c}
     known["stribeck_velocity"] = 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0
     known |= {"bristle_stiffness": bristle_stiffness, "bristle_damping": bristle_damping}
     known["correlation_s"] = spec.correlation_time
     elastic = held_spring(robot, records[0])
-    if elastic is None:
-        joint = FollowedJoint(_inertia(identified), followed=spec.states, **known)
+    if elastic is not None:
+        inertia = elastic.motor_inertia
+        known |= {"link_inertia": elastic.link_inertia, "stiffness": elastic.stiffness, "damping": elastic.damping}
+    elif "inertia" in identified.shared:
+        inertia = identified.shared["inertia"][0]
     else:
-        joint = FollowedJoint(
-            elastic.motor_inertia, link_inertia=elastic.link_inertia, stiffness=elastic.stiffness,
-            damping=elastic.damping, followed=spec.states, **known,
-        )  # fmt: skip
-    return with_tolerances(joint, identified)
+        raise StudyError(
+            "filter/start",
+            f"joint {identified.joint} has no spring in the robot's file, and no motion from which its inertia is "
+            "known: a filter needs the inertia; record a motion that accelerates, or give the joint's spring",
+        )
+    return with_tolerances(FollowedJoint(inertia, followed=spec.states, **known), identified)
 
 
 def _count(record: FrictionRecord) -> float:
@@ -309,31 +318,3 @@ def _count(record: FrictionRecord) -> float:
     min_gap = 1e-7 * float(np.ptp(record.position))
     larger = gaps[gaps > min_gap]
     return float(np.min(larger)) if larger.size else min_gap
-
-
-def _slip_deflection(records: Sequence[FrictionRecord]) -> float:
-    """Deflection at which bristles slip where no loop has identified it: 1e-4 of the path, or 20 encoder counts."""
-    path = max(float(np.ptp(record.position)) for record in records)
-    return max([1e-4 * path, *(20 * record.resolution for record in records)])
-
-
-def _inertia(identified: JointFriction) -> float:
-    if "inertia" in identified.shared:
-        return identified.shared["inertia"][0]
-    raise StudyError(
-        "filter/start",
-        f"joint {identified.joint} has no spring in the robot's file, and no motion from which its inertia is known: a "
-        "filter needs the inertia; record a motion that accelerates, or give the joint's spring",
-    )
-
-
-def _gravity(identified: JointFriction) -> Mapping[str, float]:
-    """cos, sin and constant part of the torque that gravity and offsets take, as the study has identified them."""
-    return {part: identified.shared.get(name, (0.0, 0.0))[0] for part, name in _PARTS.items()}
-
-
-def _motion(record: FrictionRecord, gravity: Mapping[str, float], first_s: float) -> JointSamples:
-    """A record as a filter reads it: torque held from one sample to the next, at whose end the angle is."""
-    q: FloatArray = record.position
-    load = gravity["cos"] * np.cos(q) + gravity["sin"] * np.sin(q) + gravity["constant"]
-    return JointSamples(record.torque[:-1], load[:-1], q[1:], record.start_s - first_s)

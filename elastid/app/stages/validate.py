@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +25,7 @@ from elastid.store.measured import read_configurations, read_friction, read_reco
 from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.study import Study
 from elastid.validation import elastic_twin
-from elastid.validation.agreement import PredictedResponse, Validation, predict_response
+from elastid.validation.agreement import predict_response
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
 
@@ -39,16 +38,6 @@ class Validated:
     fitted: FittedRobot
     friction: FrictionTakenOut | None
     gears: GearResult | None = None
-
-    @property
-    def responses(self) -> tuple[Response, ...]:
-        """Measured responses."""
-        return self.fitted.measured
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Configurations that were not fitted."""
-        return self.study.validation.left_out
 
 
 def validate(study: Study, work: Work) -> Artefacts:
@@ -65,20 +54,27 @@ def validate(study: Study, work: Work) -> Artefacts:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is simulated in time")
     with work.execution() as execution:
         twin = in_time(basis, records, work.console, execution)
-    judged = _validation(basis)
-    at_tool = at_tool_predicted(basis, tool_responses(study.validation.tool, study, work.base))
-    tapped = at_tool_predicted(basis, tool_responses(study.tool, study, work.base), is_fitted=True)
-    judged = replace(judged, predictions=(*at_tool, *tapped))
-    balances = twin.balances
+    left_out = study.validation.left_out
+    shifts = {
+        G.configuration.name: fitted.at(G.configuration.name).response_shifts(G.freq_hz)
+        for G in responses
+        if G.configuration.name in left_out
+    }
+    judged = validate_responses(responses, fitted.responses, left_out, shifts)
+    counted = result.tool is not None and not result.tool.disagrees
+    predictions = [predict_response(result, G) for G in tool_responses(study.validation.tool, study, work.base)]
+    predictions += [
+        predict_response(result, G, is_fitted=counted and G.configuration.name not in left_out)
+        for G in tool_responses(study.tool, study, work.base)
+    ]
+    judged = replace(judged, predictions=tuple(predictions))
 
     def report(console: Console) -> None:
         console.say(f"validate: {judged.verdict}")
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
-        further = list[str]()
-        if balances:
-            further.append(describe_balance(max(balances, key=lambda balance: balance.left)))
-        for words in (*further, *twin.run_words):
+        worst = sorted(twin.balances, key=lambda balance: balance.left)[-1:]
+        for words in (*map(describe_balance, worst), *twin.run_words):
             console.detail(f"validate: {words}")
 
     return Artefacts(
@@ -95,27 +91,6 @@ def in_time(basis: Validated, records: Path | None, console: Console, execution:
     if records is None:
         return NO_TWIN
     return TwinFindings(_balances(basis, records, console, execution), _twin_runs(basis, records))
-
-
-def _validation(basis: Validated) -> Validation:
-    """Prediction errors."""
-    left_out, responses = basis.left_out, basis.responses
-    modelled = basis.fitted.responses
-    lines = {response.configuration.name: response.freq_hz for response in responses}
-    shifts = {name: basis.fitted.at(name).response_shifts(lines[name]) for name in left_out if name in lines}
-    return validate_responses(responses, modelled, left_out, shifts)
-
-
-def at_tool_predicted(
-    basis: Validated, measured: Sequence[Response], is_fitted: bool = False
-) -> tuple[PredictedResponse, ...]:
-    """Responses at the tool with their predictions; is_fitted: but for configurations that were left out."""
-    tool = basis.fitted.result.tool
-    counted = is_fitted and tool is not None and not tool.disagrees
-    return tuple(
-        predict_response(basis.fitted.result, G, is_fitted=counted and G.configuration.name not in basis.left_out)
-        for G in measured
-    )
 
 
 def _balances(basis: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
@@ -152,9 +127,9 @@ def _balanced(
 def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
     """A simulation along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
-    chosen = next((name for name in basis.left_out if name in names), names[0])
+    chosen = next((name for name in basis.study.validation.left_out if name in names), names[0])
     result = with_gears(basis.fitted.result, basis.gears)
-    responses = [response for response in basis.responses if response.configuration.name == chosen]
+    responses = [response for response in basis.fitted.measured if response.configuration.name == chosen]
     if not responses:
         return ()
     ((robot, _),) = robots_by_group(result, basis.study.as_robot(), [chosen]).values()

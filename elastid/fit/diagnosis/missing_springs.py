@@ -96,10 +96,10 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
             known = dict(zip(assembly.parameters.free_names, x.tolist(), strict=True))
             start = np.array([known.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
             thin, every_one = thinned(sprung), np.ones(len(start), dtype=bool)
-            after = predict(AS_READ, evaluate(thin, start), thin.prior_slopes, every_one)
-            if after.cost < LIMITS.predicted_ratio * V:
-                end = np.clip(start + after.step, *sprung.parameters.x_bounds)
-                yield _Spring(name, float(k), ratio, end, after.cost)
+            cost, step = predict(AS_READ, evaluate(thin, start), thin.prior_slopes, every_one)
+            if cost < LIMITS.predicted_ratio * V:
+                end = np.clip(start + step, *sprung.parameters.x_bounds)
+                yield _Spring(name, float(k), ratio, end, cost)
 
 
 def _models(evidence: Evidence, held: HeldModel, responses: Sequence[Response]) -> list[LinearModel]:

@@ -30,11 +30,10 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Changes, Evidence, Hypothesis, Scores, against
+from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Hypothesis, Scores, against
 from elastid.fit.diagnosis.sensitivities import (
     AS_READ,
     Evaluated,
-    Prediction,
     Reading,
     evaluate,
     predict,
@@ -50,8 +49,6 @@ from elastid.robot import gain_name
 
 def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """The indices with the best reading, and the names of those that cannot be distinguished from it."""
-    if not evidence.is_unexplained:
-        return indices
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     fit, x = thinned(optimum.fit), optimum.end.x
     every, of_all = np.ones(len(x), dtype=bool), optimum.fit.n_residuals / max(fit.n_residuals, 1)
@@ -62,7 +59,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         # A fit of responses that were read wrongly may have moved the numbers of the file far within their tolerances.
         starts.append((file, assembly.parameters.x, np.array([not p.tolerated for p in assembly.parameters.free])))
     predicted = [  # V of every reading after one step from each start
-        (predict(reading, evaluated, problem.prior_slopes, free).cost, reading, (problem, start, free))
+        (predict(reading, evaluated, problem.prior_slopes, free)[0], reading, (problem, start, free))
         for problem, start, free in starts
         for evaluated in (evaluate(problem, start),)
         for hypothesis in evidence.hypotheses
@@ -183,16 +180,31 @@ def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> C
     return np.asarray(values * (s**power)[:, None, None])
 
 
-# How responses were read: the family, its changes, and the advice.
-_READINGS: tuple[tuple[str, Changes, str], ...] = (
-    ("sign", signs, "check sign, scale and gear ratio of the channel"),
-    ("direction", directions, "check the axis of its joint, the sign of its ratio and the signs of its channels"),
-    ("exchanged channels", exchanged_channels, "check which channel is which"),
-    ("exchanged postures", exchanged_postures, "check which record is of which posture, and the angles of both"),
-    ("phase", conjugates, "they were written with the convention exp(-j omega t); take their complex conjugates"),
-    ("quantity", quantities, "check the quantity (position, velocity, acceleration) of the y channels"),
+# How responses were read.
+READINGS = (
+    Hypothesis("sign", changes=signs, advice="check sign, scale and gear ratio of the channel"),
+    Hypothesis(
+        "direction",
+        changes=directions,
+        advice="check the axis of its joint, the sign of its ratio and the signs of its channels",
+    ),
+    Hypothesis("exchanged channels", changes=exchanged_channels, advice="check which channel is which"),
+    Hypothesis(
+        "exchanged postures",
+        changes=exchanged_postures,
+        advice="check which record is of which posture, and the angles of both",
+    ),
+    Hypothesis(
+        "phase",
+        changes=conjugates,
+        advice="they were written with the convention exp(-j omega t); take their complex conjugates",
+    ),
+    Hypothesis(
+        "quantity",
+        changes=quantities,
+        advice="check the quantity (position, velocity, acceleration) of the y channels",
+    ),
 )
-READINGS = tuple(Hypothesis(family, changes=changes, advice=advice) for family, changes, advice in _READINGS)
 
 
 def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str, float, FloatArray]]:
@@ -261,11 +273,12 @@ FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass}
 
 
 class Late(NamedTuple):
-    """A form of lateness, `delay` or `low_pass_y_motor_2`, with the T in s that fits best, and V with it."""
+    """A form of lateness, `delay` or `low_pass_y_motor_2`, the T in s that fits best, V with it, and the step of x."""
 
     name: str
     time: float
-    prediction: Prediction
+    cost: float
+    step: FloatArray
 
 
 def as_delay(name: str) -> str:
@@ -285,14 +298,14 @@ def best_forms(
 
     limit = LIMITS.edge_phase / max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
 
-    def at(T: float, form: str) -> Prediction:
+    def at(T: float, form: str) -> tuple[float, FloatArray]:
         return predict(Reading("", "time", partial(_late, FORMS[form], T, *channel)), evaluated, prior, free)
 
     for form in FORMS:
         low, high = np.clip(sorted((0.3 * T_0, 2.0 * T_0)), -limit, limit).tolist()
         options = {"maxiter": LIMITS.iterations, "xatol": 1e-4 * max(abs(low), abs(high))}
-        least = minimize_scalar(lambda T, form=form: at(T, form).cost, bounds=(low, high), options=options)
-        yield Late(near.replace("delay", form, 1), float(least.x), at(float(least.x), form))
+        least = minimize_scalar(lambda T, form=form: at(T, form)[0], bounds=(low, high), options=options)
+        yield Late(near.replace("delay", form, 1), float(least.x), *at(float(least.x), form))
 
 
 def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
@@ -307,12 +320,12 @@ def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated,
 def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """The indices with the forms of lateness of the delays that explain a part."""
     optimum, result = evidence.optimum, evidence.result
-    if not (evidence.is_unexplained and optimum.fit.n_residuals):
+    if not optimum.fit.n_residuals:
         return indices
     fit = thinned(optimum.fit)
     evaluated = evaluate(fit, optimum.end.x)
     prior, free = fit.prior_slopes, ~result.at_bound
-    cost = predict(AS_READ, evaluated, prior, free).cost
+    cost = predict(AS_READ, evaluated, prior, free)[0]
     noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)
     excess = max(cost - noise, 1e-300)
     channels = {"delay": ("", "")} | {
@@ -324,15 +337,15 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     extended = [index for index in indices if index not in delays]
     for delay in delays:
         forms = best_forms(evaluated, prior, free, delay.name, channels[delay.name], float(delay.steps[0]))
-        best = sorted(forms, key=lambda late: late.prediction.cost)
-        least = best[0].prediction.cost
+        best = sorted(forms, key=lambda late: late.cost)
+        least = best[0].cost
         tolerance = LIMITS.variances * scores.level + LIMITS.form_share * max(least - noise, 0.0)
-        equal = [late for late in best if late.prediction.cost < least + tolerance]  # cannot be distinguished
+        equal = [late for late in best if late.cost < least + tolerance]  # cannot be distinguished
         for late in equal:
-            share = (cost - late.prediction.cost) / excess
+            share = (cost - late.cost) / excess
             alike = (*(index.name for index in equal if index is not late), *delay.alike)
             values, drop = delay.values * (late.name == delay.name), share * scores.excess / scores.lines
             changed = replace(delay, name=late.name, members=(late.name,), values=values, steps=np.array([late.time]))
-            effects = late.prediction.step
+            effects = late.step
             extended.append(replace(changed, drop=drop, share=share, effects=effects, alike=alike))
     return extended

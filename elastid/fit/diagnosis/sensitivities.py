@@ -45,6 +45,7 @@ from elastid.fit.solve.solvers import ROUGH, trust_region
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
 from elastid.robot import Body, Joint, Robot, Spring, gain_name
@@ -207,7 +208,7 @@ def evaluate_held(
     model, theta = held.at(fitted, part.kernel.model, x)
     known = {DELAY, *model.gains, *(element.name for element in model.chain), *model.slopes}
     kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))
-    G, dG = kernel.evaluate(theta)
+    G, dG = Columns(kernel).evaluate(theta)
     by_name = dict(zip(kernel.wanted, dG, strict=True))
     chain, numbers = fitted.jacobian(x, part.configuration), dict(by_name)
     free = np.zeros((chain.shape[1], *G.shape), complex)
@@ -352,14 +353,6 @@ class Reading:
     order: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """V after one step (n_x,)."""
-
-    cost: float
-    step: FloatArray
-
-
 AS_READ = Reading("as read", "", lambda _, values: values)
 
 
@@ -400,7 +393,7 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
     """Every configuration at x (n_x,), with derivatives to the free parameters alone."""
     evaluated = []
     for part in (part for part in fit.parts if part.n_residuals):
-        G, slopes = part.kernel.evaluate(fit.theta(part, x))
+        G, slopes = part.normal.columns.evaluate(fit.theta(part, x))
         chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
         evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
     return evaluated
@@ -417,12 +410,14 @@ def squares(evaluated: Sequence[Evaluated]) -> list[float]:
     return [float(e.residual @ e.residual) for e in evaluated]
 
 
-def predict(reading: Reading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray) -> Prediction:
-    """V after one Gauss-Newton step of the free parameters (n_x,); prior (n_x,): 1 / s of theirs."""
+def predict(
+    reading: Reading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
+) -> tuple[float, FloatArray]:
+    """V after one Gauss-Newton step (n_x,) of the free parameters, and that; prior (n_x,): 1 / s of theirs."""
     V, b, A = _normal_equations(reading, evaluated, prior, free)
     near = V / max(sum(e.part.n_residuals for e in evaluated), 1) / STEP_STD**2
     step = np.asarray(-np.linalg.solve(A + max(near, 1e-300) * np.eye(len(b)), b), dtype=float)
-    return Prediction(V + float(step @ (2 * b + A @ step)), step)
+    return V + float(step @ (2 * b + A @ step)), step
 
 
 def _normal_equations(

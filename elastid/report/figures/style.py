@@ -219,13 +219,13 @@ def matrix(
     figure = ShownFigure(figsize=(width, tall))
     spaces = box | {"wspace": gaps[0], "hspace": gaps[1], "height_ratios": heights}
     axes = figure.subplots(len(rows), max(map(len, rows)), squeeze=False, gridspec_kw=spaces, **options)
-    for row, own in zip(rows, axes, strict=True):
-        for panel, each in zip([*row, *[None] * (len(own) - len(row))], own, strict=True):
-            each.set_axis_off() if panel is None else panel.draw(each)
+    for row, row_axes in zip(rows, axes, strict=True):
+        for panel, ax in zip([*row, *[None] * (len(row_axes) - len(row))], row_axes, strict=True):
+            ax.set_axis_off() if panel is None else panel.draw(ax)
     figure.text(0.125 / width, 1 - 0.125 / tall, plain(title), fontsize=LARGE, fontweight="bold", va="top")
     entries: dict[str, Artist] = {}
-    for each in axes.flat:
-        entries |= dict(zip(*reversed(each.get_legend_handles_labels()), strict=True))
+    for ax in axes.flat:
+        entries |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     if entries:
         place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.06 / width, 1 - 0.33 / tall)}
         place |= {"ncols": columns, "frameon": False, "fontsize": SMALL}

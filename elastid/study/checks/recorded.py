@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from elastid.base.errors import ElastidError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
-from elastid.recorded.channel_guess import Doubt, channel_doubts
+from elastid.recorded.channel_guess import channel_doubts
 from elastid.recorded.files.formats import is_log, opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.log import Log as OpenLog
@@ -36,7 +35,21 @@ WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1")
 _RECORDED: KeyPath = ("experiment", "recorded")
 
 
-def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
+def check_measured(study: Study, base: Path) -> Iterator[Problem]:
+    """Problems of the sections that name files of measurements: logs, responses, and responses at the tool."""
+    experiment = study.experiment
+    if experiment.recorded is not None:
+        yield from _check_recorded(study, experiment.recorded, base)
+    if experiment.responses is not None:
+        yield from _check_responses(study, experiment.responses, base)
+    tools: tuple[tuple[KeyPath, ToolSpec | None], ...]
+    tools = (("validation", "tool"), study.validation.tool), (("tool",), study.tool)
+    for section, tool in tools if study.robot is not None else ():
+        if tool is not None:
+            yield from _check_tool(study, tool, base, section)
+
+
+def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
     """Log files exist, no run of the robot is given twice; channels are on the robot; the method suits the period."""
     path = _RECORDED
     yield from check_files(study, recorded.files, path, base)
@@ -67,7 +80,7 @@ def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]
             yield Problem((*_RECORDED, "controller", *keys), refused)
 
 
-def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
+def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
     """Files of responses exist, one for each configuration; channels are on the robot."""
     path: KeyPath = ("experiment", "responses")
     yield from check_files(study, responses.files, path, base)
@@ -106,18 +119,11 @@ def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
     if not is_log(place):
         neighbours = _neighbours(place)
         hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
-        yield Problem(path, f"no such file (looked for {place}){hint}", origin=True)
-
-
-def check_tool(study: Study, base: Path) -> Iterator[Problem]:
-    """Files of responses at the tool exist, in configurations of the study, with inputs that its frames take."""
-    if study.validation.tool is not None:
-        yield from _check_tool(study, study.validation.tool, base, ("validation", "tool"))
-    if study.tool is not None:
-        yield from _check_tool(study, study.tool, base, ("tool",))
+        yield Problem(path, f"no such file (looked for {place}){hint}")
 
 
 def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
+    """Files exist, in configurations of the study, with inputs that its frames take."""
     path: KeyPath = (*section, "responses")
     for i, file in enumerate(tool.responses.files):
         yield from _check_exists(base / file.path, (*path, "files", i, "path"))
@@ -242,25 +248,9 @@ def _check_content(
         yield from _check_period(recorded, file, path, channels, values, period, place)
     if recorded.rate_hz != "unknown":
         doubts = channel_doubts(channels, values, recorded.known_rate_hz, study.places)
-        for doubt in _alike([doubt for doubt in doubts if not rates or doubt.channel is not None], channels):
-            yield Problem(_place_of(doubt, members), f"{doubt.text} ({place.name})")
-
-
-def _alike(doubts: Sequence[Doubt], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
-    """The doubts, those of several channels with one cure as one: a drive's signals are alike for all its joints."""
-    groups = dict[tuple[str, str], list[Doubt]]()
-    for doubt in doubts:
-        cure = re.search(r"(side|unit|quantity|sign): [-\w/^]+", doubt.text)
-        groups.setdefault((doubt.key, cure[0] if cure else ""), []).append(doubt)
-    for first, *others in groups.values():
-        names = ", ".join(channels[doubt.channel].name_in_file for doubt in others if doubt.channel is not None)
-        yield replace(first, text=f"{first.text}; likewise {names}") if names else first
-
-
-def _place_of(doubt: Doubt, members: Sequence[int]) -> KeyPath:
-    if doubt.channel is None:
-        return (*_RECORDED, "rate_hz")
-    return (*_RECORDED, "channels", members[doubt.channel], doubt.key)
+        for doubt in (doubt for doubt in doubts if not rates or doubt.channel is not None):
+            at = ("rate_hz",) if doubt.channel is None else ("channels", members[doubt.channel], doubt.key)
+            yield Problem((*_RECORDED, *at), f"{doubt.text} ({place.name})")
 
 
 def _check_period(

@@ -22,6 +22,7 @@ from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
@@ -233,7 +234,7 @@ def test_the_slope_to_a_ratio_is_that_between_robots_of_two_ratios() -> None:
 
     (robot, model), theta = linear(1.0), linear(1.0)[1].theta_ref
     kernel = Kernel(model, FREQ_HZ, tuple(name for name in model.parameters if name in model.slopes))
-    G, dG = kernel.evaluate(theta)
+    G, dG = Columns(kernel).evaluate(theta)
     held = HeldResponse(robot, model, theta, FREQ_HZ, G, dict(zip(kernel.wanted, dG, strict=True)))
     logs = [(np.eye(2) + sign * step * turns) @ frequency_response(linear(1 + sign * step)[1], theta, FREQ_HZ)
             @ (np.eye(2) + sign * step * turns) for sign in (1, -1)]  # fmt: skip

@@ -27,8 +27,9 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import state_space
 from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
-from elastid.record import Configuration, Hold
+from elastid.record import Configuration, HeldTorque, Hold
 from elastid.recorded.rig import RecordedRig
 from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
@@ -99,6 +100,19 @@ def fitted(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order") -> Re
     return identify([measured(folder, seed, hold, acts)], plant(80.0), SPEC)
 
 
+@pytest.mark.parametrize("late", [0.0, 7e-4])
+def test_images_as_large_as_the_response_are_those_of_the_estimate(late: float) -> None:
+    """Exact lines up to 0.45 of the rate at which the torque is held: the stiffness to 1e-5."""
+    model = serial(plant())
+    linear = Linearisation.of(model).at(Configuration("c1", [0.0]), model.theta, ("motor 1",), "acceleration")
+    linear = replace(linear, hold=HeldTorque((RATE_HZ,), (True,)))
+    exact = to_response(linear, np.append(model.theta, late), np.arange(4.0, 450.0, 4.0))
+    held = replace(exact, noise=Covariance((1e-3 * np.abs(exact.G)) ** 2, np.inf))
+    result = identify([held], plant(80.0), replace(SPEC, parameters=FREE | {"delay": ParameterSpec()}))
+    assert result.values["k_1"] == pytest.approx(100.0, rel=1e-5)
+    assert result.values["delay"] == pytest.approx(late, abs=1e-7)
+
+
 @pytest.mark.parametrize(
     ("taken", "acts", "late"),
     [
@@ -141,9 +155,9 @@ def test_a_delay_and_a_filter_are_told_apart(form: str, factor: Factor, T: float
     free = np.ones(len(x), dtype=bool)
     found = {late.name: late for late in best_forms(evaluate(fit, x), fit.prior_slopes, free, "delay", ("", ""), start)}
     assert found[form].time == pytest.approx(T, rel=0.02)
-    cost, dof = found[form].prediction.cost, fit.problem.dof
+    cost, dof = found[form].cost, fit.problem.dof
     assert cost - dof < 0.02 * (fit.evaluate(x).cost - dof)
-    assert min(late.prediction.cost for name, late in found.items() if name != form) > cost + 10
+    assert min(late.cost for name, late in found.items() if name != form) > cost + 10
 
 
 def test_noise_without_a_robot_in_it_has_no_cause() -> None:

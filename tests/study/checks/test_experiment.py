@@ -135,15 +135,3 @@ def test_other_commands_do_not_open_the_logs(rigs: dict[int, tuple[Path, tuple[M
     assert load(folder / "tried.yml").study.name == "motion"
     with pytest.raises(StudyError):
         load_with_logs(folder / "tried.yml")
-
-
-def test_drives_that_are_alike_have_one_cure(rigs: dict[int, tuple[Path, tuple[Mistake, ...]]]) -> None:
-    """Angles of both motors taken for those of the link: one line, which names the other channel."""
-    folder, _ = rigs[0]
-    study = (folder / "study.yml").read_text()
-    (folder / "alike.yml").write_text(study.replace("unit: deg, side: motor}", "unit: deg}"))
-    with pytest.raises(StudyError) as caught:
-        load_with_logs(folder / "alike.yml")
-    of_angles = [line for line in str(caught.value).splitlines() if "phi_" in line]
-    assert len(of_angles) == 1
-    assert of_angles[0].partition("; likewise ")[2].startswith("phi_2")

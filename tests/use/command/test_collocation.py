@@ -10,7 +10,7 @@ from plants.commanded_arm import arm, move, rigid_gears
 
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.use.moves import MotionLimits, point_to_point
-from elastid.use.plans import SETTINGS, CommandedRobot, best_plan, plan, planned_error, sampled
+from elastid.use.plans import CommandedRobot, best_plan, plan, planned_error, sampled
 
 FREE = Limits()
 
@@ -72,8 +72,7 @@ def test_a_finer_mesh_gives_the_same_motion() -> None:
     commanded = CommandedRobot.of(robot, "tool", own.ends[0])
     t = np.linspace(0, 0.8, 50)
     coarse, fine = (
-        plan(commanded, own, MotionLimits.of(robot), 0.1, replace(SETTINGS, knots_per_s=per_s)).q(t)
-        for per_s in (100.0, 200.0)
+        plan(commanded, own, MotionLimits.of(robot), 0.1, knots_per_s=per_s).q(t) for per_s in (100.0, 200.0)
     )
     assert np.abs(coarse - fine).max() < 1e-5
 
