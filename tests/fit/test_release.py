@@ -1,4 +1,4 @@
-"""Robots that are not as their file says: stiffness within intervals that hold both noise and the file's tolerances."""
+"""Robots that are not as their file says: intervals hold both noise and the file's tolerances."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from plants.data_sheet_arm import SPEC, arm, measure, off
 
 from elastid.fit.assembly import Assembly
 from elastid.fit.identify import identify, release
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
-from elastid.robot import Tolerances
+from elastid.robot import Body, Joint, Motor, Robot, Spring, Tolerances
 
 STIFF = ("k_1", "k_2", "d_1", "d_2")
 
@@ -95,3 +95,30 @@ def test_intervals_hold_the_truth_of_robots_that_are_off_their_file() -> None:
     inside = [low <= truth[name] <= high for r in results for name in STIFF for low, high in [r.interval(name)]]
     assert 0.95 - 4 * math.sqrt(0.95 * 0.05 / len(inside)) < np.mean(inside)
     assert {r.status for r in results} == {"converged"}
+
+
+def test_numbers_are_free_within_their_tolerance_and_zero_lengths_stay() -> None:
+    """One factor for the entries of an inertia, in x behind all that was asked for."""
+    robot = arm(Tolerances())
+    parameters = with_tolerances(choose(SPEC, robot), robot, SPEC)
+    free = parameters.free_names
+    assert [p.name for p in parameters.asked] == list(free[:6])
+    assert {"m_upper", "I_upper", "I_fore", "Jm_1", "c_fore_y", "p_fore_z", "zero_2"} <= set(free[6:])
+    assert not {"p_fore_x", "pj_2_x", "I_upper_xx"} & set(free)
+    assert parameters["p_fore_z"].prior is not None
+    x = parameters.x
+    x[free.index("I_upper")] = math.log(1.1)
+    theta = parameters.as_dict(x)
+    assert theta["I_upper_xx"] == pytest.approx(3.3)
+    assert theta["I_upper_zz"] == pytest.approx(0.55)
+
+
+def test_numbers_that_no_response_shows_have_no_tolerance() -> None:
+    """The centre of a body without mass, and the zero of an axis about gravity that turns the whole robot."""
+    joint = Joint("1", "z", Spring(50, 0.01), Motor(1e-3, 1, 1e-3))
+    load = Body("load", joints=(joint,), inertia=1e-3)
+    bench = Robot("bench", (load,), gravity=(0, 0, -9.81), tolerances=Tolerances())
+    tolerated = {p.name for p in with_tolerances(choose(SPEC, bench), bench, SPEC) if p.tolerated}
+    assert tolerated == {"I_load", "Jm_1"}
+    on_a_wall = replace(bench, gravity=(9.81, 0, 0))
+    assert with_tolerances(choose(SPEC, on_a_wall), on_a_wall, SPEC)["zero_1"].tolerated

@@ -1,4 +1,4 @@
-"""The three-mass plant of Wernholt & Gunnarsson (2006), fitted: derivatives, efficiency, honest intervals."""
+"""Residuals, and the three-mass plant of Wernholt & Gunnarsson (2006): derivatives, efficiency, honest intervals."""
 
 from dataclasses import replace
 
@@ -22,6 +22,13 @@ from plants.three_mass import (
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.line_sums import autocovariance, correlation_length
 from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.problem.least_squares import (
+    Evaluation,
+    ResidualKind,
+    difference,
+    distance_to_optimum,
+    error_gain,
+)
 from elastid.fit.problem.weights import weigh
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
@@ -101,3 +108,30 @@ def test_a_prior_takes_part_like_a_measurement():
     drawn, halved = estimated(Prior(float(np.exp(x + 0.1 * std)), std))
     assert halved == pytest.approx(variance / 2, rel=0.01)
     assert drawn - x == pytest.approx(0.05 * std, rel=0.05)
+
+
+G = np.array([1.0 + 2.0j, -3.0 + 0.5j])
+
+
+@pytest.mark.parametrize("kind", ["complex", "log"])
+def test_the_slope_of_a_residual_is_its_difference_quotient(kind: ResidualKind) -> None:
+    """s = -de/dG, and the gain of a small error of the measured response is the same."""
+    measured, step = 1.3 * G, 1e-7
+    e, moved = (difference(kind, measured, model) for model in (G, G + step))
+    np.testing.assert_allclose((e - moved) / step, error_gain(kind, G), rtol=1e-6)
+    np.testing.assert_allclose(difference(kind, G + step, G) / step, error_gain(kind, G), rtol=1e-6)
+
+
+def test_the_logarithmic_residual_has_a_wrapped_phase() -> None:
+    e = difference("log", np.array([np.exp(3.0j)]), np.array([np.exp(-3.0j)]))
+    np.testing.assert_allclose(e, [1j * (6.0 - 2 * np.pi)], atol=1e-12)
+
+
+def test_the_distance_to_the_optimum_of_a_parabola_is_in_standard_deviations() -> None:
+    """V = 4 (x - 3)^2 + dof at x = 5: the standard deviation is 1 / 2, twice that where V is four times its dof."""
+    dof, offset = 10, 2.0
+    for cost, expected in ((10.0, 4.0), (40.0, 2.0)):
+        ending = Evaluation(cost, np.array([8.0 * offset]), np.array([[8.0]]))
+        assert distance_to_optimum(ending, dof, np.array([False])) == pytest.approx(expected)
+        assert distance_to_optimum(ending, dof, np.array([True])) == 0.0
+    assert distance_to_optimum(Evaluation(np.inf, np.zeros(1), np.eye(1)), dof, np.array([False])) == np.inf

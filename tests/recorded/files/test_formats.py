@@ -1,4 +1,4 @@
-"""The formats of log files."""
+"""The formats of log files, and channels of a log by name."""
 
 from __future__ import annotations
 
@@ -223,3 +223,26 @@ def test_times_of_tdms_are_seconds(tmp_path: Path) -> None:
     with TdmsWriter(tmp_path / "log.tdms") as writer:
         writer.write_segment([ChannelObject("a", "t", at), ChannelObject("a", "x", np.array([1, 2, 3]))])
     np.testing.assert_allclose(_read(tmp_path / "log.tdms", "a/t", "a/x"), [[0, 1], [0.004, 2], [0.008, 3]])
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "message"),
+    [
+        ("rec.psi", None, ("rec.psi", "rec.phi", "rec.cur (2 x 800)")),
+        ("rec.cur", None, ("2 signals", "column: 1 to 2")),
+        ("rec.cur", 3, "column 3"),
+        ("rec.note", None, ("rec.note", "<U5")),
+        ("fs", None, "fs"),
+        ("cells{1}", None, ("800", "50 samples")),
+        ("", None, ()),
+    ],
+)
+def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(
+    name: str, column: int | None, message: str, tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
+    """Missing, a matrix without a column, a wrong column, a text, a scalar, another length, no name at all."""
+    write_matlab(tmp_path, log)
+    u = ChannelSpec("u", "motor 1", "run(1).w")
+    y = ChannelSpec("y", "motor 1", name, column or (None if name else 1), "position")
+    with refused("records/channels", holds=message):
+        measured(tmp_path, study_of("log.mat", (u, y)))
