@@ -311,8 +311,7 @@ def relinearise(
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
-        precise = replace(fit.problem, evaluate=fit.evaluate)
-        before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
+        before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         is_whole = i > 0 or rested is assembly

@@ -180,8 +180,8 @@ def kernel_times(
         {
             BARE: bare_solves(fit),
             FLOOR: flop_floor(points),
-            EVALUATION: lambda: fit.rough(x),
-            PLAIN: lambda: plain.rough(x),
+            EVALUATION: lambda: fit.evaluate(x),
+            PLAIN: lambda: plain.evaluate(x),
             "the same, normal matrix in double": lambda: fit.evaluate(x),
             **{
                 name: lambda problem=problem: problem.evaluate(more)
@@ -268,7 +268,7 @@ def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
     parameters, responses = choose(spec, robot), measured(robot, Q, np.linspace(2.0, 100.0, F))
     assembly = Assembly.of(responses, robot, spec, parameters)
     fit = assembly.at(parameters.x, "complex")
-    fit.rough(parameters.x)
+    fit.evaluate(parameters.x)
     return fit.problem, assembly.search_problem(fit, "complex")
 
 
@@ -276,7 +276,7 @@ def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:
     """The fit in NumPy, and with INERTIAS free."""
     with patch("elastid.linear.response.kernel.is_compiled", return_value=False):
         plain, x0 = assemble(Q, F)
-        plain.rough(x0)
+        plain.evaluate(x0)
         inertial, _ = with_inertias(Q, F)
     return plain, inertial
 
