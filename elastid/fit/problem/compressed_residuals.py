@@ -23,10 +23,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, kept_beside, release
 from elastid.base.kernels import call
@@ -37,7 +36,6 @@ from elastid.frf.matrices import adjoint
 from elastid.linear.response.derivatives import Columns, Sensitivity
 
 BATCH = 16
-Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 
 
 class LineResiduals(NamedTuple):
@@ -51,14 +49,12 @@ class LineResiduals(NamedTuple):
 class LineSums(NamedTuple):
     """Sums of a block of lines, columns U (F, n_e, n_b), s = j omega, residuals r = q - R g of its elements.
 
-    cost: sum |r|^2.  weight (F, n_e): r^H R diag(slope).
-    pulled (3, n_b): sum over lines of s^p weight U, p = 0, 1, 2.
+    cost: sum |r|^2.  pulled (3, n_b): sum over lines of s^p r^H R diag(slope) U, p = 0, 1, 2.
     moments (5, n_b, n_b): Re, for odd p Im, of sum omega^p V^H V, V = R diag(slope) U, p = 0 ... 4, on and above the
     diagonal.
     """
 
     cost: float
-    weight: ComplexArray
     pulled: ComplexArray
     moments: FloatArray
 
@@ -79,7 +75,7 @@ class Full:
         gram = np.swapaxes(V.conj(), 1, 2) @ V
         sums = np.tensordot(part.omega ** np.arange(5)[:, None], gram, 1)
         moments = np.stack([m.imag if p % 2 else m.real for p, m in enumerate(sums)])
-        return LineSums(float(np.vdot(r, r).real), weight, part.pull(weight), moments)
+        return LineSums(float(np.vdot(r, r).real), part.pull(weight), moments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,14 +110,12 @@ class Packed:
         weights = self.R[part.block.start // BATCH :], part.omega, sign, sign
         call("sums_double", *sizes, *columns, *residuals, *weights, cost, weight, pulled, between, moments)
         pulled[:, n_1 : n_1 + n_2] = part.pulled_by(between)
-        return LineSums(float(cost[0]), weight.T, pulled, moments)
+        return LineSums(float(cost[0]), pulled, moments)
 
 
-def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
+def _times(R: ComplexArray | FloatArray, U: ComplexArray) -> ComplexArray:
     """R U (F, n_e, n) of each line, R possibly given by its diagonal."""
-    if R.ndim == 2:
-        return np.asarray((np.ascontiguousarray(U).view(R.dtype) * R[:, :, None]).view(U.dtype))
-    return np.asarray(R @ U)
+    return np.asarray(R[:, :, None] * U if R.ndim == 2 else R @ U)
 
 
 @dataclass(frozen=True, eq=False)
