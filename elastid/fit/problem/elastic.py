@@ -145,20 +145,11 @@ class Chunk(Kept):
         """V, J^T r (n_x,) and J^T J (n_x, n_x) at x."""
         V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
         with np.errstate(all="ignore"):
-            for group in self._groups:
-                theta, T = group[0].theta(self.parameters, x), group[0].chain(self.parameters, x)
-                costs, gradients, normals = zip(*(part.normal.at(theta) for part in group), strict=True)
-                V, g, A = V + sum(costs), g + T.T @ sum(gradients), A + T.T @ sum(normals) @ T
+            for part in self.parts:
+                T = part.chain(self.parameters, x)
+                cost, gradient, normal = part.normal.at(part.theta(self.parameters, x))
+                V, g, A = V + cost, g + T.T @ gradient, A + T.T @ normal @ T
         return V, g, A
-
-    @cached_property
-    def _groups(self) -> tuple[tuple[Part, ...], ...]:
-        """The parts in groups with the same theta and the same wanted parameters at any x."""
-        groups: dict[tuple[str, tuple[str, ...]], list[Part]] = {}
-        for part in self.parts:
-            of_its_own = self.parameters.configuration_of_its_own(part.configuration)
-            groups.setdefault((of_its_own, part.kernel.wanted), []).append(part)
-        return tuple(map(tuple, groups.values()))
 
 
 def chunked(items: Sequence[Item]) -> list[tuple[Item, ...]]:
