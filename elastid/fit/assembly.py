@@ -280,20 +280,16 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
     return high
 
 
-def relinearise(
-    assembly: Assembly, start: LocalOptimum, criterion: ResidualKind, first: ElasticFit | None = None
-) -> RelinearisedOptimum:
+def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
     """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
 
     Until it moves by less than 1e-3 standard deviations, for 10 rounds at most, 30 with a robust loss: each gains a
     decimal or two, and of a quiet rig whose file is off the first moves by 1e5.
-    first: the fit by this criterion as the assembly has it elsewhere.
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 10 if is_square else 30
     end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
-    known, moved, is_settled = assembly, math.inf, False
-    is_held = any(response.hold is not None for response in assembly.responses)
+    moved, is_settled = math.inf, False
     for i in range(rounds):
         try:
             if i < 2:  # the effect of the motion moves the first optimum
@@ -303,11 +299,6 @@ def relinearise(
                 current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
                 c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
             fit = current.unbiased(c).at(end.x, criterion)
-            # A logarithm counts other elements at each x, and images of held torques are others.
-            if first is not None and current is known and criterion == "complex" and not is_held:
-                fit = fit.with_residuals_of(first)
-            elif is_square and not len(c):
-                first, known = fit, current
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
