@@ -188,7 +188,7 @@ class Assembly:
 
     def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> Assembly:
         """Assembly with measured systematic errors as the model of a fit has them at x (n_x,)."""
-        modelled = (part.kernel.response(fit.theta(part, x)) for part in fit.parts)
+        modelled = (part.kernel.response(part.theta(fit.parameters, x)) for part in fit.parts)
         return replace(self, responses=tuple(map(with_modelled_bias, self.responses, modelled)))
 
     def unbiased(self, c: FloatArray) -> Assembly:
@@ -348,7 +348,7 @@ def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -
     """Weights w (F, n_y, n_u) of the robust loss in each configuration at x (n_x,), 1 where an element is left out."""
     distances = []
     for part, weight in zip(fit.parts, weights, strict=True):
-        e = difference(part.criterion, part.measured, part.kernel.response(fit.theta(part, x)))
+        e = difference(part.criterion, part.measured, part.kernel.response(part.theta(fit.parameters, x)))
         used = part.gain > 0
         gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
         distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))

@@ -199,7 +199,7 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
     """
     residuals, slopes = [], []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
-        columns, theta, known = part.normal.columns, fit.theta(part, x), with_R.normal.residuals.compressed
+        columns, theta, known = part.normal.columns, part.theta(fit.parameters, x), with_R.normal.residuals.compressed
         pieces, T = columns.pieces, part.chain(fit.parameters, x)
         scale = np.ones(pieces.base.max() + 1)
         for block in columns.at(theta):
@@ -222,7 +222,7 @@ def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
     found = []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
         known, (rows, columns) = with_R.normal.residuals.compressed, part.normal.columns.elements
-        G = part.kernel.response(fit.theta(part, x))[:, rows, columns]
+        G = part.kernel.response(part.theta(fit.parameters, x))[:, rows, columns]
         found.append(as_real(left(known.R.R, known.q, G)).ravel())
     return np.concatenate(found)
 

@@ -237,13 +237,9 @@ class ElasticFit:
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
         """Residuals and slopes of one part; mixing: `Part.mixing`, for whoever needs it again."""
-        G, dG = part.normal.columns.evaluate(self.theta(part, x))
+        G, dG = part.normal.columns.evaluate(part.theta(self.parameters, x))
         dr = part.slopes(G, dG, mixing)
         return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
-
-    def theta(self, part: Part, x: FloatArray) -> FloatArray:
-        """theta (n_theta,) in the configuration of a part."""
-        return part.theta(self.parameters, x)
 
     @property
     def prior_slopes(self) -> FloatArray:

@@ -123,7 +123,7 @@ def test_a_mass_without_gravity_acts_along_three_directions():
     np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
     expected = 2 * J.T @ J / np.outer(scale, scale)
     np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
-    part = next(fit.parts[0].normal.columns.at(fit.theta(fit.parts[0], x)))
+    part = next(fit.parts[0].normal.columns.at(fit.parts[0].theta(fit.parameters, x)))
     assert part.S.shape == (2, 1, 3, 3)
 
 
@@ -222,5 +222,5 @@ def test_a_linkage_has_the_same_normal_equations_in_c_and_numpy(F, mode, monkeyp
     np.testing.assert_allclose(in_c.gradient / size, by_numpy.gradient / size, atol=1e-10 * np.sqrt(in_c.cost))
     np.testing.assert_allclose(in_c.hessian / np.outer(size, size), by_numpy.hessian / np.outer(size, size), atol=1e-11)
     part = pickle.loads(pickle.dumps(fit.parts[0]))
-    here, again = (one.normal.at(fit.theta(fit.parts[0], x)) for one in (fit.parts[0], part))
+    here, again = (one.normal.at(fit.parts[0].theta(fit.parameters, x)) for one in (fit.parts[0], part))
     assert [np.asarray(one).tobytes() for one in here] == [np.asarray(one).tobytes() for one in again]
