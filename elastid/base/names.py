@@ -67,12 +67,11 @@ class NameRule:
             return f"contains one of {self.without}, which separates a parameter from its group; take another character"
         if not self.is_file:
             return ""
-        if len(name.encode("utf-8", "surrogatepass")) > MAX_FILE_NAME_BYTES:
-            return f"has more than {MAX_FILE_NAME_BYTES} bytes in UTF-8, and cannot name a file"
-        if name[0] == "." or name[-1] == "." or any(character in _NOT_IN_FILE_NAMES for character in name):
-            return 'cannot name a file: leave out / \\ : * ? " < > |, a leading or trailing dot or space'
-        is_device = name.split(".")[0].upper() in _DEVICES
-        return "is that of a device on Windows and cannot name a file there; take another" if is_device else ""
+        is_long = len(name.encode("utf-8", "surrogatepass")) > MAX_FILE_NAME_BYTES
+        is_device = name.split(".")[0].upper() in _DEVICES  # of Windows
+        if is_long or is_device or "." in (name[0], name[-1]) or any(each in name for each in _NOT_IN_FILE_NAMES):
+            return f'cannot name a file: no / \\ : * ? " < > |, outer dot, device, or over {MAX_FILE_NAME_BYTES} bytes'
+        return ""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """How pydantic validates the field; imported here so that value types stay free of pydantic."""

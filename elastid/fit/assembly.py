@@ -188,7 +188,7 @@ class Assembly:
 
     def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> Assembly:
         """Assembly with measured systematic errors as the model of a fit has them at x (n_x,)."""
-        modelled = (part.kernel.response(fit.theta(part, x)) for part in fit.parts)
+        modelled = (part.kernel.response(part.theta(fit.parameters, x)) for part in fit.parts)
         return replace(self, responses=tuple(map(with_modelled_bias, self.responses, modelled)))
 
     def unbiased(self, c: FloatArray) -> Assembly:
@@ -280,20 +280,16 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
     return high
 
 
-def relinearise(
-    assembly: Assembly, start: LocalOptimum, criterion: ResidualKind, first: ElasticFit | None = None
-) -> RelinearisedOptimum:
+def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
     """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
 
     Until it moves by less than 1e-3 standard deviations, for 10 rounds at most, 30 with a robust loss: each gains a
     decimal or two, and of a quiet rig whose file is off the first moves by 1e5.
-    first: the fit by this criterion as the assembly has it elsewhere.
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 10 if is_square else 30
     end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
-    known, moved, is_settled = assembly, math.inf, False
-    is_held = any(response.hold is not None for response in assembly.responses)
+    moved, is_settled = math.inf, False
     for i in range(rounds):
         try:
             if i < 2:  # the effect of the motion moves the first optimum
@@ -303,16 +299,10 @@ def relinearise(
                 current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
                 c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
             fit = current.unbiased(c).at(end.x, criterion)
-            # A logarithm counts other elements at each x, and images of held torques are others.
-            if first is not None and current is known and criterion == "complex" and not is_held:
-                fit = fit.with_residuals_of(first)
-            elif is_square and not len(c):
-                first, known = fit, current
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
-        precise = replace(fit.problem, evaluate=fit.evaluate)
-        before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
+        before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         is_whole = i > 0 or rested is assembly
@@ -358,7 +348,7 @@ def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -
     """Weights w (F, n_y, n_u) of the robust loss in each configuration at x (n_x,), 1 where an element is left out."""
     distances = []
     for part, weight in zip(fit.parts, weights, strict=True):
-        e = difference(part.criterion, part.measured, part.kernel.response(fit.theta(part, x)))
+        e = difference(part.criterion, part.measured, part.kernel.response(part.theta(fit.parameters, x)))
         used = part.gain > 0
         gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
         distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))

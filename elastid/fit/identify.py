@@ -82,11 +82,10 @@ def identify(
     between its end and its start.
     """
     execution = execution or Execution()
-    assembly, fit, ends = _search(responses, robot, spec, model, execution, parameters, loads)
+    assembly, ends = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
         with _standing():
-            estimate = _with_found_floor(assembly, spec, fit, ends, execution.quiet)
-            fit = None  # of a thousand configurations some hundred MB
+            estimate = _with_found_floor(assembly, spec, ends, execution.quiet)
             assembly, optimum, uncertainty, result = _with_agreements(estimate, assembly, spec, ends)
             evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if not (result.has_tolerances and evidence.result.status == "model_error"):
@@ -137,11 +136,8 @@ def _search(
     execution: Execution,
     parameters: Parameters | None = None,
     loads: Sequence[PlacedTest] = (),
-) -> tuple[Assembly, ElasticFit | None, _Ends]:
-    """The assembled fit, where all starts ended, best first, and how many reached the best.
-
-    Second the fit at its start, where its weights are those of the estimate, too.
-    """
+) -> tuple[Assembly, _Ends]:
+    """The assembled fit, where all starts ended, best first, and how many reached the best."""
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_responses(responses, robot)
     responses = [ratio_within(response, robot) for response in responses]
@@ -162,9 +158,8 @@ def _search(
     check_effects(fit, robot)
     starts, hits = _from_all_starts(assembly, fit, spec, execution)
     if next(tolerances_of(robot), None) is not None:
-        assembly, fit, starts = release(assembly, fit, starts, robot, loads)
-    # Its weights are most of the memory of a fit, and other ones follow where the floor is found.
-    return assembly, fit if spec.weights.floor is not None else None, (starts, hits)
+        assembly, starts = release(assembly, starts, robot, loads)
+    return assembly, (starts, hits)
 
 
 def check_responses(responses: Sequence[Response], robot: Robot) -> None:
@@ -274,8 +269,8 @@ COST_RATIO, ATTEMPTS = 1.5, 4
 
 
 def release(
-    assembly: Assembly, fit: ElasticFit, starts: tuple[LocalOptimum, ...], robot: Robot, loads: Sequence[PlacedTest]
-) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...]]:
+    assembly: Assembly, starts: tuple[LocalOptimum, ...], robot: Robot, loads: Sequence[PlacedTest]
+) -> tuple[Assembly, tuple[LocalOptimum, ...]]:
     """The fit with numbers free within their tolerances at its optimum, and the starts with theirs, the best first.
 
     It is solved from the end of the best start. While V stays above COST_RATIO of its degrees of freedom, the
@@ -294,20 +289,20 @@ def release(
     ends = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
     freed = Assembly.of(assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights)
     begins = [ends[0], replace(ends[0], x=parameters.x, x_start=parameters.x, iterations=0), *ends[1:]]
-    best: tuple[ElasticFit, LocalOptimum] | None = None
+    best: LocalOptimum | None = None
     for begin in begins[:ATTEMPTS]:
         try:
-            released, end = _released(freed, begin)
+            end, dof = _released(freed, begin)
         except (StudyError, FitError):  # no robot stands on the way
             continue
-        best = (released, end) if best is None or end.cost < best[1].cost else best
-        if best[1].cost <= COST_RATIO * released.problem.dof:
+        best = end if best is None or end.cost < best.cost else best
+        if best.cost <= COST_RATIO * dof:
             break
-    return (assembly, fit, starts) if best is None else (freed, best[0], (best[1], *ends[1:]))
+    return (assembly, starts) if best is None else (freed, (best, *ends[1:]))
 
 
-def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, LocalOptimum]:
-    """The optimum near the end of a start, and the fit as linearised before the last round.
+def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:
+    """The optimum near the end of a start, and its degrees of freedom.
 
     Products such as m c^2 change little within tolerances: a round for each linearisation, not one at every x.
     """
@@ -315,33 +310,29 @@ def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, Loca
     for tolerance in (NEAR, FINE):
         fit = assembly.at(end.x, assembly.spec.criterion)
         end = solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
-    return fit, replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations)
+    return replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations), fit.problem.dof
 
 
 _Ends: TypeAlias = tuple[tuple[LocalOptimum, ...], int]  # best first, and how many reached the best
 _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]
 
 
-def _with_found_floor(
-    assembly: Assembly, spec: FitSpec, first: ElasticFit | None, ends: _Ends, execution: Execution
-) -> _Found:
+def _with_found_floor(assembly: Assembly, spec: FitSpec, ends: _Ends, execution: Execution) -> _Found:
     """The estimate with the floor of the study, or where it gives none with that which the data show.
-
-    first: a fit with the floor of the study, if it gives one.
 
     Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
     lines, and springs and dampers take it up. There the floor is the usual one.
     """
-    if first is not None:
-        return assembly, *_estimate(assembly, first, ends, execution)
-    bare, x = assembly.with_floor(None), ends[0][0].x
-    estimate = _estimate(bare, bare.at(x, spec.criterion), ends, execution)
+    if spec.weights.floor is not None:
+        return assembly, *_estimate(assembly, ends, execution)
+    bare = assembly.with_floor(None)
+    estimate = _estimate(bare, ends, execution)
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if estimate[0].end.converged and not estimate[2].exceeds_noise and not is_distorted:
         return bare, *estimate
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, estimate[0]))
     del bare, estimate  # its weights are most of the memory of a fit
-    return floored, *_estimate(floored, floored.at(x, spec.criterion), ends, execution)
+    return floored, *_estimate(floored, ends, execution)
 
 
 def _with_agreements(estimate: _Found, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Found:
@@ -356,10 +347,10 @@ def _with_agreements(estimate: _Found, assembly: Assembly, spec: FitSpec, ends: 
     begin = replace(starts[0], x=estimate[1].end.x)
 
     def fitted(refitted: Assembly, searched: bool = False) -> _Found:
-        first = refitted.at(begin.x, spec.criterion)
-        ends = _from_all_starts(refitted, first, spec, Execution()) if searched else ((begin, *starts[1:]), hits)
-        known = first if spec.weights.floor is not None else None
-        return _with_found_floor(refitted, spec, known, ends, Execution())
+        if not searched:
+            return _with_found_floor(refitted, spec, ((begin, *starts[1:]), hits), Execution())
+        ends = _from_all_starts(refitted, refitted.at(begin.x, spec.criterion), spec, Execution())
+        return _with_found_floor(refitted, spec, ends, Execution())
 
     def compared(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None
@@ -389,12 +380,10 @@ def _disagree(agreement: StaticAgreement | ToolAgreement | None) -> bool:
     return agreement is not None and agreement.disagrees
 
 
-def _estimate(
-    assembly: Assembly, first: ElasticFit, ends: _Ends, execution: Execution
-) -> tuple[RelinearisedOptimum, Uncertainty, Result]:
+def _estimate(assembly: Assembly, ends: _Ends, execution: Execution) -> tuple[RelinearisedOptimum, Uncertainty, Result]:
     """The best start relinearised, its uncertainty, and both as a result without a status."""
     starts, hits = ends
-    optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first)
+    optimum = relinearise(assembly, starts[0], assembly.spec.criterion)
     fit, end = optimum.fit, optimum.end
     is_taken_out = any(map(is_friction_taken_out, assembly.responses))
     known = fit, optimum.responses, optimum.weights, end.x

@@ -58,7 +58,7 @@ def bootstrap(
     """
     draws = np.random.SeedSequence(seed).spawn(repetitions)
     pairs = zip(fit.parts, weights, strict=True)
-    sources = tuple(_source(part, weight, fit.theta(part, x)) for part, weight in pairs)
+    sources = tuple(_source(part, weight, part.theta(fit.parameters, x)) for part, weight in pairs)
     static = None if fit.loads is None else fit.loads.predicted(fit.parameters, x)[0]
     names = [f"bootstrap-{i}" for i in range(repetitions)]
     ends = (execution or Execution()).resumed(partial(_repeat, fit, sources, static, x), draws, names)

@@ -180,8 +180,8 @@ def kernel_times(
         {
             BARE: bare_solves(fit),
             FLOOR: flop_floor(points),
-            EVALUATION: lambda: fit.rough(x),
-            PLAIN: lambda: plain.rough(x),
+            EVALUATION: lambda: fit.evaluate(x),
+            PLAIN: lambda: plain.evaluate(x),
             "the same, normal matrix in double": lambda: fit.evaluate(x),
             **{
                 name: lambda problem=problem: problem.evaluate(more)
@@ -199,7 +199,7 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
     """
     residuals, slopes = [], []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
-        columns, theta, known = part.normal.columns, fit.theta(part, x), with_R.normal.residuals.compressed
+        columns, theta, known = part.normal.columns, part.theta(fit.parameters, x), with_R.normal.residuals.compressed
         pieces, T = columns.pieces, part.chain(fit.parameters, x)
         scale = np.ones(pieces.base.max() + 1)
         for block in columns.at(theta):
@@ -222,7 +222,7 @@ def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
     found = []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
         known, (rows, columns) = with_R.normal.residuals.compressed, part.normal.columns.elements
-        G = part.kernel.response(fit.theta(part, x))[:, rows, columns]
+        G = part.kernel.response(part.theta(fit.parameters, x))[:, rows, columns]
         found.append(as_real(left(known.R.R, known.q, G)).ravel())
     return np.concatenate(found)
 
@@ -268,7 +268,7 @@ def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
     parameters, responses = choose(spec, robot), measured(robot, Q, np.linspace(2.0, 100.0, F))
     assembly = Assembly.of(responses, robot, spec, parameters)
     fit = assembly.at(parameters.x, "complex")
-    fit.rough(parameters.x)
+    fit.evaluate(parameters.x)
     return fit.problem, assembly.search_problem(fit, "complex")
 
 
@@ -276,7 +276,7 @@ def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:
     """The fit in NumPy, and with INERTIAS free."""
     with patch("elastid.linear.response.kernel.is_compiled", return_value=False):
         plain, x0 = assemble(Q, F)
-        plain.rough(x0)
+        plain.evaluate(x0)
         inertial, _ = with_inertias(Q, F)
     return plain, inertial
 

@@ -83,7 +83,7 @@ def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:
     astray = assembly.parameters.x_bounds[1]
     end = LocalOptimum(astray, astray, 1e9, 1, True, "")
     fit = assembly.at(assembly.parameters.x, "complex")
-    _, _, ends = release(assembly, fit, (end,), robot, ())
+    _, ends = release(assembly, (end,), robot, ())
     assert ends[0].cost < 1.5 * fit.problem.dof
 
 

@@ -179,7 +179,7 @@ def _beside(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource
 
 
 def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) -> ToolComparison:
-    G, used = part.kernel.response(fit.theta(part, x)), part.gain > 0
+    G, used = part.kernel.response(part.theta(fit.parameters, x)), part.gain > 0
     ratio = np.abs(response.G[used]) / np.maximum(np.abs(G[used]), 1e-300)
     rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if used.any() else np.nan
     return ToolComparison(response.configuration.name, response.motors, response.inputs, response.outputs, rms)

@@ -393,7 +393,7 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
     """Every configuration at x (n_x,), with derivatives to the free parameters alone."""
     evaluated = []
     for part in (part for part in fit.parts if part.n_residuals):
-        G, slopes = part.normal.columns.evaluate(fit.theta(part, x))
+        G, slopes = part.normal.columns.evaluate(part.theta(fit.parameters, x))
         chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
         evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
     return evaluated

@@ -53,13 +53,13 @@ def same(first, second, x) -> bool:
 
 
 def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses):
-    """At two points, in both precisions, and after the models have moved on; of fewer configurations, too."""
+    """At two points, and after the models have moved on; of fewer configurations, too."""
     here, x = fit_at(responses), parameters().x
     there = replace(here, home=home_of(responses, Execution(2)))
     assert there.home.jobs == 2
     with lasting_workers():
         assert same(here, there, x)
-        assert here.rough(x + 0.1).hessian.tobytes() == there.rough(x + 0.1).hessian.tobytes()
+        assert here.evaluate(x + 0.1).hessian.tobytes() == there.evaluate(x + 0.1).hessian.tobytes()
         moved = fit_at(responses, 1.1)
         followed = replace(moved.with_residuals_of(here), home=there.home)
         assert same(moved, followed, x + 0.1)

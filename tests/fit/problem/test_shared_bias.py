@@ -125,6 +125,8 @@ def test_systematic_errors_are_those_of_the_model_at_the_end_of_the_fit() -> Non
     sure = estimate_uncertainty(true.fit, true.responses, true.weights, true.end.x)
     assert np.all(np.abs(other.end.x - true.end.x) < 0.01 * np.sqrt(np.diag(sure.covariance)))
     for measured_one, one, part in zip(responses, other.responses, other.fit.parts, strict=True):
-        modelled = with_modelled_bias(measured_one, part.kernel.response(other.fit.theta(part, other.end.x))).bias
+        modelled = with_modelled_bias(
+            measured_one, part.kernel.response(part.theta(other.fit.parameters, other.end.x))
+        ).bias
         assert modelled is not None
         np.testing.assert_allclose(one.bias, modelled, rtol=1e-3, atol=1e-4 * np.abs(modelled).max())
