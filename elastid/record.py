@@ -52,11 +52,6 @@ class HeldTorque:
     rates_hz: tuple[float, ...]
     sampled: tuple[bool, ...]
 
-    @property
-    def is_uniform(self) -> bool:
-        """True if all inputs are held at one rate and all outputs are sampled, or none is."""
-        return not any(self.sampled) or (len(set(self.rates_hz)) == 1 and all(self.sampled))
-
 
 @frozen_value
 class JointLoop:
@@ -392,4 +387,4 @@ class FrictionRecords:
     @property
     def joints(self) -> tuple[str, ...]:
         """The joints that were measured, in order."""
-        return tuple(dict.fromkeys([*(each.joint for each in self.records), *(each.joint for each in self.warm_ups)]))
+        return tuple(dict.fromkeys([*(log.joint for log in self.records), *(log.joint for log in self.warm_ups)]))

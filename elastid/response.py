@@ -17,7 +17,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Note, check_kind, index_of, installed
-from elastid.base.escape import control_label
+from elastid.base.escape import control_labels
 from elastid.base.workers import Kept
 from elastid.covariance import Covariance, CovarianceForm, scaled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
@@ -310,8 +310,7 @@ class Response(Kept):
         """The response as `control.FrequencyResponseData` over rad/s; covariances have no place in it."""
         import control  # takes a second or two
 
-        names = {"inputs": [*map(control_label, self.inputs)], "outputs": [*map(control_label, self.outputs)]}
-        labels = {"name": control_label(self.configuration.name), **names}
+        labels = control_labels(self.configuration.name, self.inputs, self.outputs)
         return control.frd(np.moveaxis(self.G, 0, 2), 2 * np.pi * self.freq_hz, **labels)
 
     @classmethod

@@ -1,5 +1,7 @@
 """Responses: the covariance in its forms, lines and quantities, and shapes that disagree."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,11 +45,15 @@ def test_another_quantity_scales_the_response_and_its_variance() -> None:
     """By (j omega)^k and omega^2k; there and back is the response itself."""
     G, places = np.array([[[2.0 + 1j]]]), ("motor 1",)
     response = Response(np.array([3.0]), G, places, places, "position", HOME, Covariance(np.ones((1, 1, 1)), 4.0))
+    response = replace(
+        response, total=Covariance(np.ones((1, 1, 1)), 4.0, np.full((1, 1, 1), 2.0), np.full((1, 1, 1), 0.5))
+    )
     omega = 6 * np.pi
     acceleration = in_quantity(response, "acceleration")
     np.testing.assert_allclose(acceleration.G, -(omega**2) * G)
     assert acceleration.noise is not None
     np.testing.assert_allclose(acceleration.noise.variance, omega**4)
+    np.testing.assert_allclose(acceleration.total.full(), omega**4)
     np.testing.assert_allclose(in_quantity(acceleration, "position").G, G)
 
 

@@ -355,8 +355,8 @@ def fleet(fleet: Path, **options: Any) -> None:
     """Run one study over many robots and dates, and report which parameters differ and which drift.
 
     FLEET is a YAML file that names the study and its members: a list, or a table (CSV with the columns robot and date
-    and keys of the study). It leaves fleet.csv, a row for each parameter of each member, and the
-    page fleet.html. Members that are finished are kept, and a worker that dies costs the member that it was at.
+    and keys of the study). It leaves fleet.parquet, a row for each parameter of each member, and
+    the page fleet.html. Members that are finished are kept, and a worker that dies costs the member that it was at.
     With --dask the workers of a cluster, which must see the same files, run the members. The exit code is 1 where
     members failed, and 3 where some are misfits.
     """
@@ -422,9 +422,15 @@ def explained(error: Exception) -> int:
     raise error
 
 
+# Commands that write at their end alone.
+WITHOUT_PARTS = {"map", "tune", "loops", "export", "check", "inspect", "new", "predict"}
+
+
 def interrupted(arguments: Sequence[str]) -> int:
     """The exit code of a command that was interrupted, which says how to go on."""
     again = shlex.join(["elastid", *arguments])
+    if {*arguments[:1]} & WITHOUT_PARTS:
+        return _ended(f"interrupted: nothing of it is kept; `{again}` starts again", 130)
     return _ended(f"interrupted: finished parts are kept, and `{again}` resumes from there", 130)
 
 

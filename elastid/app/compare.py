@@ -18,9 +18,10 @@ from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, own_path
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec
-from elastid.model.formulation import unseen
+from elastid.model.formulation import elastic_joints_within, unseen
+from elastid.model.spec import Variant as ModelVariant
 from elastid.response import Response
 from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling
 from elastid.store.checkpoint import Checkpoint
@@ -118,14 +119,38 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
 
 
 def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
-    """Parts left out; none with further studies."""
+    """Parts left out, and other equations of loops; none with further studies."""
     if has_further:
         return ()
     robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
     rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
-    return (*coupling, *rigid)
+    return (*_of_loops(study), *coupling, *rigid)
+
+
+def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
+    """The approximations in use for a robot with loops, as far as they leave anything out, and the exact equations."""
+    robot, model = study.as_robot(), study.model
+    if not robot.loops:
+        return ()
+    rods = [loop.rod for loop in robot.loops if loop.rod is not None]
+    stretches, bends = any(rod.is_elastic for rod in rods), bool(elastic_joints_within(robot))
+    reasons: dict[ModelVariant, bool] = {
+        "rigid_loop": stretches or bends,
+        "constant_stiffness": stretches and not named_geometry(study.fit.parameters, robot),
+        "series_stiffness": stretches,
+        "bending_outside": bends,
+        "lumped_rod": any(rod.mass > 0 or rod.inertia > 0 for rod in rods),
+    }
+    exact = "constrained" if model.formulation == "minimal" and model.variant == "exact" else "minimal"
+    formulation = VariantSpec(f"exact, {exact}", set=(f"model={{formulation: {exact}}}",))
+    approximate = (
+        VariantSpec(name.replace("_", " "), set=(f"model={{formulation: minimal, variant: {name}}}",))
+        for name, reason in reasons.items()
+        if reason and name != model.variant
+    )
+    return (formulation, *approximate)
 
 
 def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:

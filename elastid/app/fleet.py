@@ -1,4 +1,4 @@
-"""fleet: one study over robots and dates -> a run folder each, fleet.csv, and a page of what differs and drifts.
+"""fleet: one study over robots and dates -> a run folder each, fleet.parquet, and a page of what differs and drifts.
 
 Members are independent tasks, on the cores of this machine or on a Dask cluster. What is finished is kept: a fleet that
 was interrupted goes on, and a worker that dies costs the member that it was at.
@@ -10,6 +10,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,7 +18,7 @@ from elastid.app.console import Console
 from elastid.app.run import Run, logged_in, run_all, software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.execution import surviving
-from elastid.base.files import own_path
+from elastid.base.files import own_path, replacing
 from elastid.base.statistics import ONE_SIDED_95
 from elastid.report.fleet import Outcome, answer_of_fleet, drawings_of_fleet
 from elastid.report.page.page import write_page
@@ -30,7 +31,7 @@ from elastid.validation.fleet import FleetValue, find_changes
 
 MEMBERS = "members"
 # Files written next to the members' folders.
-WRITTEN = ("fleet.csv", "fleet.html", "figures")
+WRITTEN = ("fleet.parquet", "fleet.csv", "fleet.html", "figures")
 # Of a member that was begun twice.
 DIED = "its worker died 2 times, perhaps for lack of memory; run it alone, or with fewer --jobs"
 # How studies end whose numbers are compared: of elasticity and of friction.
@@ -42,7 +43,7 @@ Row: TypeAlias = dict[str, Any]
 
 
 def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
-    """All members, then fleet.csv, a row for each parameter of each member, fleet.html and run.log; path of the page.
+    """All members, then fleet.parquet (fleet.csv without pyarrow), fleet.html and run.log; the path of the page.
 
     Raises StudyError where the study of a member is wrong, and when all is written FitError where members failed,
     MisfitError where some are misfits.
@@ -58,8 +59,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
             raise FitError(
                 "fleet/members", f"no member was identified: {first_of(_reasons(outcomes))}", f"fleet {fleet.name}"
             )
-        table = write_rows(folder / "fleet.csv", [rows[0].keys(), *(row.values() for row in rows)])
-        values = _values(rows)
+        table, values = _write_table(folder, rows), _values(rows)
         findings = find_changes(values, fleet.false_discovery_rate)
         units = {row["parameter"]: row["unit"] for row in rows}
         answer = answer_of_fleet(fleet.name, findings, outcomes, fleet.false_discovery_rate)
@@ -182,3 +182,20 @@ def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
         FleetValue(row["robot"], day, row["parameter"], row["value"], row["std_repeated"])
         for row, day in zip(known, days, strict=True)
     )
+
+
+def _write_table(folder: Path, rows: Sequence[Row]) -> Path:
+    """fleet.parquet, a row each parameter of each member; fleet.csv where no reader of Parquet is installed."""
+    if find_spec("pyarrow") is None:
+        path = folder / "fleet.csv"
+        write_rows(path, [rows[0].keys(), *(row.values() for row in rows)])
+        return path
+    import pyarrow
+    import pyarrow.parquet
+
+    path = folder / "fleet.parquet"
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    table = pyarrow.table(columns, metadata={"elastid": "fleet", "format": "1", "made by": software()})
+    with replacing(path) as temporary:
+        pyarrow.parquet.write_table(table, temporary)
+    return path

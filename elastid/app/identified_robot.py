@@ -41,9 +41,9 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut |
     rigid = {joint.name for joint in robot.driven} - {joint.name for joint in robot.flexible}
     rough = set(robot.motor_locations)
     if is_simulated:
-        from elastid.friction.robot_friction import frictions  # brings CasADi
-
-        rough = {law.place for law in frictions(robot)}
+        motors = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.dry_friction]
+        rough = {f"motor {name}" for name in motors}
+        rough |= {f"joint {joint.name}" for joint in robot.joints if joint.friction is not None}
     for place in () if friction is None else friction.taken_places():
         joint = place.removeprefix("motor ")
         rough -= {place} | ({f"joint {joint}"} & {f"joint {name}" for name in rigid})

@@ -22,7 +22,7 @@ from elastid.recorded.repair.time_stamps import even_grid, steps_in_words
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.table import HOW_TO_SAVE, is_universal_file
 from elastid.store.artefacts import kind_of
-from elastid.store.files import is_intact
+from elastid.store.files import is_as_written, is_intact
 from elastid.store.reading import described as described_artefact
 from elastid.study.robots import yaml_text
 
@@ -90,7 +90,7 @@ def described(path: Path) -> str:
         raise StudyError("files/missing", "no such file", path)
     if not is_log(path):
         raise StudyError("files/kind", "a folder, but no ROS bag; name a file in it", path)
-    if path.is_file() and not is_intact(path):
+    if path.is_file() and (not is_intact(path) or is_as_written(path) is False):
         raise DataError("files/damaged", "its content has changed since it was written; run its stage again", path)
     with naming(path, "damaged, or no file that elastid reads; copy or export it again"):
         return "\n".join(_lines(path))

@@ -6,7 +6,7 @@ import mmap
 import os
 import tempfile
 from collections.abc import Callable, Iterable
-from dataclasses import Field, dataclass, field
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast, dataclass_transform
@@ -45,12 +45,6 @@ def labelled(
     axes: names with a space between them.  default: as of `dataclasses.field`.
     """
     return field(metadata={"label": Label(text, unit, tuple(axes.split()), rows, entry)}, **default)
-
-
-def label_of(field: Field[Any]) -> Label:
-    """The label of a field, an empty one where it has none."""
-    label: Label = field.metadata.get("label", NO_LABEL)
-    return label
 
 
 def unit_of_name(name: str) -> str:

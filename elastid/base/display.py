@@ -135,9 +135,3 @@ def percent(value: float | None, digits: int = 2) -> str:
 
 def _exponent(value: float) -> int:
     return math.floor(math.log10(abs(value)))
-
-
-def value_cells(value: float, std: float, interval: tuple[float, float]) -> tuple[str, str, str]:
-    """A value, its standard deviation and its 95 % interval as texts with the digits that are known."""
-    places = digits(value, std)
-    return number(value, places), number(std, 2), " … ".join(interval_of(interval, places))

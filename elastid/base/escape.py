@@ -141,25 +141,12 @@ def docstring(text: str) -> str:
     return one_line(text).replace("\\", "\\\\").replace('"', '\\"')
 
 
-def control_label(name: str) -> str:
-    """A name of a system or signal as python-control takes it, which refuses dots."""
-    return name.replace(".", "_")
+def control_labels(name: str, inputs: Iterable[str], outputs: Iterable[str]) -> dict[str, Any]:
+    """Names of a system and of its signals as python-control takes them, which refuses dots."""
+    inside, out = ([place.replace(".", "_") for place in places] for places in (inputs, outputs))
+    return {"name": name.replace(".", "_"), "inputs": inside, "outputs": out}
 
 
 def embedded_json(content: Any) -> str:
     """JSON for a script element of HTML, its `<` escaped so that no text can end the element."""
     return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-
-
-def figure_text(text: str) -> str:
-    r"""A text in a figure of matplotlib, its dollar signs not the start of a formula.
-
-    >>> figure_text("$x$")
-    '\\$x\\$'
-    """
-    return text.replace("$", r"\$")
-
-
-def figure_label(text: str) -> str:
-    """A label in a legend of matplotlib, which leaves out those that begin with an underscore."""
-    return f" {figure_text(text)}" if text.startswith("_") else figure_text(text)

@@ -53,13 +53,6 @@ def chi_square_limit(dof: float, tail: float) -> float:
     return float(chdtri(dof, tail))
 
 
-def chi_square_tail(value: float, dof: float) -> float:
-    """The probability that a chi-square variable of `dof` degrees of freedom exceeds `value`."""
-    from scipy.special import chdtrc
-
-    return float(chdtrc(dof, value))
-
-
 def f_test(drop: float, added: int, left: float, dof: float) -> float:
     """The p-value of `added` further parameters that lower a sum of squares by `drop` to `left` with `dof` left.
 

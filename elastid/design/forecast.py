@@ -19,8 +19,7 @@ from elastid.base.statistics import correlation_of
 from elastid.base.units import of_translation
 from elastid.design.prospect import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
-from elastid.fit.covariance import estimate_uncertainty, inverse_information
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import correlated, covariance_by_noise
 from elastid.parameters import Parameters
@@ -122,7 +121,9 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
     covariance = uncertainty.covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
-    share = _share(fit, x, np.asarray(R))[..., :n]
+    power = np.stack(uncertainty.power)[..., :n]
+    total = power.sum(axis=(0, 1))
+    share = np.divide(power, total, out=np.zeros_like(power), where=total > 0)
     names, units, log = (tuple(getattr(p, kind) for p in free) for kind in ("name", "unit", "log"))
     nominal = np.array([parameters.as_dict(x)[p.name] for p in free])
     configurations = tuple(e.response.configuration.name for e in expected)
@@ -137,18 +138,6 @@ def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
     """Refuse a grid with fewer lines than unknowns; StudyError says which period would do."""
     if refused := line_count_refusal(len(freq_hz), len(parameters.asked), "unknowns"):
         raise StudyError("excitation/power", f"{refused}, or fix some of fit.parameters", "excitation")
-
-
-def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
-    half, _, _ = inverse_information(R)
-    A_inverse = half.T @ half
-    parts = []
-    for _, J in fit.blocks(x):
-        effect = np.tensordot(A_inverse, J, axes=1)
-        parts.append(np.sum(np.abs(effect) ** 2, axis=(2, 3)).T)
-    share = np.stack(parts)
-    total = share.sum(axis=(0, 1))
-    return np.asarray(np.divide(share, total, out=np.zeros_like(share), where=total > 0))
 
 
 def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:

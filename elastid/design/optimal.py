@@ -71,7 +71,7 @@ def best_shares(H: FloatArray, criterion: DesignCriterion, known: FloatArray) ->
 
     known (S, d, d): earlier information, divided by the number of experiments to be shared.
     """
-    group = [[CandidateInformation(of_guess) for of_guess in pack(H)]]
+    group = [[CandidateInformation(of_guess) for of_guess in H]]
     return best_powers([group], np.ones((1, 1, H.shape[1], 1)), criterion, known, 0.0, MAX_GAP / 4)
 
 
@@ -82,30 +82,30 @@ def best_experiments(
 
     Drawn from the shares, then exchanged one by one: the best of several starts.  known (S, d, d): earlier information.
     """
-    best, packed, base = best_shares(H, criterion, known / count), pack(H), pack(known)
+    best = best_shares(H, criterion, known / count)
     weights = best.P[0, :, 0]
-    _, gradient = criterion.slope(unpack(base / count + weights @ packed))
-    searched = np.argsort(-_gains(packed, gradient) - weights, kind="stable")[:400]
+    _, gradient = criterion.slope(known / count + np.tensordot(weights, H, (0, 1)))
+    searched = np.argsort(-_gains(H, gradient) - weights, kind="stable")[:400]
     share = weights[searched] / weights[searched].sum()
     draw = np.random.default_rng(0)
-    ends = [_exchanged(start, packed[:, searched], base, criterion) for start in draw.multinomial(count, share, 6)]
+    ends = [_exchanged(start, H[:, searched], known, criterion) for start in draw.multinomial(count, share, 6)]
     numbers = np.zeros(len(weights), dtype=np.int64)
     numbers[searched], value = max(ends, key=lambda end: end[1])
     return numbers, float(np.exp(min(0.0, value - np.log(count) - best.value - best.gap)))
 
 
 def _exchanged(
-    numbers: IntArray, packed: FloatArray, base: FloatArray, criterion: DesignCriterion
+    numbers: IntArray, H: FloatArray, known: FloatArray, criterion: DesignCriterion
 ) -> tuple[IntArray, float]:
     """Numbers (Q,) that no exchange of one experiment for another improves, and phi with them."""
     numbers = numbers.astype(np.int64)
-    value = float(criterion.value(unpack(base + numbers @ packed)))
+    value = float(criterion.value(known + np.tensordot(numbers, H, (0, 1))))
     improved = True
     while improved:
         improved = False
         for leaves in np.flatnonzero(numbers):
-            rest = base + numbers @ packed - packed[:, leaves]
-            enters, reached = _best_addition(rest, packed, criterion, int(leaves))
+            rest = known + np.tensordot(numbers, H, (0, 1)) - H[:, leaves]
+            enters, reached = _best_addition(rest, H, criterion, int(leaves))
             if reached > value + 1e-9:
                 numbers[leaves] -= 1
                 numbers[enters] += 1
@@ -113,34 +113,18 @@ def _exchanged(
     return numbers, value
 
 
-def _best_addition(rest: FloatArray, packed: FloatArray, criterion: DesignCriterion, leaves: int) -> tuple[int, float]:
+def _best_addition(rest: FloatArray, H: FloatArray, criterion: DesignCriterion, leaves: int) -> tuple[int, float]:
     # The gradient half way: without the removed experiment M may be close to singular. The best 40 are exact.
-    _, gradient = criterion.slope(unpack(rest + packed[:, leaves] / 2))
-    best = np.argsort(-_gains(packed, gradient), kind="stable")[:40]
-    values = criterion.value(unpack(rest[:, None] + packed[:, best]))
+    _, gradient = criterion.slope(rest + H[:, leaves] / 2)
+    best = np.argsort(-_gains(H, gradient), kind="stable")[:40]
+    values = criterion.value(rest[:, None] + H[:, best])
     winner = int(np.argmax(values))
     return int(best[winner]), float(values[winner])
 
 
-def _gains(packed: FloatArray, gradient: FloatArray) -> FloatArray:
+def _gains(H: FloatArray, gradient: FloatArray) -> FloatArray:
     """g (Q,): relative gain of phi by a small increase of each candidate's share."""
-    return np.asarray(np.maximum(np.einsum("sqp,sp->q", packed, pack(gradient), optimize=True), 0.0))
-
-
-def pack(matrices: FloatArray) -> FloatArray:
-    """Symmetric (..., d, d) as (..., d (d + 1) / 2), so that Tr(A B) is a dot product."""
-    rows, columns = np.tril_indices(matrices.shape[-1])
-    return np.ascontiguousarray(matrices[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2)))
-
-
-def unpack(vectors: FloatArray) -> FloatArray:
-    """Symmetric (..., d, d) of vectors (..., d (d + 1) / 2)."""
-    d = round((np.sqrt(8 * vectors.shape[-1] + 1) - 1) / 2)
-    rows, columns = np.tril_indices(d)
-    matrices = np.empty((*vectors.shape[:-1], d, d))
-    matrices[..., rows, columns] = vectors / np.where(rows == columns, 1.0, np.sqrt(2))
-    matrices[..., columns, rows] = matrices[..., rows, columns]
-    return matrices
+    return np.asarray(np.maximum(np.einsum("sqij,sij->q", H, gradient, optimize=True), 0.0))
 
 
 # phi is the log of a mean information: a gap of 0.01 is half a percent of a standard deviation.
@@ -185,17 +169,17 @@ class PowerSource:
 
 @dataclass(frozen=True, eq=False)
 class CandidateInformation:
-    """The information of candidates as a function of their shares P (Q, 1): packed (Q, p) of each."""
+    """The information of candidates as a function of their shares P (Q, 1): H (Q, n_x, n_x) of each."""
 
-    packed: FloatArray
+    H: FloatArray
 
     def information(self, P: FloatArray) -> FloatArray:
         """H (n_x, n_x) of a mixture."""
-        return unpack(P[:, 0] @ self.packed)
+        return np.tensordot(P[:, 0], self.H, 1)
 
     def gains(self, P: FloatArray, gradient: FloatArray) -> FloatArray:
         """d Tr(gradient H) / d P (Q, 1), the same at all P."""
-        return np.maximum(self.packed @ pack(gradient), 0.0)[:, None]
+        return np.maximum(np.tensordot(self.H, gradient, 2), 0.0)[:, None]
 
 
 # For each group its configurations, each with the information for each of S guesses.

@@ -38,7 +38,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
-from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
+from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.response import Covariance, Response
 from elastid.robot import Robot
 from elastid.simulation.controller import filters_of, gains_of
@@ -126,9 +126,6 @@ class Prospect:
         """
         model, G, motion = self._local(configuration, x)
         covariance = self._covariance(G, motion, configuration)
-        # The torques of the controller are held, and all outputs, accelerations too, are of motions sampled with them.
-        rates, sampled = (self.plan.rate_hz,) * len(self.robot.driven), (True,) * len(self.outputs)
-        model = replace(model, hold=HeldTorque(rates, sampled))
         response = replace(to_response(model, self.parameters.expand(x), self.plan.freq_hz), total=covariance)
         return ExpectedResponse(response, model, weigh(response, self.fit), self.parameters, self.fit)
 

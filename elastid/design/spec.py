@@ -80,7 +80,7 @@ class DesignSpec:
     # fmt: off
     count: Annotated[int | None, Key("Number of configurations to choose, each measured experiment.realisations times; "
         "a configuration chosen twice gets twice the realisations.", "more where the stage design predicts intervals "
-        "that are too wide; standard deviations fall with the root of the number.")] = None
+        "that are too wide; standard deviations fall with the root of the number.", least=1)] = None
     robot_time: Annotated[Time | None, Key("Robot time for the chosen configurations, as many as fit in; in place of "
         "count.", "where time is what is limited: an hour on the line; moving between postures is not counted.")] = None
     candidates: Annotated[CandidateSpec, Key("Configurations to choose from.", "more, or given ones, where the robot "
@@ -97,8 +97,6 @@ class DesignSpec:
     def __post_init__(self) -> None:
         if (self.count is None) == (self.robot_time is None):
             raise ValueError("give either count (of configurations) or robot_time (s)")
-        if self.count is not None and self.count < 1:
-            raise ValueError(f"count is {self.count}; choose at least 1 configuration")
 
 
 def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:

@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError
 from elastid.base.execution import HERE, Execution
-from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, elastic_fit, linear_model, part_of
+from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, linear_model, part_of
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     Evaluation,
@@ -40,7 +40,7 @@ from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.linear.equilibrium import equilibrium, spring_notes
-from elastid.linear.linear_model import LinearModel, is_load
+from elastid.linear.linear_model import is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion
 from elastid.model.formulation import EXACT
@@ -59,9 +59,6 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
 # Variance by noise and distortion over that by noise alone, from which on a response holds distortion.
 DISTORTED = 4.0
-# The effect of the motion is worked out on a share of its lines at the first optimum, which it moves, and on all of
-# them at the next.
-AT_REST_SHARES = (1 / 3, 1.0)
 # Of the way back from where the robot does not stand to the start.
 HALVINGS = 8
 
@@ -130,20 +127,8 @@ class Assembly:
         """The fit with every configuration linearised at x."""
         part = partial(_part, self.linearisation, self.parameters, x, criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
-        return self._of(ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home))))
-
-    def models(self, x: FloatArray) -> list[LinearModel]:
-        """Every configuration linearised at x."""
-        thetas = (self.parameters.expand(x, G.configuration.name) for G in self.responses)
-        return [linear_model(self.linearisation, *pair) for pair in zip(self.responses, thetas, strict=True)]
-
-    def of_models(self, models: Sequence[LinearModel], criterion: ResidualKind) -> ElasticFit:
-        """The fit with the linear model of each configuration."""
-        return self._of(elastic_fit(self.responses, models, self.weights, self.parameters, criterion))
-
-    def _of(self, fit: ElasticFit) -> ElasticFit:
         inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
-        return replace(fit, inertias=inertias, loads=self.loads, home=self.home)
+        return ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home)), inertias, self.loads, self.home)
 
     @cached_property
     def is_local(self) -> bool:
@@ -166,18 +151,15 @@ class Assembly:
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
-    def at_rest(self, x: FloatArray, share: float = 1.0) -> Assembly:
-        """Assembly without what the motion of the measurements adds to their responses at x (n_x,).
-
-        share: of the lines on which that is worked out.
-        """
+    def at_rest(self, x: FloatArray) -> Assembly:
+        """Assembly without what the motion of the measurements adds to their responses at x (n_x,)."""
         if all(response.motion is None for response in self.responses):
             return self
         responses = []
         for response in self.responses:
             theta = self.parameters.expand(x, response.configuration.name)
             linear = linear_model(self.linearisation, response, theta)
-            effect = effect_of_motion(self.linearisation.model, linear, theta, response, share)
+            effect = effect_of_motion(self.linearisation.model, linear, theta, response)
             responses.append(response if effect is None else replace(response, G=response.G - effect))
         is_same = all(map(operator.is_, responses, self.responses))
         return self if is_same else replace(self, responses=tuple(responses))
@@ -311,26 +293,27 @@ def relinearise(
     rounds = 10 if is_square else 30
     end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
     known, moved, is_settled = assembly, math.inf, False
+    is_held = any(response.hold is not None for response in assembly.responses)
     for i in range(rounds):
         try:
-            if i < len(AT_REST_SHARES):
-                rested = assembly.at_rest(end.x, AT_REST_SHARES[i])
+            if i < 2:  # the effect of the motion moves the first optimum
+                rested = assembly.at_rest(end.x)
             current = rested.reweighted(end.x)
             if len(c):
-                models = rested.models(end.x)
-                current = current.with_modelled_bias(current.of_models(models, criterion), end.x)
-                c = next_factors(current.unbiased(c).of_models(models, criterion), current.responses, end.x, c)
-            fit = current.unbiased(c).of_models(models, criterion) if len(c) else current.at(end.x, criterion)
-            # A logarithm counts other elements at each x.
-            if first is not None and current is known and criterion == "complex":
+                current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
+                c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
+            fit = current.unbiased(c).at(end.x, criterion)
+            # A logarithm counts other elements at each x, and images of held torques are others.
+            if first is not None and current is known and criterion == "complex" and not is_held:
                 fit = fit.with_residuals_of(first)
             elif is_square and not len(c):
                 first, known = fit, current
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
-        before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
-        moved = distance(end.x - before.x, fit.rough(end.x), fit.problem.dof)
+        precise = replace(fit.problem, evaluate=fit.evaluate)
+        before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
+        moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         is_whole = i > 0 or rested is assembly
         is_settled = is_whole and (moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
@@ -338,7 +321,7 @@ def relinearise(
             break
     if not is_settled or is_far_from_noise(end.cost, fit.problem.dof):
         try:
-            assembly.models(end.x)
+            assembly.at(end.x, criterion)
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
     text = (

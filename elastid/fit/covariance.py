@@ -100,9 +100,10 @@ class Uncertainty:
 
     unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone;
     cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
-    costs (Q,): V of each configuration.  share (Q, n_x): of each configuration in the information; informing_hz
-    (n_x, 2): the middle half of it.  disagreement: T of the blocks, 1 for a true model (`blocks`).  shift (n_x,): the
-    deviation by the blocks over that by measured noise, ratios of gears and declared floor alone.
+    costs (Q,): V of each configuration; power: of each, what its lines contribute to the variances (F, n_x).
+    share (Q, n_x): of each configuration in the information; informing_hz (n_x, 2): the middle half of it.
+    disagreement: T of the blocks, 1 for a true model (`blocks`).  shift (n_x,): the deviation by the blocks over that
+    by measured noise, ratios of gears and declared floor alone.
     repeated, lasting (n_x,): shares of the variance that a repeated measurement has, the robot's file erring as before,
     and that is left of the file by measurements without end; 1 and 0 where it is exact.
     """
@@ -119,6 +120,7 @@ class Uncertainty:
     repeated: FloatArray
     lasting: FloatArray
     costs: FloatArray
+    power: tuple[FloatArray, ...]
 
 
 # Times the data of a measurement that counts as one without end: noise a hundredth.
@@ -196,7 +198,8 @@ def estimate_uncertainty(
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept])
     parted = disagreement([part.disagreement for part in parts], len(half))
     estimate = covariance[kept, kept], singular_values, unreached[kept]
-    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept], lasting[kept], costs)
+    further, power = (repeated[kept], lasting[kept], costs), [part[:, kept] for part in power]
+    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], *further, tuple(power))
 
 
 # Of a stiffness, of a damping, and of a motor's viscous friction: std of what friction or effects of gears leave that

@@ -35,7 +35,7 @@ from elastid.fit.assembly import (
     relinearise,
 )
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
-from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES, without_other_robots
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import diagnose, judge
 from elastid.fit.diagnosis.second_source import static_agreement, tool_agreement
@@ -126,7 +126,7 @@ def fit_parameters(
 ) -> Result:
     """Result without the intervals and causes that take longer than the fit, for many fits that are compared."""
     bare = replace(spec, profile=(), bootstrap=0)
-    return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS, loads=loads)
+    return identify(responses, robot, bare, model=model, hypotheses=without_other_robots(), loads=loads)
 
 
 def _search(

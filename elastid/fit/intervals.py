@@ -128,14 +128,6 @@ def _source(part: Part, weights: Weights, theta: FloatArray) -> _Source:
 MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
 
 
-@dataclass(frozen=True)
-class Profile:
-    """Profile of one parameter: the interval in x, infinite where the data give no bound."""
-
-    name: str
-    interval: tuple[float, float]
-
-
 def profile_ends(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> FloatArray:
@@ -145,22 +137,21 @@ def profile_ends(
     """
     best = problem.evaluate(x)
     A_inverse = np.asarray(np.linalg.pinv(best.hessian / 2, hermitian=True))
-    free, labels = problem.parameters.free_names, [f"profile-{name}" for name in names]
+    places, ends = [problem.parameters.free_names.index(name) for name in names], np.full((len(x), 2), np.nan)
     work = partial(_profile, problem, x, best.cost, A_inverse, variance)
-    profiles = (execution or Execution()).resumed(work, [free.index(name) for name in names], labels)
-    rows = {profile.name: profile.interval for profile in profiles}
-    return np.array([rows.get(name, (np.nan, np.nan)) for name in free])
+    ends[places] = (execution or Execution()).ordered(work, places)
+    return ends
 
 
 def _profile(
     problem: LeastSquares, x: FloatArray, least: float, A_inverse: FloatArray, variance: FloatArray, place: int
-) -> Profile:
-    """Both ends of the interval of one parameter; least: V at x."""
+) -> tuple[float, float]:
+    """Both ends in x of the interval of one parameter, infinite where the data give no bound; least: V at x."""
     curvature = max(float(A_inverse[place, place]), 1e-300)
     stated = float(variance[place]) if 0 < variance[place] < math.inf else curvature
     tangent, level = A_inverse[:, place] / curvature, QUANTILE_95 * math.sqrt(stated / curvature)
     reach, end = QUANTILE_95 * math.sqrt(stated), partial(_end, problem, x, least, tangent, level, place)
-    return Profile(problem.parameters.free_names[place], (end(-reach), end(reach)))
+    return end(-reach), end(reach)
 
 
 def _end(

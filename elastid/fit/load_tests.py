@@ -37,7 +37,7 @@ class LoadTest:
     torque: Annotated[tuple[Torque, Torque, Torque], Key("Torque on the frame, in the axes of the base.", "for a lever "
         "on the flange with two equal forces; a force at its end is a force at another frame.")] = (0.0, 0.0, 0.0)
     mass: Annotated[Mass, Key("Mass hung on the frame; its weight adds to the force.", "for a load test with "
-        "weights.")] = 0.0
+        "weights.", least=0)] = 0.0
     measured_at: Annotated[str, Key("Frame whose deflection is measured (default: that of the load).", "where the dial "
         "touches another place, or to separate the springs before it from those behind it.")] = ""
     along: Annotated[Axis | None, Key("Direction of a dial gauge in the axes of the base: x, y, z or three numbers; "
@@ -53,8 +53,6 @@ class LoadTest:
     def __post_init__(self) -> None:
         if bool(self.configuration) == (self.angles is not None):
             raise ValueError("give the posture of a load test by its configuration or by its angles, one of them")
-        if self.mass < 0:
-            raise ValueError(f"mass is {self.mass:g} kg; it must not be negative")
         if not (np.any(self.force) or np.any(self.torque) or self.mass):
             raise ValueError("a load test without a load; give force, torque or mass")
         if self.along is not None:

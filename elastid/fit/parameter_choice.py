@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.base.names import SEPARATOR, is_match, matching, posture_of
+from elastid.base.names import SEPARATOR, matching, posture_of
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, Parameters, Prior, Tie
@@ -145,14 +145,6 @@ def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[s
     return (*named_geometry(given, robot), *(name for name in robot.gains if name in (*given, *ties)))
 
 
-def nearest_parameter(key: str, table: Iterable[str], on_demand: Iterable[str]) -> str:
-    """The end of a message about a key that no parameter matches."""
-    gains = [name for name in on_demand if is_match(name, key) and name.startswith("gain_")]
-    if gains:
-        return f"gains are named one by one, those of the channels that are not calibrated: {', '.join(gains[:3])} ..."
-    return did_you_mean(key, table, on_demand)
-
-
 def _match(
     given: Mapping[str, ParameterSpec], table: Mapping[str, object], on_demand: Iterable[str]
 ) -> dict[str, ParameterSpec]:
@@ -160,7 +152,7 @@ def _match(
     for key, asked in given.items():
         names = matching(key, table)
         if not names:
-            near = nearest_parameter(key, table, on_demand)
+            near = did_you_mean(key, table, on_demand)
             raise StudyError("fit/parameters", f"the robot has no parameter {key}; {near}", "fit.parameters")
         matched |= {name: _starred(key, name, asked, table) for name in names}
     return matched | {key: asked for key, asked in given.items() if key in table}

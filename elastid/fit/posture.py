@@ -11,6 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean, index_of
+from elastid.base.section import section
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.fitted_model import Axes, Doubt, Estimated, FittedModel
 from elastid.linear.linear_model import DELAY
@@ -20,16 +21,15 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
-from elastid.record import MOTION_ORDER, Configuration, JointLoop, Motion, Motors
+from elastid.record import Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
 from elastid.robot.robot import with_frames
 from elastid.simulation.controller import gains_of
 
 Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float] | FloatArray
-_CHOICES = {"motors": ("held", "free", "controlled"), "axes": ("own", "world")}
 
 
-@dataclass(frozen=True)
+@section
 class Asked:
     """Ports, motors and payload of a prediction (`Result.at`).
 
@@ -46,9 +46,6 @@ class Asked:
     controller: Any = None
 
     def __post_init__(self) -> None:
-        for key, words in _CHOICES.items():
-            if getattr(self, key) not in words:
-                raise ValueError(f"{key} is '{getattr(self, key)}'; give one of {', '.join(words)}")
         if self.motors == "controlled" and self.controller is None:
             raise ValueError(
                 "motors are controlled, but by what? Give controller=study.experiment.simulated.controller, "
@@ -123,7 +120,6 @@ class Family:
 
     def at(self, configuration: Configuration) -> FittedModel:
         """The model about the equilibrium of a posture; StudyError where there is none."""
-        index_of(self.quantity, tuple(MOTION_ORDER), "quantity")
         if self.asked.payload is False:
             configuration = replace(configuration, carries=False)
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)

@@ -103,8 +103,8 @@ def stated_errors(response: Response, local: Response, has_bias: bool) -> tuple[
     common = inside & _has_power(local)
     local = local.lines(common if common.any() else inside)
     G, variance_l = interpolated(local.freq_hz, response.freq_hz, response.G), _variance(local)
-    own = response.noise.variance if has_bias and response.noise is not None else _variance(response)
-    variance = interpolated(local.freq_hz, response.freq_hz, own)
+    of_line = response.noise.variance if has_bias and response.noise is not None else _variance(response)
+    variance = interpolated(local.freq_hz, response.freq_hz, of_line)
     # |G|^2 of both, each by its weight.
     weight, weight_l = (1 / np.maximum(x, 1e-300) for x in (variance, variance_l))
     power = (np.abs(G) ** 2 * weight + np.abs(local.G) ** 2 * weight_l) / (weight + weight_l)

@@ -105,7 +105,9 @@ def errors_in_variables(data: MeanSpectra) -> Estimate:
     return replace(h1(data), G=Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:]))
 
 
-METHODS: dict[str, Estimator] = {method.__name__: method for method in (arithmetic, h1, joint, errors_in_variables)}
+METHODS: dict[str, Estimator] = {
+    "arithmetic": arithmetic, "h1": h1, "joint": joint, "errors_in_variables": errors_in_variables
+}  # fmt: skip
 
 
 def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Estimate:

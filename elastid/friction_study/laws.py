@@ -14,11 +14,10 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+from scipy.special import chdtrc, ndtri, stdtrit
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
-from elastid.base.statistics import chi_square_tail
 from elastid.friction.static import FALLING, Conditions, columns, slopes
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, inverse_normal, minimise
 from elastid.friction_study.levels import MAX_RELATIVE_STD, Levels
@@ -187,7 +186,7 @@ def fit_curve(levels: Levels, terms: Terms) -> StaticLaw:
 
 def excess(cost: float, dof: int) -> float:
     """Factor of the variance of levels by which they scatter more than stated; 1 where chance explains it."""
-    return cost / dof if chi_square_tail(cost, dof) < FALSE_ALARM else 1.0
+    return cost / dof if chdtrc(dof, cost) < FALSE_ALARM else 1.0
 
 
 def derivative(conditions: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:

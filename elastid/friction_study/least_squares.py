@@ -282,12 +282,12 @@ def _widening(
     bread: FloatArray, scores: FloatArray, states: FloatArray, variance: FloatArray, dof: FloatArray
 ) -> FloatArray:
     """Factors (n_x,) of the std by the covariances over states (n, n_s), 1 where chance explains them."""
-    used, widening, own_student = np.any(scores, axis=1), np.ones(len(bread)), _student(np.array(_STATE_TERMS))
-    limit = fdtri(_STATE_TERMS, dof, 1 - _STATE_CHANCE) * own_student / _student(dof)
+    used, widening, student = np.any(scores, axis=1), np.ones(len(bread)), _student(np.array(_STATE_TERMS))
+    limit = fdtri(_STATE_TERMS, dof, 1 - _STATE_CHANCE) * student / _student(dof)
     for state in states.T:
         ordered = scores[used][np.argsort(state[used])]
-        own = np.diag(bread @ _long_run(ordered, _STATE_TERMS) @ bread) * own_student
-        ratio = own / np.maximum(variance, 1e-300)
+        by_states = np.diag(bread @ _long_run(ordered, _STATE_TERMS) @ bread) * student
+        ratio = by_states / np.maximum(variance, 1e-300)
         widening = np.maximum(widening, np.sqrt(np.where(ratio > limit, ratio, 1.0)))
     return np.asarray(widening)
 

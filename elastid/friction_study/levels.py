@@ -243,9 +243,9 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     regressed too; 0 for none.  DataError where a pair has one direction only, or no pair slides.
     """
     used, notes = _sliding(passes)
-    pairs = {each.pair: [other for other in used if other.pair == each.pair] for each in used}
+    pairs = {test.pair: [back for back in used if back.pair == test.pair] for test in used}
     for name, members in pairs.items():
-        if len({each.direction for each in members}) < 2:
+        if len({test.direction for test in members}) < 2:
             text = (
                 "it has one direction only; friction cannot be distinguished from gravity and offset without the way "
                 "back; record both directions"
@@ -254,8 +254,8 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     design = PassRegression.of(used, has_gravity, turn)
     values, covariance = design.solve()
     n_k = len(pairs)
-    each = [[(np.abs(one.velocity).mean(), one.load, one.temperature) for one in pair] for pair in pairs.values()]
-    conditions = np.array([np.mean(pair, axis=0) for pair in each])
+    states = [[(np.abs(test.velocity).mean(), test.load, test.temperature) for test in pair] for pair in pairs.values()]
+    conditions = np.array([np.mean(pair, axis=0) for pair in states])
     speed = conditions[:, 0]
     g, o = values[:n_k], values[n_k : 2 * n_k]
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)

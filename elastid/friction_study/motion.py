@@ -398,7 +398,7 @@ def regress_robot_motion(
         for log, columns in zip(logs, rigid, strict=True)
     ]
     friction = {
-        joint: MotionFriction.of([each[joint] for each in alone], least.at(joint), own) for joint, own in terms.items()
+        joint: MotionFriction.of([fits[joint] for fits in alone], least.at(joint), law) for joint, law in terms.items()
     }
     return {joint: replace(judged(fit, joint, moved), rigid_body=body) for joint, fit in friction.items()}, alone
 
@@ -423,7 +423,7 @@ def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
     theta = np.array([[value] for value, _ in robot.parameters().values()])
     tau = np.asarray(inverse_dynamics(robot)(*state, np.tile(theta, state.shape[2])).full())
     rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
-    return {joint: tau[names.index(joint)] + rotors[joint] * each.acceleration for joint, each in log.of_joints.items()}
+    return {joint: tau[names.index(joint)] + rotors[joint] * axis.acceleration for joint, axis in log.of_joints.items()}
 
 
 def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[str, FloatArray]:

@@ -361,7 +361,7 @@ class MotionLog:
     @classmethod
     def of(cls, motions: Mapping[str, Motion], resting: Mapping[str, float], passband_hz: float) -> MotionLog:
         """Log of motions by joint; DataError as of `MotionSignals`."""
-        return cls({joint: MotionSignals.of(each, passband_hz) for joint, each in motions.items()}, resting)
+        return cls({joint: MotionSignals.of(motion, passband_hz) for joint, motion in motions.items()}, resting)
 
     @property
     def first(self) -> MotionSignals:
@@ -375,7 +375,7 @@ def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog
     for log in logs:
         try:
             slow = {
-                joint: MotionSignals.of(each.motion, narrow * each.passband_hz) for joint, each in log.of_joints.items()
+                joint: MotionSignals.of(axis.motion, narrow * axis.passband_hz) for joint, axis in log.of_joints.items()
             }
         except DataError:
             return ()
@@ -384,5 +384,5 @@ def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog
         kept = next(iter(slow.values())).kept
         same = slice(kept.start, kept.stop, log.first.kept.step)
         for band, signals in zip(bands, (log.of_joints, slow), strict=True):
-            band.append(replace(log, of_joints={joint: replace(each, kept=same) for joint, each in signals.items()}))
+            band.append(replace(log, of_joints={joint: replace(axis, kept=same) for joint, axis in signals.items()}))
     return bands

@@ -99,7 +99,7 @@ def shown_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
 
 def _by_angle(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     """Terms with dry friction over the angle, if a Legendre polynomial shows, and all change it enough."""
-    ends = min(float(each.position.min()) for each in signals), max(float(each.position.max()) for each in signals)
+    ends = min(float(axis.position.min()) for axis in signals), max(float(axis.position.max()) for axis in signals)
     wider = replace(terms, angles=ends)
     fit = regressed(signals, wider)
     chance = min(fit.chance(name, 0) for name in ANGLE)
@@ -148,7 +148,7 @@ def change_of(fit: Regression, other: Regression) -> FloatArray:
 
 def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     """Terms with the numbers of heat if one shows: without the other it would take that one's part."""
-    degc = [each.motion.temperature for each in signals if each.motion.temperature is not None]
+    degc = [axis.motion.temperature for axis in signals if axis.motion.temperature is not None]
     if len(degc) < len(signals):
         return terms
     every = np.concatenate(degc)
@@ -168,7 +168,7 @@ def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
 
 def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
     """The best one; 0 where two tests, for correlated residuals and for their sum of squares, find chance alone."""
-    fastest = max(float(np.abs(each.velocity).max()) for each in signals)
+    fastest = max(float(np.abs(axis.velocity).max()) for axis in signals)
     best = replace(terms, stribeck_velocity=_best_velocity(signals, terms, _VELOCITIES * fastest))
     without, fit = regressed(signals, terms), regressed(signals, best, steps=0)
     drop = without.sum_of_squares - fit.sum_of_squares
@@ -186,8 +186,8 @@ def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocit
     """Velocity (of m) whose fall of stiction explains most of what a regression without it leaves."""
     logs = [axis_equations(log, terms) for log in signals]
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
-    falls = [each.direction[:, None] * np.exp(-((each.velocity[:, None] / velocities) ** 2)) for each in signals]
-    filtered = [each.filtered(fall) * each.used[:, None] for each, fall in zip(signals, falls, strict=True)]
+    falls = [axis.direction[:, None] * np.exp(-((axis.velocity[:, None] / velocities) ** 2)) for axis in signals]
+    filtered = [axis.filtered(fall) * axis.used[:, None] for axis, fall in zip(signals, falls, strict=True)]
     Q = np.linalg.qr(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300))[0]
     left, new = (side - Q @ (Q.T @ side) for side in (y, np.concatenate(filtered)))
     return float(velocities[np.argmax((left @ new) ** 2 / np.maximum(np.sum(new**2, axis=0), 1e-300))])
@@ -213,7 +213,7 @@ def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int =
     """steps: of the search for the Stribeck velocity, by its column in the Jacobian (Gauss and Newton)."""
 
     def solved(about: Regression | None) -> Regression:
-        return solve([axis_equations(each, terms, about) for each in signals], signals[0].kept_hz).at("")
+        return solve([axis_equations(axis, terms, about) for axis in signals], signals[0].kept_hz).at("")
 
     fit = solved(None)
     for _ in range(steps if terms.searched else 0):
@@ -245,15 +245,15 @@ def equations_of(
 
     sliding: of samples that are clear of reversals alone.
     """
-    columns = [columns_of(each, terms[joint], about) for joint, each in log.of_joints.items()]
+    columns = [columns_of(axis, terms[joint], about) for joint, axis in log.of_joints.items()]
     names = [(i, joint, name) for i, joint in enumerate(log.of_joints) for name in columns[i]]
-    used = np.stack([each.used | (not sliding) for each in log.of_joints.values()], axis=1)
+    used = np.stack([axis.used | (not sliding) for axis in log.of_joints.values()], axis=1)
     X = np.zeros((*used.shape, len(names)))
     for k, (i, _, name) in enumerate(names):
         X[:, i, k] = columns[i][name]
     R = np.zeros((*used.shape, 0)) if rigid is None else log.first.filtered(rigid)
-    y = np.stack([each.filtered(each.motion.torque) for each in log.of_joints.values()], axis=1)
-    states = [each.filtered(state) for each in log.of_joints.values() for state in (each.position, each.velocity)]
+    y = np.stack([axis.filtered(axis.motion.torque) for axis in log.of_joints.values()], axis=1)
+    states = [axis.filtered(state) for axis in log.of_joints.values() for state in (axis.position, axis.velocity)]
     numbers = tuple((joint, name) for _, joint, name in names)
     return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1), numbers)
 

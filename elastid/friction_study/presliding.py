@@ -321,10 +321,10 @@ class RestResponse:
         motor, posture = (f"motor {first.joint}",), first.configuration or Configuration(first.name, np.zeros(1))
         periodic = [
             Record(
-                each.name, posture, i, 0, each.rate_hz, first.period_samples, motor, motor, ("position",),
-                each.torque[:, None], each.position[:, None], hold=each.hold, sliding=motor if each.slides else (),
+                test.name, posture, i, 0, test.rate_hz, first.period_samples, motor, motor, ("position",),
+                test.torque[:, None], test.position[:, None], hold=test.hold, sliding=motor if test.slides else (),
             )
-            for i, each in enumerate(records)
+            for i, test in enumerate(records)
         ]  # fmt: skip
         G = estimate(periodic, EstimatorSpec(quantity="position", friction="none"))
         assert G.noise is not None

@@ -131,10 +131,10 @@ class FrictionResult:
     def display(self) -> Display:
         """How it ended, and the table of numbers."""
         rows = []
-        for each in self.numbers:
-            shown = digits(each.value, each.std)
-            value, ends = number(each.value, shown), " to ".join(interval_of((each.low, each.high), shown))
-            rows.append((each.name, each.meaning, f"{value} {each.unit}", ends))
+        for row in self.numbers:
+            shown = digits(row.value, row.std)
+            value, ends = number(row.value, shown), " to ".join(interval_of((row.low, row.high), shown))
+            rows.append((row.name, row.meaning, f"{value} {row.unit}", ends))
         return Display(f"Friction {self.status}: {self.message}", ("number", "meaning", "value", "95 % interval"), rows)
 
     def at(self, joint: str) -> JointFriction:

@@ -15,13 +15,14 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import Note, StudyError
 from elastid.model.closed_posture import assembled
 from elastid.model.drivetrain import deflections, tangents
 from elastid.model.elastic import ElasticModel
-from elastid.model.loop_closure import motions, null_space
+from elastid.model.loop_closure import RANK_TOLERANCE, motions
 from elastid.record import Configuration
 
 
@@ -84,7 +85,7 @@ def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, carries
         )
     for _ in range(LIMITS.steps):
         # Back onto the loops in full, and from there downhill along them.
-        Z, K = null_space(now.Phi[:, free]), now.K[np.ix_(free, free)]
+        Z, K = null_space(now.Phi[:, free], rcond=RANK_TOLERANCE), now.K[np.ix_(free, free)]
         close = np.linalg.lstsq(now.Phi[:, free], -now.phi)[0]
         pull = Z.T @ (now.torque[free] + K @ close)
         along = _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
@@ -168,9 +169,10 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
         raise StudyError("robot/no-rest", refused, f"configuration {configuration.name}")
     q = np.zeros(model.n_q)
     try:
-        # The geometry moves no joint of a tree.
-        robot = model.robot_at(model.theta if theta is None else theta) if model.robot.loops else model.robot
-        q[: len(model.robot.joints)] = assembled(robot, configuration.angles)
+        angles, joints = configuration.angles, model.robot.opened(configuration.angles)
+        if model.robot.loops:  # the geometry moves no joint of a tree
+            joints = assembled(model.robot_at(model.theta if theta is None else theta), angles)
+        q[: len(joints)] = joints
     except StudyError as error:
         raise StudyError("robot/no-rest", str(error), f"configuration {configuration.name}") from None
     for motor, angle in zip(model.inputs, configuration.angles, strict=True):
@@ -197,7 +199,7 @@ def _faults(
         worst = free[int(np.argmax(unbalanced))]
         unit = "N" if slides(names[worst]) else "N*m"
         yield f"{names[worst]} stays unbalanced by {balance.torque[worst]:.3g} {unit} {soft}"
-    Z = null_space(balance.Phi[:, free])
+    Z = null_space(balance.Phi[:, free], rcond=RANK_TOLERANCE)
     if Z.size:
         stiffness, modes = np.linalg.eigh(Z.T @ K[np.ix_(free, free)] @ Z)
         if stiffness[0] < -1e-9 * np.abs(K).max():
@@ -208,7 +210,7 @@ def _faults(
         deflection = (q - rigid)[model.index(f"joint {joint.name}")]
         if joint.spring is not None and abs(deflection) > LIMITS.deflection:
             yield f"joint {joint.name} tips over, {deflection:.3g} {joint.unit} from where its motor holds it, {soft}"
-    Z = motions(model, balance.Phi)
+    Z = motions(model, balance.Phi) if balance.Phi.size else np.eye(model.n_q)
     M = Z.T @ model.mass(q, theta).full() @ Z
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))

@@ -31,7 +31,8 @@ from elastid.base.display import Display, as_html, as_text, degrees, number
 from elastid.base.errors import StudyError
 from elastid.base.statistics import By, principal_axes, propagate
 from elastid.linear.linear_model import LinearModel, StateSpace, state_space
-from elastid.linear.modes import Modes, modes, modes_display, shapes_of_all
+from elastid.linear.modes import Modes, modes, shapes_of_all
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import checked_frequencies, frequency_response, to_response
 from elastid.parameters import Parameters
@@ -136,15 +137,6 @@ class Estimated:
         return np.flatnonzero(np.any(self.slopes, axis=1))
 
 
-def known_axes(covariance: FloatArray) -> FloatArray:
-    """The principal axes (n_d, n_x) of x.
-
-    A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
-    """
-    unreached = np.isinf(np.diag(covariance))
-    return principal_axes(np.where(unreached[:, None] | unreached, 0.0, covariance) + 1e4 * np.diag(unreached))
-
-
 def _deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     """Standard deviations of y (n,) with slopes dy/dx (n, n_x)."""
     unreached = np.isinf(np.diag(covariance))
@@ -170,8 +162,9 @@ class UncertainModes(Modes):
     @property
     def display(self) -> Display:
         """Frequency and damping ratio of each mode with their standard deviations."""
-        columns = self.freq_hz, self.freq_std, self.zeta, self.zeta_std
-        return modes_display(f"{len(self.freq_hz)} modes", *columns)
+        columns = self.freq_hz, self.freq_std, 100 * self.zeta, 100 * self.zeta_std
+        rows = [tuple(map(number, row, (5, 2, 4, 2))) for row in np.transpose(columns).tolist()]
+        return Display(f"{len(rows)} modes", ("natural frequency in Hz", "std", "damping ratio in %", "std"), rows)
 
 
 @frozen_value
@@ -310,14 +303,20 @@ class FittedModel:
         return np.asarray(np.hypot(*parts).reshape(J.shape[1:]))
 
     def response_shifts(self, freq_hz: FloatArray) -> ComplexArray:
-        """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions."""
-        return np.asarray(np.tensordot(known_axes(self.estimated.covariance), self._response_slopes(freq_hz), axes=1))
+        """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions.
+
+        A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
+        """
+        C = self.estimated.covariance
+        unreached = np.isinf(np.diag(C))
+        axes = principal_axes(np.where(unreached[:, None] | unreached, 0.0, C) + 1e4 * np.diag(unreached))
+        return np.asarray(np.tensordot(axes, self._response_slopes(freq_hz), axes=1))
 
     def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
         """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
         moved = self.estimated.moved
         kernel = Kernel(self.linear, checked_frequencies(freq_hz), tuple(self.estimated.names[row] for row in moved))
-        return np.asarray(np.tensordot(self.estimated.slopes[moved].T, kernel.evaluate(self.theta)[1], axes=1))
+        return np.asarray(np.tensordot(self.estimated.slopes[moved].T, Columns(kernel).evaluate(self.theta)[1], axes=1))
 
     def modes(self) -> UncertainModes:
         """Natural frequencies, damping ratios and shapes of what can move, an integral of a controller left out.

@@ -36,7 +36,7 @@ from numpy.polynomial import polynomial
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, check_theta, index_of
-from elastid.base.escape import control_label
+from elastid.base.escape import control_labels
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors
 from elastid.robot import Chain, gain_name
 
@@ -179,17 +179,11 @@ class LinearModel:
     integral: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes; without T no output is an accelerometer."""
-        n = self.M.shape[0]
+        """Without T no output is an accelerometer; UnknownNameError for an unknown quantity."""
         if self.T is None:
             object.__setattr__(self, "T", frozen(np.zeros(self.C.shape)))
         if self.Z is None:
-            object.__setattr__(self, "Z", frozen(np.eye(n)))
-        square, read = (n, n), (len(self.outputs), n)
-        expected = {"M": square, "D": square, "K": square, "B": (n, len(self.inputs)), "C": read, "T": read}
-        for name, shape in expected.items():
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {shape}")
+            object.__setattr__(self, "Z", frozen(np.eye(len(self.M))))
         index_of(self.quantity, tuple(MOTION_ORDER), "quantity")
 
     @property
@@ -319,8 +313,7 @@ class StateSpace:
             raise ValueError(f"pade is {pade!r}; give the order of the approximation, commonly 2 to 6")
         import control  # takes a second or two
 
-        names = {"inputs": [*map(control_label, self.inputs)], "outputs": [*map(control_label, self.outputs)]}
-        labels = {"name": control_label(self.configuration.name), **names}
+        labels = control_labels(self.configuration.name, self.inputs, self.outputs)
         system = control.ss(self.A, self.B, self.C, self.D)
         if pade is not None and self.delay > 0:
             late = control.tf2ss(*control.pade(self.delay, pade))

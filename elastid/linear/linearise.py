@@ -33,6 +33,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, check_theta
@@ -40,7 +41,7 @@ from elastid.linear.equilibrium import OperatingPoint, equilibrium, free_coordin
 from elastid.linear.linear_model import DELAY, LinearModel, Slope, elements, projected
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
-from elastid.model.loop_closure import RANK_TOLERANCE, motions, null_space
+from elastid.model.loop_closure import RANK_TOLERANCE, motions
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, Motion
 from elastid.robot import Robot
@@ -48,16 +49,14 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class PointDerivatives:
-    """shift(q, lambda_, theta) -> the partial derivatives of the equation above, A the triangles of M, D, K, and Phi.
+    """partial(q, lambda_, theta) -> the partial derivatives of the equation above, A the triangles of M, D, K, and Phi.
 
-    of_theta: of statics (n_f, n_theta), phi (n_c, n_theta), vec Phi (n_c n_q, n_theta).  of_q: of A (.., n_f), vec Phi
-    (n_c n_q, n_f).  of_lambda: of A (.., n_c).
+    To theta: of statics (n_f, n_theta), phi (n_c, n_theta), vec Phi (n_c n_q, n_theta); to q_f: of A (.., n_f), vec Phi
+    (n_c n_q, n_f); to lambda: of A (.., n_c).
     """
 
     model: ElasticModel
-    of_theta: ca.Function
-    of_q: ca.Function
-    of_lambda: ca.Function
+    partial: ca.Function
 
     def at(
         self, point: OperatingPoint, theta: FloatArray, K: FloatArray, Z: FloatArray
@@ -67,14 +66,16 @@ class PointDerivatives:
         K (n_q, n_q), Z (n_q, n): stiffness and motions there; dZ is None without loops.
         StudyError for a coordinate of the geometry with which no joint can keep the loops closed.
         """
-        model, free, arguments = self.model, free_coordinates(self.model), (point.q, point.lambda_, theta)
-        statics, phi, Phi_theta = (part.full() for part in self.of_theta(*arguments))
-        A_q, Phi_q = (part.full() for part in self.of_q(*arguments))
+        model, free = self.model, free_coordinates(self.model)
+        statics, phi, Phi_theta, A_q, Phi_q, A_lambda = (
+            part.full() for part in self.partial(point.q, point.lambda_, theta)
+        )
         if not model.n_c:
             dq = -np.linalg.lstsq(K[np.ix_(free, free)], statics)[0]
             return dq, A_q @ dq, None
         Phi = model.constraint_jacobian(point.q, theta).full()
-        inverse, Y = np.linalg.pinv(Phi[:, free], rcond=RANK_TOLERANCE), null_space(Phi[:, free])
+        inverse = np.linalg.pinv(Phi[:, free], rcond=RANK_TOLERANCE)
+        Y = null_space(Phi[:, free], rcond=RANK_TOLERANCE)
         K_f = K[np.ix_(free, free)]
         back = -inverse @ phi
         # Every row of phi must be closed again by the joints, to 1e-6 of the gap that opens if none of them follows.
@@ -93,7 +94,7 @@ class PointDerivatives:
         turned = (Phi_theta + Phi_q @ dq).T.reshape(-1, model.n_q, model.n_c).transpose(0, 2, 1)
         dZ = np.zeros((len(turned), *Z.shape))
         dZ[:, free] = -inverse @ (turned @ Z)
-        return dq, A_q @ dq + self.of_lambda(*arguments).full() @ dlambda, dZ
+        return dq, A_q @ dq + A_lambda @ dlambda, dZ
 
 
 def differentiate_point(
@@ -103,14 +104,10 @@ def differentiate_point(
     free = free_coordinates(model).tolist()
     Phi, phi = model.constraint_jacobian(q, theta), model.constraint(q, theta)
     statics = model.potential_gradient(q, theta) + (Phi.T @ lambda_ if model.n_c else 0)
-    arguments, stacked = [q, lambda_, theta], ca.vec(triangles)
-    held = (statics[free], phi, ca.vec(Phi))
-    return PointDerivatives(
-        model,
-        ca.Function("of_theta", arguments, [ca.jacobian(part, theta) for part in held]),
-        ca.Function("of_q", arguments, [ca.jacobian(part, q)[:, free] for part in (stacked, ca.vec(Phi))]),
-        ca.Function("of_lambda", arguments, [ca.jacobian(stacked, lambda_)]),
-    )
+    A, vec_Phi = ca.vec(triangles), ca.vec(Phi)
+    slopes = [ca.jacobian(part, theta) for part in (statics[free], phi, vec_Phi)]
+    slopes += [ca.jacobian(part, q)[:, free] for part in (A, vec_Phi)]
+    return PointDerivatives(model, ca.Function("partial", [q, lambda_, theta], [*slopes, ca.jacobian(A, lambda_)]))
 
 
 def _reading(

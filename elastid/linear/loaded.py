@@ -27,6 +27,7 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, did_you_mean
@@ -34,10 +35,9 @@ from elastid.linear.equilibrium import LIMITS, equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel, Slope, is_load, projected
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import direction, position, tree, turns
-from elastid.model.loop_closure import null_space
+from elastid.model.loop_closure import RANK_TOLERANCE
 from elastid.record import Configuration, JointLoop, Motors
 
-_CONVERGED = 1e-11  # rad or m: convergence is quadratic, the remaining error is far below
 _SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
 
 
@@ -129,7 +129,7 @@ class LoadedRobot:
             largest = np.abs(free).max(axis=1, initial=0.0)
             if not np.isfinite(step).all():
                 break
-            if largest.max() < _CONVERGED:
+            if largest.max() < LIMITS.gap:  # convergence is quadratic
                 return z + step, K
             share = np.minimum(1.0, LIMITS.step / np.maximum(largest, 1e-300))
             size = _size(r, K)
@@ -204,7 +204,7 @@ def with_held_motors(B: FloatArray) -> FloatArray:
     still = ~np.any(B, axis=1)
     if np.linalg.matrix_rank(B) == np.count_nonzero(~still):
         return np.eye(len(B))[:, still]
-    return null_space(B.T)
+    return np.asarray(null_space(B.T, rcond=RANK_TOLERANCE))
 
 
 @dataclass(frozen=True, eq=False)

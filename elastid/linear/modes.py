@@ -16,7 +16,6 @@ import numpy as np
 import scipy.linalg
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.base.display import Display, as_html, as_text, number
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LinearModel
 from elastid.model.elastic import ElasticModel
@@ -38,32 +37,11 @@ class Modes:
     shapes: ComplexArray
     real_poles: FloatArray
 
-    __repr__, _repr_html_ = as_text, as_html
-
     @property
     def poles(self) -> ComplexArray:
         """lambda (n_m,) in 1/s of each mode, that with the positive imaginary part."""
         swinging = 1j * np.sqrt(np.maximum(1 - self.zeta**2, 0.0))
         return np.asarray(2 * np.pi * self.freq_hz * (swinging - self.zeta))
-
-    @property
-    def display(self) -> Display:
-        """Frequency and damping ratio of each mode."""
-        rows = [(f"{f:.5g}", f"{100 * zeta:.4g}") for f, zeta in zip(self.freq_hz, self.zeta, strict=True)]
-        return Display(
-            f"{len(rows)} modes in {len(self.shapes)} coordinates, {len(self.real_poles)} real poles",
-            ("natural frequency in Hz", "damping ratio in %"),
-            rows,
-        )
-
-
-def modes_display(
-    title: str, freq_hz: FloatArray, freq_std: FloatArray, zeta: FloatArray, zeta_std: FloatArray
-) -> Display:
-    """Frequency and damping ratio (n_m,) of each mode with their standard deviations."""
-    columns = freq_hz, freq_std, 100 * zeta, 100 * zeta_std
-    rows = [tuple(map(number, row, (5, 2, 4, 2))) for row in np.transpose(columns).tolist()]
-    return Display(title, ("natural frequency in Hz", "std", "damping ratio in %", "std"), rows)
 
 
 def modes(model: LinearModel, theta: FloatArray) -> Modes:

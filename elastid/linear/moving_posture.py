@@ -39,7 +39,7 @@ from elastid.model.loop_closure import RANK_TOLERANCE
 from elastid.response import MotorMotion, Response
 
 # Lines of the motion, and lines of the response between which the change is interpolated, at most; few of a first look.
-_MOST_LINES, _FEW = 48, 8
+MOST_LINES, _FEW = 48, 8
 # Standard deviations that the effect may have, of all elements together, before it is worked out.
 NEGLIGIBLE = 0.1
 # An effect on m lines is off by about this over m^2 of itself. As many are taken as make that half of what is
@@ -51,13 +51,12 @@ _LARGEST_SHIFT = 30.0
 
 
 def effect_of_motion(
-    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: Response, share: float = 1.0
+    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: Response
 ) -> ComplexArray | None:
     """dG (F, n_y, n_u) that the motion of a measured response adds to that of a model about its posture at rest.
 
     linear: of `model` in a configuration, at theta (n_theta,), which ends with the delay.  Motors that were not
-    measured count as standing still.  share: of the lines of the motion, neighbours being put together, and of those of
-    the response between which it is interpolated.  StudyError as `equilibrium`.
+    measured count as standing still.  StudyError as `equilibrium`.
     None where no motion is known, where it cannot matter, and for a motion to where the equations have no number (a gas
     spring at its end).
     No parameter of a fit moves by more standard deviations than the effect has, divided by those of all elements.
@@ -65,7 +64,7 @@ def effect_of_motion(
     motion, known, freq_hz = response.motion, response.uncertainty, response.freq_hz
     if motion is None or not motion.power.any():
         return None
-    expansion, most = _expand(model, linear, theta), round(share * _MOST_LINES)
+    expansion, most = _expand(model, linear, theta), MOST_LINES
     places = [motion.motors.index(motor) if motor in motion.motors else -1 for motor in model.inputs]
     mean = _mean(expansion, motion, linear.configuration.angles, places)
     of_outputs, of_inputs = linear.channel_gains(theta)

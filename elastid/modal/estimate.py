@@ -303,11 +303,11 @@ def _modes(
         fitted.append(FittedMode.of(response, influences, r, complex(fit.poles[r] * scale) + shift))
     if poles_hz is None:
         within = without_twins([mode for mode in fitted if mode.is_within(response)])
-        found = [mode for mode in within if not mode.is_background(response)]
+        chosen = [mode for mode in within if not mode.is_background(response)]
     else:
-        found = [mode for mode in fitted if mode.is_near(poles_hz)]
-    modes = _gathered(response, fit, found, diagram)
-    notes = (*lost_notes(found, response, poles_hz), *window_notes(fitted, shift, response))
+        chosen = [mode for mode in fitted if mode.is_near(poles_hz)]
+    modes = _gathered(response, fit, chosen, diagram)
+    notes = (*lost_notes(chosen, response, poles_hz), *window_notes(fitted, shift, response))
     return replace(modes, notes=(*modes.notes, *notes))
 
 

@@ -114,7 +114,7 @@ class FittedMode:
 
 def without_twins(modes: Sequence[FittedMode]) -> list[FittedMode]:
     """The modes without weak poles within the resonance of a stronger one of the same shape."""
-    return [mode for mode in modes if not any(mode.is_twin_of(other) for other in modes if other is not mode)]
+    return [mode for mode in modes if not any(mode.is_twin_of(near) for near in modes if near is not mode)]
 
 
 def lost_notes(modes: Sequence[FittedMode], response: Response, poles_hz: Sequence[float] | None) -> tuple[Note, ...]:
@@ -181,8 +181,8 @@ class Influences:
         used = np.flatnonzero(power > 1e-4 * power.max())
         low, high = int(used[0]), int(used[-1]) + 1
         half = self._half
-        own = np.sqrt(self.fit.data.variance / self._free[:, None]) * self._phase.conj()
-        scaled = influence[:, low:high] * own[low:high]
+        scale = np.sqrt(self.fit.data.variance / self._free[:, None]) * self._phase.conj()
+        scaled = influence[:, low:high] * scale[low:high]
         # Row k + half of the residuals belongs to line k; reflected at the ends.
         padded = np.pad(self._normalised, ((half, half), (0, 0)), "symmetric")[low : high + 2 * half]
         conjugate = scaled.conj()
@@ -200,9 +200,9 @@ class Influences:
 
     def _line_factor(self, influence: ComplexArray) -> float:
         """Variance with correlated lines over that without, by the autocorrelation of the residuals."""
-        own, seen, stated = float(np.sum(np.abs(influence) ** 2)), 1.0, 1.0
+        power, seen, stated = float(np.sum(np.abs(influence) ** 2)), 1.0, 1.0
         for lag, rho in enumerate(self._autocorrelation[: influence.shape[1] - 1], start=1):
-            product = complex(np.vdot(influence[:, :-lag], influence[:, lag:])) / own
+            product = complex(np.vdot(influence[:, :-lag], influence[:, lag:])) / power
             seen += 2 * (product * rho).real
             stated += 2 * max(1 - lag / self.correlated_lines, 0.0) * product.real
         # A fit takes the correlation of errors of local methods out of the residuals.
@@ -255,8 +255,8 @@ class Influences:
         a = fit.coefficients[: 2 * n].reshape(n, 2, -1)
         energy = np.einsum("ric,ric->r", a, a)
         slopes = np.abs(unstacked(fit.free_slopes)) ** 2
-        own = slopes.reshape(len(slopes), n, 2).sum(axis=2)
-        share = own / np.maximum(own.sum(axis=0), 1e-300)
+        summed = slopes.reshape(len(slopes), n, 2).sum(axis=2)
+        share = summed / np.maximum(summed.sum(axis=0), 1e-300)
         # Two real parameters a pole of 2 C real rows a line.
         return np.asarray(share @ (energy > 0) / a.shape[2])
 
@@ -271,7 +271,7 @@ class Influences:
         rows = self._inverse[2 * r : 2 * r + 2].reshape(2, n, 2)
         weights = np.einsum("pnq,nqic->pnic", rows, b).reshape(2, 2 * n, -1)
         slopes = unstacked(fit.free_slopes)
-        return np.stack([slopes @ each for each in weights])
+        return np.stack([slopes @ weight for weight in weights])
 
     @cached_property
     def pole_covariances(self) -> tuple[FloatArray, ...]:

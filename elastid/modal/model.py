@@ -150,8 +150,8 @@ class ModalData:
 
         Column 2 r belongs to Re R_r, column 2 r + 1 to Im R_r; derivatives are those by Re lambda.
         """
-        own, mirrored = self.basis.poles(poles, derivative), self.basis.poles(poles.conj(), derivative)
-        both = np.stack([own + mirrored, 1j * (own - mirrored)], axis=2)
+        direct, mirrored = self.basis.poles(poles, derivative), self.basis.poles(poles.conj(), derivative)
+        both = np.stack([direct + mirrored, 1j * (direct - mirrored)], axis=2)
         return np.asarray(self.weights[:, None] * stacked(both.reshape(len(both), -1)))
 
 
@@ -201,8 +201,8 @@ class ModalFit:
     def residues(self) -> ComplexArray:
         """R (n, C) in the elements' units times the frequency scale."""
         n = len(self.poles)
-        own = self.coefficients[: 2 * n]
-        return np.asarray((own[0::2] + 1j * own[1::2]) * self.data.scale)
+        parts = self.coefficients[: 2 * n]
+        return np.asarray((parts[0::2] + 1j * parts[1::2]) * self.data.scale)
 
     @cached_property
     def free_slopes(self) -> FloatArray:

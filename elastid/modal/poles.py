@@ -86,16 +86,16 @@ def poles_over_orders(
     weighted = weights[:, None, None] ** 2 * G
     S = -_block_toeplitz(*_moments(powers, weighted)).transpose(2, 0, 1, 3)  # (n_y, n+1, n+1, n_u)
     T = _block_toeplitz(*_moments(powers, products)).transpose(0, 2, 1, 3)  # (n+1, n_u, n+1, n_u)
-    found = []
+    roots = []
     for order in range(2, max_order + 1, 1 if max_order <= 30 else 2):
         n = order + 1
         M = T[:n, :, :n, :].reshape(n * n_u, n * n_u).copy()
-        own = S[:, :n, :n].transpose(1, 0, 2, 3).reshape(n, n_y, n * n_u)
+        block = S[:, :n, :n].transpose(1, 0, 2, 3).reshape(n, n_y, n * n_u)
         factor = scipy.linalg.cho_factor(R[:n, :n] + 1e-12 * R[0, 0] * np.eye(n))
-        solved = scipy.linalg.cho_solve(factor, own.reshape(n, -1)).reshape(own.shape)
-        M -= np.tensordot(own, solved, axes=((0, 1), (0, 1)))
-        found.append((order, _roots(M, n_u, step_s)))
-    return tuple(found)
+        solved = scipy.linalg.cho_solve(factor, block.reshape(n, -1)).reshape(block.shape)
+        M -= np.tensordot(block, solved, axes=((0, 1), (0, 1)))
+        roots.append((order, _roots(M, n_u, step_s)))
+    return tuple(roots)
 
 
 def _moments(powers: ComplexArray, G: ComplexArray) -> tuple[FloatArray, FloatArray]:
@@ -138,15 +138,15 @@ def stabilisation(orders: tuple[tuple[int, ComplexArray], ...]) -> Stabilisation
         near = np.zeros(len(poles), bool)
         if len(before):
             f_gap = np.abs(size[:, None] - np.abs(before)) / size[:, None]
-            own = -before.real / np.abs(before)
-            z_gap = np.abs(damping[:, None] - own) / damping[:, None]
+            lower = -before.real / np.abs(before)
+            z_gap = np.abs(damping[:, None] - lower) / damping[:, None]
             near = np.any((f_gap < LIMITS.frequency) & (z_gap < LIMITS.damping), axis=1)
         order.append(np.full(len(poles), n))
         f.append(size / (2 * np.pi))
         zeta.append(damping)
         stable.append(near)
         before = poles
-    return StabilisationDiagram(*(np.concatenate(each) for each in (order, f, zeta, stable)))
+    return StabilisationDiagram(*(np.concatenate(parts) for parts in (order, f, zeta, stable)))
 
 
 def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
@@ -163,7 +163,7 @@ def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
             else:
                 members.append([complex(pole)])
     kept = [cluster for cluster in members if len(cluster) >= LIMITS.runs]
-    middle = [np.median(np.real(each)) + 1j * np.median(np.imag(each)) for each in kept]
+    middle = [np.median(np.real(group)) + 1j * np.median(np.imag(group)) for group in kept]
     return np.array(middle, complex)
 
 
@@ -189,8 +189,8 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
     gram = np.einsum("fri,frj->rij", pairs, pairs)
     is_new = np.linalg.eigvalsh(gram)[:, 0] > LIMITS.new_share**2
     gram[~is_new] = np.eye(2)
-    found = np.einsum("ric,rij,rjc->rc", inside, np.linalg.inv(gram), inside, optimize=True)
-    return np.where(is_new[:, None], found, 0.0)
+    residues = np.einsum("ric,rij,rjc->rc", inside, np.linalg.inv(gram), inside, optimize=True)
+    return np.where(is_new[:, None], residues, 0.0)
 
 
 def own_drops(fit: ModalFit) -> FloatArray:
@@ -268,7 +268,7 @@ def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) ->
             pole = candidates[i]
             gap = LIMITS.batch_half_widths
             # Weak ones next to strong ones may be errors of these, and wait until they are refined.
-            if all(abs(pole.imag - other.imag) > gap * max(-pole.real, -other.real) for other in taken):
+            if all(abs(pole.imag - near.imag) > gap * max(-pole.real, -near.real) for near in taken):
                 taken.append(pole)
             if len(taken) >= max(1, len(drop) // 4):
                 break

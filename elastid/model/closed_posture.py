@@ -80,7 +80,7 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
     StudyError where the loops do not close there, leave a joint undetermined, lock a motor or are about to fold over.
     """
     if not robot.loops:
-        return _open(robot, angles)
+        return robot.opened(angles)
     parts = mechanism(robot)
     q = followed(robot, angles[None]).ravel()
     phi, _ = parts.rows(q[None])
@@ -95,9 +95,9 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
 
     near (n_u,): angles amid the others, through which all of them are reached, so that the way there is followed once.
     """
-    start = _open(robot, np.array([[joint.start for joint in robot.driven]]))
+    start = robot.opened(np.array([[joint.start for joint in robot.driven]]))
     if not robot.loops:
-        return _open(robot, angles)
+        return robot.opened(angles)
     parts = mechanism(robot)
     start[:, parts.passive] = [robot.joints[i].start for i in parts.passive]
     q = start
@@ -129,7 +129,7 @@ def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
         return np.asarray(closed)
     s = np.linalg.svd(Phi[:, :, parts.passive], compute_uv=False)
     smallest = s[:, n_p - 1] if s.shape[1] >= n_p else np.zeros(len(q))
-    return np.asarray(closed & (smallest > LIMITS.lever_sine * np.array([parts.lever(own) for own in q])))
+    return np.asarray(closed & (smallest > LIMITS.lever_sine * np.array([parts.lever(joints) for joints in q])))
 
 
 def _moved(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
@@ -162,12 +162,6 @@ def _correction(parts: Mechanism, q: FloatArray) -> FloatArray:
     dq[:, parts.passive] = -(np.linalg.pinv(Phi[:, :, parts.passive], rcond=RANK_TOLERANCE) @ phi[:, :, None])[:, :, 0]
     longest = np.abs(dq).max(axis=1, initial=0.0, keepdims=True)
     return np.asarray(dq * np.minimum(1.0, LIMITS.newton_step / np.maximum(longest, LIMITS.newton_step)))
-
-
-def _open(robot: Robot, angles: FloatArray) -> FloatArray:
-    q = np.zeros((*angles.shape[:-1], len(robot.joints)))
-    q[..., list(robot.driven_indices)] = angles
-    return q
 
 
 def _why_open(parts: Mechanism, angles: FloatArray) -> str:

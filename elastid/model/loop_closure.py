@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
@@ -103,8 +104,8 @@ def _pin_rows(
     x, y, z = (direction(layout, turned, seats[0], axis, root) for axis in axes)
     rows = [ca.dot(x, gap), ca.dot(y, gap)]
     if not pin.planar:
-        other = unit_axis(pin.axis if pin.other_axis is None else pin.other_axis)
-        hinge = direction(layout, turned, seats[1], other, root)
+        axis = unit_axis(pin.axis if pin.other_axis is None else pin.other_axis)
+        hinge = direction(layout, turned, seats[1], axis, root)
         rows += [ca.dot(z, gap), ca.dot(x, hinge), ca.dot(y, hinge)]
     return ca.vertcat(*rows)
 
@@ -263,13 +264,4 @@ def motions(model: ElasticModel, Phi: FloatArray) -> FloatArray:
     """Z (n_q, n): columns span the null space of Phi (n_c, n_q); orthonormal, or of the independent coordinates."""
     if model.independent is not None and (Phi.size or model.independent):
         return partition(model, Phi).basis(Phi)
-    return null_space(Phi)
-
-
-def null_space(Phi: FloatArray) -> FloatArray:
-    """Z (n_q, n), orthonormal columns, of Phi (n_c, n_q); the unit matrix where there is no constraint."""
-    if not Phi.size:
-        return np.eye(Phi.shape[1])
-    _, s, Vt = np.linalg.svd(Phi)
-    rank = int(np.sum(s > RANK_TOLERANCE * s.max()))
-    return Vt[rank:].T
+    return np.asarray(null_space(Phi, rcond=RANK_TOLERANCE))

@@ -28,7 +28,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
-from elastid.linear.response.transfer import factor
+from elastid.linear.response.transfer import factor, held_images
 from elastid.model.closed_posture import open_loops
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.model.formulation import formulate
@@ -118,8 +118,8 @@ def drive_lines(
     lag = np.prod([np.ones(len(lines.s), complex), *lags], axis=0)  # of the sensors
     sensor = lag[:, None] * of_outputs
     command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * of_inputs
-    G = kernel.response(theta) / s**order
-    images = G - sensor[:, :, None] * (C @ H @ model.B) * command[:, None, :]
+    images = held_images(kernel.model, theta, lines.freq_hz) / s**order
+    G = kernel.response(theta) / s**order + images
     springs, driven = spring_deflections(robot), tuple(joint.name for joint in robot.driven)
     ratios = np.array([robot.ratio(joint) for joint in driven])
     of_model = model.Z if model.Z is not None else np.eye(model.n)

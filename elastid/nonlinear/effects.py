@@ -227,8 +227,8 @@ def periodic_error(effect: GearEffect, angle: FloatArray, ratio: float) -> tuple
 def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
     """Phi (n,) at each place where the effect acts, against the motion there."""
     if effect.is_edge:
-        h, own = 1e-3 * effect.scale, replace(effect, is_edge=False)
-        both = forces(own, motion), forces(replace(own, scale=own.scale + h), motion)
+        h, smooth = 1e-3 * effect.scale, replace(effect, is_edge=False)
+        both = forces(smooth, motion), forces(replace(smooth, scale=smooth.scale + h), motion)
         return [(place, (b - a) / h) for (place, a), (_, b) in zip(*both, strict=True)]
     if effect.is_implicit:
         phi = motion.along("friction" if effect.kind == "load" else effect.kind, effect.scale)

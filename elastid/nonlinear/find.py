@@ -85,17 +85,17 @@ def _found(
     shapes = candidate_shapes(records, spec.friction == "coulomb")
     data = gathered(measured[:few], shapes)
     choice, picked = choose(data, shapes, places, spec.friction == "auto")
-    found, friction = _Found(records[0], spec, [spectra.with_shapes(picked) for spectra in data], choice), None
+    first, friction = _Found(records[0], spec, [spectra.with_shapes(picked) for spectra in data], choice), None
     if choice.shapes:
-        near = refined(choice, found.levels, places, found.velocity_noise)
-        between = replace(found, choice=near, data=gathered(measured[:few], near.shapes, found.result))
-        pairs = [[each.result.sliding_level(place)[0] for each in (between, found)] for place in places]
+        near = refined(choice, first.levels, places, first.velocity_noise)
+        between = replace(first, choice=near, data=gathered(measured[:few], near.shapes, first.result))
+        pairs = [[fit.result.sliding_level(place)[0] for fit in (between, first)] for place in places]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
-        is_near = all(abs(level - other) <= SIGN_ERROR * level for level, other in pairs)
+        is_near = all(abs(level - whole) <= SIGN_ERROR * level for level, whole in pairs)
         if few >= len(measured) or not is_near:
-            found, friction = between, found.result
-    found = replace(found, data=[*found.data, *gathered(measured[few:], found.choice.shapes, friction)])
-    return found.with_dependence() if choice.shapes else found.result
+            first, friction = between, first.result
+    first = replace(first, data=[*first.data, *gathered(measured[few:], first.choice.shapes, friction)])
+    return first.with_dependence() if choice.shapes else first.result
 
 
 def _gathered(
@@ -150,7 +150,7 @@ class _Found:
     @property
     def velocity_noise(self) -> FloatArray:
         """Standard deviation (n_m,) of the noise in the motions."""
-        return np.asarray(np.sqrt(np.mean([each.velocity_noise**2 for each in self.data], axis=0)))
+        return np.asarray(np.sqrt(np.mean([data.velocity_noise**2 for data in self.data], axis=0)))
 
     @cached_property
     def result(self) -> FrictionTakenOut:
@@ -174,12 +174,12 @@ class _Found:
     def _accelerance(self) -> FloatArray:
         """Acceleration per torque (n_m,) of motors at the highest excited lines."""
         tops, order = [], 2 - MOTION_ORDER[self.spec.quantity]
-        for each in self.data:
-            on = np.flatnonzero(each.excited)
+        for data in self.data:
+            on = np.flatnonzero(data.excited)
             on = on[-max(1, len(on) // 20) :]
-            friction = taken(self.levels, each.Phi[on], self.choice.motor_of, each.U.shape[1])
-            G = each.Y[on] @ np.linalg.pinv(each.U[on] - friction)
-            tops.append((np.diagonal(G, axis1=1, axis2=2) * (2j * np.pi * each.freq_hz[on, None]) ** order).real)
+            friction = taken(self.levels, data.Phi[on], self.choice.motor_of, data.U.shape[1])
+            G = data.Y[on] @ np.linalg.pinv(data.U[on] - friction)
+            tops.append((np.diagonal(G, axis1=1, axis2=2) * (2j * np.pi * data.freq_hz[on, None]) ** order).real)
         return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
 
     def with_dependence(self) -> FrictionTakenOut:
@@ -195,9 +195,9 @@ class _Found:
         sums = [normal_equations([spectra], self.levels, motor_of) for spectra in self.data]
         for i, place in enumerate(result.places):
             f = np.where(motor_of == i, self.levels, 0.0)
-            power = np.array([max(f @ each.A.sum(axis=0) @ f, 1e-300) for each in sums])
-            factor = np.array([f @ each.b.sum(axis=0) for each in sums]) / power
-            weight = 2 * power * [each.dof_share for each in sums]
+            power = np.array([max(f @ fold.A.sum(axis=0) @ f, 1e-300) for fold in sums])
+            factor = np.array([f @ fold.b.sum(axis=0) for fold in sums]) / power
+            weight = 2 * power * [fold.dof_share for fold in sums]
             Q = float(weight @ (factor - weight @ factor / weight.sum()) ** 2)
             if n > 1 and f.any() and chi_square_limit(n - 1, LIMITS.dependence_by_chance) < Q:
                 C += (Q - n + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(f, f)

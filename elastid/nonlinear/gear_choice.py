@@ -57,7 +57,7 @@ _LOST = 10.0  # times smaller than the start
 _ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then found to the end
 
 
-def candidate_groups(data: GearData, found: Levels, orders: Sequence[float]) -> list[Group]:
+def candidate_groups(data: GearData, known: Levels, orders: Sequence[float]) -> list[Group]:
     """Groups for every joint, on the scales of its own motion.
 
     Of a gear without a spring of its own friction at the motor alone: it acts in the records of the others, too.
@@ -65,31 +65,31 @@ def candidate_groups(data: GearData, found: Levels, orders: Sequence[float]) -> 
     groups: list[Group] = []
     elastic = elastic_joints(data.linearisation)
     for j, joint in enumerate(data.joints):
-        speed, deflection = _sizes(data, found, j)
+        speed, deflection = _sizes(data, known, j)
         for kind, row in KINDS.items():
             if kind == "friction" or joint in elastic:
                 size = deflection if row.place == "gear" else speed
                 groups += [(GearEffect(kind, joint, part * size),) for part in row.scales]
         if joint not in elastic:
             continue
-        turns = travelled_turns(data, found, j)
+        turns = travelled_turns(data, known, j)
         for order in (order for order in orders if order * turns > LIMITS.period):
             groups.append((GearEffect("error sine", joint, order), GearEffect("error cosine", joint, order)))
             groups.append((GearEffect("ripple sine", joint, order), GearEffect("ripple cosine", joint, order)))
     return groups
 
 
-def travelled_turns(data: GearData, found: Levels, j: int) -> float:
+def travelled_turns(data: GearData, known: Levels, j: int) -> float:
     """Turns of a motor that its records cover: from its least angle to its largest, of all configurations the most."""
-    pairs = zip(data.lines, found.drives, strict=True)
+    pairs = zip(data.lines, known.drives, strict=True)
     angles = (lines.fine(np.tensordot(drive.motor_row(j), lines.Y, axes=(0, 1)).T) for lines, drive in pairs)
-    return float(abs(found.drives[0].ratios[j]) * max(np.ptp(x, axis=1).max() for x in angles) / (2 * np.pi))
+    return float(abs(known.drives[0].ratios[j]) * max(np.ptp(x, axis=1).max() for x in angles) / (2 * np.pi))
 
 
-def _sizes(data: GearData, found: Levels, j: int) -> tuple[float, float]:
+def _sizes(data: GearData, known: Levels, j: int) -> tuple[float, float]:
     """RMS velocity of a motor and deflection of its gear, by the linear model."""
     speeds, deflections = [], []
-    for lines, drive in zip(data.lines, found.drives, strict=True):
+    for lines, drive in zip(data.lines, known.drives, strict=True):
         motor, gear = (drive.moved(place, j, lines.U) for place in ("motor", "gear"))
         speeds.append(np.mean(np.sum(np.abs(lines.s[:, None] * motor) ** 2, axis=0) / 2))
         deflections.append(np.mean(np.sum(np.abs(gear) ** 2, axis=0) / 2))
@@ -110,55 +110,55 @@ def choose_effects(
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
     lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
-    found = start_levels(data, parameters, np.where(lost, parameters.x, x))
-    groups = candidate_groups(data, found, orders)
+    known = start_levels(data, parameters, np.where(lost, parameters.x, x))
+    groups = candidate_groups(data, known, orders)
     for _ in range(ROUNDS):
-        further = [group for group in groups if not _stands(group[0], found.effects)]
-        added = _added(data, found, further)
+        further = [group for group in groups if not _stands(group[0], known.effects)]
+        added = _added(data, known, further)
         if not added:
             break
-        before = _kinds(found.effects)
-        found = _pruned(data, find_levels(data, found, (*found.effects, *added), settled=_ROUGH))
+        before = _kinds(known.effects)
+        known = _pruned(data, find_levels(data, known, (*known.effects, *added), settled=_ROUGH))
         for family in (SPRINGS, LOOPS):
             for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
-                found = _best_shape(data, found, joint, family)
-        if _kinds(found.effects) == before:  # none of those that were added stays
+                known = _best_shape(data, known, joint, family)
+        if _kinds(known.effects) == before:  # none of those that were added stays
             break
     # A gap that is crossed between two samples seems 8 % too soft on the grid of the search.
     fine = [replace(lines, cells=2 * lines.cells) for lines in data.lines]
-    found = _on_grid(_settled(replace(data, lines=fine), _on_grid(found, fine)), data.lines)
-    if not found.effects:
-        return found
-    unseen = np.concatenate([taken_out_error(found.parameters), SIGN_ERROR * found.levels])
-    return replace(found, covariance=found.covariance + np.diag(unseen**2))
+    known = _on_grid(_settled(replace(data, lines=fine), _on_grid(known, fine)), data.lines)
+    if not known.effects:
+        return known
+    unseen = np.concatenate([taken_out_error(known.parameters), SIGN_ERROR * known.levels])
+    return replace(known, covariance=known.covariance + np.diag(unseen**2))
 
 
-def _on_grid(found: Levels, lines: Sequence[PeriodLines]) -> Levels:
-    return replace(found, estimates=tuple(each.on(own) for each, own in zip(found.estimates, lines, strict=True)))
+def _on_grid(known: Levels, lines: Sequence[PeriodLines]) -> Levels:
+    return replace(known, estimates=tuple(motion.on(part) for motion, part in zip(known.estimates, lines, strict=True)))
 
 
-def _settled(data: GearData, found: Levels) -> Levels:
+def _settled(data: GearData, known: Levels) -> Levels:
     """Levels to the end, without what is then within some standard deviations of 0."""
-    found = find_levels(data, found, found.effects)
-    pruned = _pruned(data, found)
-    return found if pruned is found else _settled(data, pruned)
+    known = find_levels(data, known, known.effects)
+    pruned = _pruned(data, known)
+    return known if pruned is known else _settled(data, pruned)
 
 
 def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
     return sorted((effect.kind, effect.joint) for effect in effects)
 
 
-def _best_shape(data: GearData, found: Levels, joint: str, family: tuple[Kind, ...]) -> Levels:
+def _best_shape(data: GearData, known: Levels, joint: str, family: tuple[Kind, ...]) -> Levels:
     """Levels with another spring or loop of a gear, if it explains more, or as much by fewer numbers."""
 
     def springs_of(levels: Levels) -> list[GearEffect]:
         return [effect for effect in levels.effects if effect.joint == joint and effect.kind in family]
 
-    springs = springs_of(found)
+    springs = springs_of(known)
     if not springs:
-        return found
-    kept = tuple(effect for effect in found.effects if effect not in springs)
-    deflection = _sizes(data, found, data.joints.index(joint))[1]
+        return known
+    kept = tuple(effect for effect in known.effects if effect not in springs)
+    deflection = _sizes(data, known, data.joints.index(joint))[1]
 
     def cost(levels: Levels) -> float:
         return levels.lack + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
@@ -166,13 +166,13 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: tuple[Kind, .
     tie = sum(lines.Y.size for lines in data.lines)
 
     def tried(before: Levels, effects: tuple[GearEffect, ...]) -> Levels:
-        return _pruned(data, find_levels(data, before, effects, _ROUGH, kept, cost(found)))
+        return _pruned(data, find_levels(data, before, effects, _ROUGH, kept, cost(known)))
 
-    trials = [found]
+    trials = [known]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             start = KINDS[kind].scales[len(KINDS[kind].scales) // 2] * deflection
-            trials.append(tried(found, (*kept, GearEffect(kind, joint, start))))
+            trials.append(tried(known, (*kept, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.lack < ranged.lack < best.lack + tie:
@@ -180,30 +180,30 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: tuple[Kind, .
         (first,) = springs_of(ranged)
         second = replace(first, scale=APART * first.scale)
         best = min(best, tried(ranged, (*ranged.effects, second)), key=cost)
-    if best is not found:  # scales of the other effects stayed
+    if best is not known:  # scales of the other effects stayed
         best = find_levels(data, best, best.effects, settled=_ROUGH)
     return _named(data, best, joint)
 
 
-def _named(data: GearData, found: Levels, joint: str) -> Levels:
+def _named(data: GearData, known: Levels, joint: str) -> Levels:
     """The only range as a gap where it is far stiffer beyond, and a gap that is not as a range.
 
     Both are one law, of which k is the stiffness without load, but of a gap that of its flanks.
     """
-    springs = [i for i, effect in enumerate(found.effects) if effect.joint == joint and effect.kind in SPRINGS]
-    names = found.parameters.free_names
-    if len(springs) != 1 or found.effects[springs[0]].edge is None or f"k_{joint}" not in names:
-        return found
+    springs = [i for i, effect in enumerate(known.effects) if effect.joint == joint and effect.kind in SPRINGS]
+    names = known.parameters.free_names
+    if len(springs) != 1 or known.effects[springs[0]].edge is None or f"k_{joint}" not in names:
+        return known
     (i,), place = springs, names.index(f"k_{joint}")
-    effect, f, k = found.effects[i], float(found.levels[i]), found.parameters.as_dict(found.x)[f"k_{joint}"]
+    effect, f, k = known.effects[i], float(known.levels[i]), known.parameters.as_dict(known.x)[f"k_{joint}"]
     inner, outer = (k, k + f) if effect.kind == "range" else (k - f, k)
     kind: Kind = "gap" if outer > APART**2 * inner else "range"
     if kind == effect.kind or not inner > 0:
-        return found
-    x = found.x.copy()
-    x[place] = found.parameters.free[place].to_x(outer if kind == "gap" else inner)
-    effects = (*found.effects[:i], replace(effect, kind=kind), *found.effects[i + 1 :])
-    return find_levels(data, replace(found, x=x, effects=effects), effects, settled=_ROUGH)
+        return known
+    x = known.x.copy()
+    x[place] = known.parameters.free[place].to_x(outer if kind == "gap" else inner)
+    effects = (*known.effects[:i], replace(effect, kind=kind), *known.effects[i + 1 :])
+    return find_levels(data, replace(known, x=x, effects=effects), effects, settled=_ROUGH)
 
 
 def _stands(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = False) -> bool:
@@ -212,44 +212,44 @@ def _stands(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = F
     alone: no second range or element of a hysteresis, either: two that are added at once may end at one scale, where
     neither has a level.
     """
-    near = [other for other in others if other.joint == effect.joint and other.kind in effect.row.rivals]
+    near = [rival for rival in others if rival.joint == effect.joint and rival.kind in effect.row.rivals]
     # K1 K2 K3, and elements of a loop
-    if not alone and effect.kind in ("range", *LOOPS) and all(other.kind == effect.kind for other in near):
-        return any(abs(np.log(other.scale / effect.scale)) < np.log(APART) for other in near)
+    if not alone and effect.kind in ("range", *LOOPS) and all(rival.kind == effect.kind for rival in near):
+        return any(abs(np.log(rival.scale / effect.scale)) < np.log(APART) for rival in near)
     return effect in others or bool(near)
 
 
-def _pruned(data: GearData, found: Levels) -> Levels:
+def _pruned(data: GearData, known: Levels) -> Levels:
     """Levels without those that are near 0, brake backwards, or are a trifle of another of their joint.
 
     Sine and cosine go together.
     """
-    size = found.levels / np.maximum(found.std, 1e-300)
-    power = sum(np.sum(np.abs(e.Phi) ** 2, axis=(0, 1, 2)) for e in found.estimates) * found.levels**2
-    families = [(*family_of(effect), effect.scale) for effect in found.effects]
+    size = known.levels / np.maximum(known.std, 1e-300)
+    power = sum(np.sum(np.abs(e.Phi) ** 2, axis=(0, 1, 2)) for e in known.estimates) * known.levels**2
+    families = [(*family_of(effect), effect.scale) for effect in known.effects]
     seen, powers = dict.fromkeys(families, -np.inf), dict.fromkeys(families, 0.0)
-    for family, effect, z, P in zip(families, found.effects, size.tolist(), power.tolist(), strict=True):
+    for family, effect, z, P in zip(families, known.effects, size.tolist(), power.tolist(), strict=True):
         seen[family] = max(seen[family], z if effect.row.brakes else abs(z))
         powers[family] += P
     largest = {joint: max(P for family, P in powers.items() if family[1] == joint) for _, joint, *_ in families}
     keep = [seen[family] >= SEEN and powers[family] > SLIGHT**2 * largest[family[1]] for family in families]
     if all(keep):
-        return found
-    effects = tuple(effect for effect, kept in zip(found.effects, keep, strict=True) if kept)
-    return find_levels(data, found, effects, settled=_ROUGH)
+        return known
+    effects = tuple(effect for effect, kept in zip(known.effects, keep, strict=True) if kept)
+    return find_levels(data, known, effects, settled=_ROUGH)
 
 
-def _added(data: GearData, found: Levels, groups: Sequence[Group]) -> list[GearEffect]:
+def _added(data: GearData, known: Levels, groups: Sequence[Group]) -> list[GearEffect]:
     """Effects of the groups that lower V in realisations which they were not fitted to, best first."""
-    sums, prior = data.sums_with(found, [effect for group in groups for effect in group])
-    ends = len(found.x) + len(found.levels) + np.cumsum([0, *(len(group) for group in groups)])
+    sums, prior = data.sums_with(known, [effect for group in groups for effect in group])
+    ends = len(known.x) + len(known.levels) + np.cumsum([0, *(len(group) for group in groups)])
 
     def added(chosen: list[int]) -> list[GearEffect]:
         return [effect for i in chosen for effect in groups[i]]
 
     def larger(chosen: list[int]) -> list[list[int]]:
-        own = added(chosen)
-        return [[*chosen, i] for i, group in enumerate(groups) if not _stands(group[0], own, alone=True)]
+        effects = added(chosen)
+        return [[*chosen, i] for i, group in enumerate(groups) if not _stands(group[0], effects, alone=True)]
 
     def cost(chosen: list[int]) -> float:
         return _left(
@@ -281,17 +281,17 @@ def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
     return effect.row.number, effect.joint, effect.order
 
 
-def level_bounds(data: GearData, found: Levels, orders: Iterable[float]) -> dict[Group, float]:
+def level_bounds(data: GearData, known: Levels, orders: Iterable[float]) -> dict[Group, float]:
     """How large each candidate group could be, none of whose family is among the effects that were found.
 
     data: as the effects were found in.
     """
-    families = {family_of(effect) for effect in found.effects}
-    every = candidate_groups(data, found, tuple(orders))
+    families = {family_of(effect) for effect in known.effects}
+    every = candidate_groups(data, known, tuple(orders))
     groups = [group for group in every if family_of(group[0]) not in families]
-    sums, (A, b) = data.sums_with(found, [effect for group in groups for effect in group])
+    sums, (A, b) = data.sums_with(known, [effect for group in groups for effect in group])
     A, b = A + sums.A.sum(axis=0), b + sums.b.sum(axis=0)
-    bounds, n = dict[Group, float](), len(found.x) + len(found.levels)
+    bounds, n = dict[Group, float](), len(known.x) + len(known.levels)
     first = n
     for group in groups:
         chosen = [*range(n), *range(first, first + len(group))]

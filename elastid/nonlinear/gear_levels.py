@@ -19,6 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linearise import Linearisation
+from elastid.linear.response.derivatives import Columns
 from elastid.nonlinear.drives import DriveLines, drive_lines
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_motion import Estimate, estimate_motion, residuals, smoothed_covariance
@@ -97,14 +98,14 @@ class GearData:
         return [estimate_motion(lines, drive, effects, levels, start, near) for lines, drive, start in every]
 
     def sums_with(
-        self, found: Levels, further: Sequence[GearEffect]
+        self, known: Levels, further: Sequence[GearEffect]
     ) -> tuple[NormalEquations, tuple[FloatArray, FloatArray]]:
         """Normal equations, and priors, of parameters, levels and levels of further effects about 0."""
-        effects, drives = [*found.effects, *further], self.drives(found.parameters, found.x)
-        levels = found.levels_of(effects)
-        estimates = self.motions(drives, effects, levels, found.estimates_of(effects))
-        sums = normal_equations(self.lines, drives, estimates, len(found.x), levels)
-        return sums, priors(found.parameters, found.x, len(found.x) + len(levels))
+        effects, drives = [*known.effects, *further], self.drives(known.parameters, known.x)
+        levels = known.levels_of(effects)
+        estimates = self.motions(drives, effects, levels, known.estimates_of(effects))
+        sums = normal_equations(self.lines, drives, estimates, len(known.x), levels)
+        return sums, priors(known.parameters, known.x, len(known.x) + len(levels))
 
 
 def find_levels(
@@ -277,14 +278,14 @@ def _jacobian(
     s, U, Phi = lines.s[used, None, None], lines.U[used], estimate.Phi[used]
     H, sensor = drive.H[used], drive.sensor[used, :, None]
     J = np.zeros((*U.shape, n_x + len(levels)), complex)
-    dG = drive.kernel.evaluate(drive.theta)[1][:, used] / s ** MOTION_ORDER[drive.model.quantity]
+    dG = Columns(drive.kernel).evaluate(drive.theta)[1][:, used] / s ** MOTION_ORDER[drive.model.quantity]
     CH = drive.C @ H
     q = H @ np.tensordot(Phi, levels, axes=1)
     for row, name, of_line in zip(drive.chain, drive.kernel.wanted, dG, strict=True):
         slope = of_line @ U
-        own = drive.model.slopes.get(name)
-        if own is not None:
-            parts = [part * s**power for power, part in enumerate((own.K, own.D, own.M)) if part is not None]
+        change = drive.model.slopes.get(name)
+        if change is not None:
+            parts = [part * s**power for power, part in enumerate((change.K, change.D, change.M)) if part is not None]
             slope = slope + sensor * (CH @ (sum(parts) @ q))
         J[..., :n_x] += slope[..., None] * row
     moved = np.einsum("fan,fnmi->fami", CH, Phi) + estimate.folded[used]

@@ -64,10 +64,10 @@ class Estimate:
 
         return replace(self, unknowns=tuple(map(resampled, self.unknowns)), loads=resampled(self.loads))
 
-    def of(self, own: Sequence[int]) -> Estimate:
+    def of(self, places: Sequence[int]) -> Estimate:
         """Estimate of effects by their places, without forces of those at -1."""
         Phi, folded = (
-            np.concatenate([X, np.zeros((*X.shape[:3], 1))], axis=3)[..., list(own)] for X in (self.Phi, self.folded)
+            np.concatenate([X, np.zeros((*X.shape[:3], 1))], axis=3)[..., list(places)] for X in (self.Phi, self.folded)
         )
         return replace(self, Phi=Phi, folded=folded)
 

@@ -360,10 +360,10 @@ def _levels(gear: JointLevels, reach: float) -> list[GearNumber]:
             weight = 2 * effect.scale
         if what in (HYSTERESIS, LOST_MOTION) or (effect.place != "gear" and not effect.order):
             weights.setdefault(what, {})[i] = weight
-    for what, own in weights.items():
-        value, row = gear.levels(own)
+    for what, at in weights.items():
+        value, row = gear.levels(at)
         if what == LOST_MOTION:
-            of_ends = [2 * f * gear.found.scale_std[i] / gear.parameter("k")[0] for i, _, f in gear.effects if i in own]
+            of_ends = [2 * f * gear.found.scale_std[i] / gear.parameter("k")[0] for i, _, f in gear.effects if i in at]
             number = gear.number(what, *gear.over_k(value, row))
             numbers.append(replace(number, std=math.hypot(number.std, *of_ends)))
         else:

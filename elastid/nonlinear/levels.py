@@ -181,8 +181,8 @@ def choose(
     _, equations = find_levels(data, motor_of)
     groups = telling_shapes(data, motor_of)
     choices = [choose_shapes(equations, i, members, _rivals(candidates)) for i, members in enumerate(groups)]
-    choices = [each if not auto or each[1] <= LIMITS.left_share else (each[0][:0], 1.0) for each in choices]
-    chosen, left = np.concatenate([own for own, _ in choices]), np.array([left for _, left in choices])
+    choices = [pair if not auto or pair[1] <= LIMITS.left_share else (pair[0][:0], 1.0) for pair in choices]
+    chosen, left = np.concatenate([chosen_of for chosen_of, _ in choices]), np.array([left for _, left in choices])
     return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
 
 
@@ -298,18 +298,18 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str], velocity_
     """
     shapes: list[Shape] = []
     for place, noise in zip(places, velocity_noise.tolist(), strict=True):
-        own = [(shape, f) for shape, f in zip(choice.shapes, levels.tolist(), strict=True) if shape.place == place]
+        pairs = [(shape, f) for shape, f in zip(choice.shapes, levels.tolist(), strict=True) if shape.place == place]
         for kind, near in _NEAR.items():
-            same = [(shape.threshold, f) for shape, f in own if shape.kind == kind and f > 0]
+            same = [(shape.threshold, f) for shape, f in pairs if shape.kind == kind and f > 0]
             gradual = [speed for speed, _ in same if speed > 0]
             if not gradual or max(gradual) > 3 * min(gradual):
                 continue
             mean = sum(speed * f for speed, f in same) / sum(f for _, f in same)
             if kind == "sign":
                 mean = math.sqrt(max(mean**2 - (LIMITS.blur * noise) ** 2, 0.0))
-            own = [(shape, f) for shape, f in own if shape.kind != kind]
-            own += [(Shape(place, kind, part * mean), 0.0) for part in (near if mean else near[:1])]
-        shapes += [shape for shape, _ in own]
+            pairs = [(shape, f) for shape, f in pairs if shape.kind != kind]
+            pairs += [(Shape(place, kind, part * mean), 0.0) for part in (near if mean else near[:1])]
+        shapes += [shape for shape, _ in pairs]
     return Choice(tuple(shapes), _motors(shapes, places), choice.kept_share)
 
 

@@ -336,8 +336,8 @@ def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord,
     speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
     length = max(record.duration_s / LIMITS.groups, 1e-9)
     firsts: dict[float, dict[int, FrictionRecord]] = {}
-    for speed, each in zip(speeds, passes, strict=True):
-        firsts.setdefault(speed, {}).setdefault(int((each.start_s - record.start_s) / length), each)
+    for speed, test in zip(speeds, passes, strict=True):
+        firsts.setdefault(speed, {}).setdefault(int((test.start_s - record.start_s) / length), test)
     usable = [p for groups in firsts.values() if len(groups) >= least for p in groups.values()]
     return tuple(replace(p, is_warm_up=True) for p in sorted(usable, key=lambda p: p.start_s))
 

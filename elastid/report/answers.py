@@ -19,14 +19,14 @@ LISTED = 10
 
 def answer_of_map(m: WorkspaceMap) -> Answer:
     """Softness of the robot: where, by which springs, the gain of each that were stiffer, and the softest postures."""
-    own, order = m["softest_compliance"], m.softest
+    C, order = m["softest_compliance"], m.softest
     soft, stiff = int(order[0]), int(order[-1])
     where = ", ".join(number(float(c), 3) for c in m.position[soft])
-    part, force = float(m.share[soft].max(initial=0.0)), ", ".join(f"{each:g}" for each in m.load)
+    part, force = float(m.share[soft].max(initial=0.0)), ", ".join(f"{F:g}" for F in m.load)
     softest = [
         (
-            str(int(m.asked[i]) + 1), degrees(m.angles[i].tolist(), m.sliding), _shown(own.value[i], "m/N"),
-            f"{100 * float(own.relative_std[i]):.2g} %", ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
+            str(int(m.asked[i]) + 1), degrees(m.angles[i].tolist(), m.sliding), _shown(C.value[i], "m/N"),
+            f"{100 * float(C.relative_std[i]):.2g} %", ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
             _shown(m["frequency_1"].value[i], "Hz"), _shown(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
             percent(float(m.share[i].max(initial=0.0))),
         )
@@ -42,8 +42,8 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
         f"Map of {m.name}",
         (
             ("Where is it soft?", (
-                f"{len(m)} postures: {_shown(own.value[stiff], 'm/N')} to {_shown(own.value[soft], 'm/N')} in the "
-                f"softest direction (std {100 * float(own.relative_std.max()):.2g} % or less), softest in posture "
+                f"{len(m)} postures: {_shown(C.value[stiff], 'm/N')} to {_shown(C.value[soft], 'm/N')} in the "
+                f"softest direction (std {100 * float(C.relative_std.max()):.2g} % or less), softest in posture "
                 f"{m.asked[soft] + 1} with {m.frame} at ({where}) m{lost}.",
             )),
             ("What limits it, and what helps?", (
@@ -79,21 +79,21 @@ def _shown(value: float, unit: str) -> str:
 
 def answer_of_move(tuned: TunedMove) -> Answer:
     """The time of a move, its exactness against rigid feedforward, its use of the motors' limits."""
-    rigid, own, drawn = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.draws)
+    rigid, last, drawn = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.draws)
     used = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
     kind, i = np.unravel_index(int(np.argmax(used)), used.shape)
     most = f"the {list(KINDS)[kind]} of motor {tuned.joints[i]} is used most, {percent(used[kind, i], 3)} of it"
     kept = f"Yes: of all limits {most}." if used.any() else "No limit is given."
     exact = (
-        f"{tuned.duration:.4g} s: {tuned.frame} stays within {number(1e3 * own.largest, 3)} mm of its path on the "
+        f"{tuned.duration:.4g} s: {tuned.frame} stays within {number(1e3 * last.largest, 3)} mm of its path on the "
         f"{tuned.judge}, with rigid feedforward within {number(1e3 * rigid.largest, 3)} mm; its vibration after the "
-        f"move is {number(rigid.residual / max(own.residual, 1e-12), 3)} times smaller."
+        f"move is {number(rigid.residual / max(last.residual, 1e-12), 3)} times smaller."
     )
     on_draws = (
         f"On {tuned.draws} robots drawn from the fit, lengths and zeros within their tolerances, the largest error is "
-        f"at most {number(1e3 * float(own.high.max()), 3)} mm (95 %), and torques take at most "
+        f"at most {number(1e3 * float(last.high.max()), 3)} mm (95 %), and torques take at most "
         f"{100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
-        if own.high is not None and drawn
+        if last.high is not None and drawn
         else ""
     )
     advice = f"{tuned.advice}." if tuned.advice else "Give the drives tune.csv, or a file of the folder tune."
@@ -135,19 +135,19 @@ def answer_of_loops(loops: Loops) -> Answer:
         lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures.")
     of_today = f"{today.name}: {_state_words(today)}." if today else "The study states no controller."
     peaks = [
-        (each.name, posture, number(peak, 3), f"{number(low, 3)} to {number(high, 3)}" if loops.count else "–", cause)
-        for each in loops.states
+        (loop.name, posture, number(peak, 3), f"{number(low, 3)} to {number(high, 3)}" if loops.count else "–", cause)
+        for loop in loops.states
         for posture, peak, low, high, cause in zip(
-            each.postures, *(part.tolist() for part in (each.peak_db, each.peak_low, each.peak_high)), each.limited_by,
+            loop.postures, *(part.tolist() for part in (loop.peak_db, loop.peak_low, loop.peak_high)), loop.limited_by,
             strict=True,
         )
     ]  # fmt: skip
-    own, notched = loops.gains, np.array(loops.gains.axes, int)
-    columns = own.position_gain, own.velocity_gain, 1 / own.position_gain, own.low_pass_hz
+    new, notched = loops.gains, np.array(loops.gains.axes, int)
+    columns = new.position_gain, new.velocity_gain, 1 / new.position_gain, new.low_pass_hz
     gains = [
         (
             joint, *(number(float(column[i]), 4) for column in columns),
-            ", ".join(number(freq_hz, 3) for freq_hz in own.notches[notched == i, 0].tolist()),
+            ", ".join(number(freq_hz, 3) for freq_hz in new.notches[notched == i, 0].tolist()),
             number(float(designed.bandwidth_hz[:, i].min()), 3),
         )
         for i, joint in enumerate(loops.joints)
@@ -178,5 +178,5 @@ def _state_words(state: LoopState) -> str:
     if lost := [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]:
         return f"unstable in posture {', '.join(lost)}"
     least = state.bandwidth_hz.min(axis=0)
-    each = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))
-    return f"bandwidth in Hz {each}; sensitivity peak {number(float(state.peak_db.max()), 3)} dB"
+    shown = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))
+    return f"bandwidth in Hz {shown}; sensitivity peak {number(float(state.peak_db.max()), 3)} dB"

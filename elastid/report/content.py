@@ -12,22 +12,22 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import Note, NoteGroup, grouped
-from elastid.design.forecast import Forecast, LimitUse
-from elastid.experiment.plan.plan import Plan
-from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
-from elastid.nonlinear.friction import FrictionTakenOut
-from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.agreement import Validation
-from elastid.validation.comparison import Comparison
 from elastid.validation.twin import NO_TWIN, TwinFindings
 
-if TYPE_CHECKING:
-    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+if TYPE_CHECKING:  # most stages need none of what brings these
+    from elastid.design.forecast import Forecast, LimitUse
+    from elastid.experiment.plan.plan import Plan
+    from elastid.fit.fitted_robot import FittedRobot
+    from elastid.modal.modes import Modes
     from elastid.modal.spec import GeometrySpec
+    from elastid.nonlinear.friction import FrictionTakenOut
+    from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
+    from elastid.validation.agreement import Validation
+    from elastid.validation.comparison import Comparison
     from elastid.validation.measured_modes import MeasuredModes
 
 
@@ -81,7 +81,7 @@ class ReportContent:
     @property
     def missing_modes(self) -> tuple[Note, ...]:
         """Notes on modes that the model lacks; none where one cause explains the residuals, which moves modes, too."""
-        return () if self.result.has_lone_cause else tuple(note for own in self.measured_modes for note in own.notes)
+        return () if self.result.has_lone_cause else tuple(note for row in self.measured_modes for note in row.notes)
 
 
 @dataclass(frozen=True)
@@ -99,22 +99,22 @@ class ResponsesContent:
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
         """Notes of the modes and responses; the same from many places once, with a count."""
-        own = [note for modes in self.modes for note in modes.notes]
-        return grouped((*own, *(note for response in self.responses for note in response.notes)))
+        of_modes = [note for modes in self.modes for note in modes.notes]
+        return grouped((*of_modes, *(note for response in self.responses for note in response.notes)))
 
     @property
     def mode_rows(self) -> tuple[ModeRow, ...]:
         """The modes of each response with their shapes, drawn where the geometry has their outputs."""
-        return tuple(measured_modes_row(own, self.geometry) for own in self.modes)
+        return tuple(measured_modes_row(modes, self.geometry) for modes in self.modes)
 
     @property
     def synthesised(self) -> tuple[Response | None, ...]:
         """The modal model of each response; None where it is known on some of its lines only."""
         return tuple(
-            replace(response, G=own.synthesis, notes=(), quality=None, noise=None, total=None)
-            if own.n_modes and len(own.at_hz) == response.n_lines
+            replace(response, G=modes.synthesis, notes=(), quality=None, noise=None, total=None)
+            if modes.n_modes and len(modes.at_hz) == response.n_lines
             else None
-            for response, own in zip(self.responses, self.modes, strict=True)
+            for response, modes in zip(self.responses, self.modes, strict=True)
         )
 
     @property
@@ -158,11 +158,11 @@ def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]
     """Model of each measured configuration on `model_lines`, and its standard deviation (L, n_y, n_u)."""
     models = []
     most = MAX_VALUES // max(sum(G.G[0].size for G in fitted.measured), 1)
-    for own, measured in zip(fitted.models, fitted.measured, strict=True):
-        mode = own.modes()
+    for model, measured in zip(fitted.models, fitted.measured, strict=True):
+        mode = model.modes()
         lines = model_lines(measured.freq_hz, mode.freq_hz.tolist(), mode.zeta.tolist(), most)
-        response = replace(own.response(lines, sampled=True), rate_is_known=measured.rate_is_known)
-        models.append((response, own.response_std(lines)))
+        response = replace(model.response(lines, sampled=True), rate_is_known=measured.rate_is_known)
+        models.append((response, model.response_std(lines)))
     return tuple(models)
 
 
@@ -228,36 +228,36 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
     effects, where there are any.
     """
     chosen = gears.numbers if numbers is None else numbers
-    rated = any(math.isfinite(each.rated_share) for each in gears.numbers)
+    rated = any(math.isfinite(row.rated_share) for row in gears.numbers)
     headings = ["number", "of the gear", "unit", "estimate", "std", "95 % interval"]
     table = [[*headings, *["of rated"] * rated, "linear fit"]]
-    for each in chosen:
-        share = f"{number(100 * each.rated_share, 2)} %" if math.isfinite(each.rated_share) else "–"
-        own = number(each.linear * each.factor, 6) if math.isfinite(each.linear) else "–"
-        table.append([*_cells(each), *[share] * rated, own])
+    for row in chosen:
+        share = f"{number(100 * row.rated_share, 2)} %" if math.isfinite(row.rated_share) else "–"
+        before = number(row.linear * row.factor, 6) if math.isfinite(row.linear) else "–"
+        table.append([*_cells(row), *[share] * rated, before])
     return table
 
 
-def _cells(each: GearNumber) -> list[str]:
-    unit, factor = each.maker_unit or each.unit, each.factor
-    if not each.is_seen:
-        return [each.name, each.meaning, unit, f"< {number(factor * each.bound, 2)}", "–", "not seen"]
-    value, std = factor * each.value, factor * each.std
-    meaning = f"{each.meaning}, at {math.degrees(each.phase):.0f} deg" if each.order else each.meaning
-    n, (low, high) = digits(value, std), each.interval
+def _cells(row: GearNumber) -> list[str]:
+    unit, factor = row.maker_unit or row.unit, row.factor
+    if not row.is_seen:
+        return [row.name, row.meaning, unit, f"< {number(factor * row.bound, 2)}", "–", "not seen"]
+    value, std = factor * row.value, factor * row.std
+    meaning = f"{row.meaning}, at {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
+    n, (low, high) = digits(value, std), row.interval
     relative = f"{number(100 * std / abs(value), 2)} %" if value else number(std, 2)
     ends = " to ".join(interval_of((factor * low, factor * high), n))
-    return [each.name, meaning, unit, number(value, n), relative, ends]
+    return [row.name, meaning, unit, number(value, n), relative, ends]
 
 
 def seen_words(sheet: GearSheet) -> str:
     """Stiffness and the effects of a gear that were seen, in few words."""
     words = []
-    for each in sheet.numbers:
-        if each.is_seen and each.name[0] in "kHeFr" and not each.name.startswith("H_"):
-            unit, std = each.maker_unit or each.unit, each.factor * each.std
-            value = each.factor * each.value
-            words.append(f"{each.meaning.partition(',')[0]} {number(value, digits(value, std))} {unit}")
+    for row in sheet.numbers:
+        if row.is_seen and row.name[0] in "kHeFr" and not row.name.startswith("H_"):
+            unit, std = row.maker_unit or row.unit, row.factor * row.std
+            value = row.factor * row.value
+            words.append(f"{row.meaning.partition(',')[0]} {number(value, digits(value, std))} {unit}")
     return "; ".join(words)
 
 
@@ -265,8 +265,8 @@ def gear_line(gears: GearResult) -> str:
     """The findings in a sentence; or why nothing was looked for."""
     if gears.refused:
         return f"nothing was looked for: {gears.refused}"
-    found = [each.name for each in gears.numbers if each.is_seen and not math.isfinite(each.linear)]
-    if not found:
+    seen = [row.name for row in gears.numbers if row.is_seen and not math.isfinite(row.linear)]
+    if not seen:
         return "springs and dampers alone; nothing else was seen, and each effect has its bound"
     left = f"; {percent(gears.after)} of the motion is left unexplained, by the linear fit {percent(gears.before)}"
-    return f"found besides springs and dampers: {', '.join(found)}; every other effect has its bound{left}"
+    return f"found besides springs and dampers: {', '.join(seen)}; every other effect has its bound{left}"

@@ -39,38 +39,38 @@ class Outcome:
 
 def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[Outcome], rate: float) -> Answer:
     """Three questions as on every page, findings, and every study; rate: false discovery rate."""
-    n_robots, failed = len({each.robot for each in outcomes}), [each for each in outcomes if each.failed]
+    n_robots, failed = len({run.robot for run in outcomes}), [run for run in outcomes if run.failed]
     robots = f"{n_robots} robot{'s' if n_robots > 1 else ''}"
-    lost = f", not those of {', '.join(dict.fromkeys(each.robot for each in failed))}" if failed else ""
+    lost = f", not those of {', '.join(dict.fromkeys(run.robot for run in failed))}" if failed else ""
     good = f"{robots}, {len(outcomes) - len(failed)} of {len(outcomes)} measurements identified{lost}."
-    found, advice = "None beyond what is natural.", "Measure again at the next service."
+    answer, advice = "None beyond what is natural.", "Measure again at the next service."
     if findings:
-        found = "; ".join(each.words for each in findings[:3])
-        found += f"; and {len(findings) - 3} more." if len(findings) > 3 else "."
+        answer = "; ".join(change.words for change in findings[:3])
+        answer += f"; and {len(findings) - 3} more." if len(findings) > 3 else "."
         advice = f"Look at {findings[0].parameter} of {findings[0].robot} first, and measure it again."
-    elif max(n_robots, *Counter(each.robot for each in outcomes).values()) < 3:
-        found = "3 robots, or 3 dates of one, would show which differences are natural; add members to the fleet."
+    elif max(n_robots, *Counter(run.robot for run in outcomes).values()) < 3:
+        answer = "3 robots, or 3 dates of one, would show which differences are natural; add members to the fleet."
     questions = (
         ("Are the numbers good?", (good,)),
-        ("Which robots differ or drift?", (found,)),
+        ("Which robots differ or drift?", (answer,)),
         ("What next?", (advice,)),
     )
     changes = [
         (
-            f"{each.parameter} of {each.robot}",
-            f"{each.kind}{f': {each.meaning}' if each.meaning else ''}",
-            f"{number(100 * each.change, 3)} %" if each.is_relative else number(each.change, 3),
-            number(each.z, 3),
-            number(each.p, 2),
+            f"{change.parameter} of {change.robot}",
+            f"{change.kind}{f': {change.meaning}' if change.meaning else ''}",
+            f"{number(100 * change.change, 3)} %" if change.is_relative else number(change.change, 3),
+            number(change.z, 3),
+            number(change.p, 2),
         )
-        for each in findings
+        for change in findings
     ]
     tables = (
         Display("Findings", ("of", "finding", "change", "change / std", "chance"), changes),
         Display(
             "Robots and dates",
             ("robot", "date", "status", "message"),
-            [(each.robot, each.date, each.status, each.message) for each in outcomes],
+            [(run.robot, run.date, run.status, run.message) for run in outcomes],
         ),
     )
     note = (
@@ -86,7 +86,7 @@ def drawings_of_fleet(
     """A figure of each parameter over robots and dates."""
     for count, name in enumerate(dict.fromkeys(value.parameter for value in values), start=1):
         marked = {finding.robot for finding in findings if finding.parameter == name}
-        own = [value for value in values if value.parameter == name]
+        of_name = [value for value in values if value.parameter == name]
         caption = f"{name} of every robot and date with its 95 % interval."
-        draw = partial(fleet_parameter, name, units[name], own, marked)
+        draw = partial(fleet_parameter, name, units[name], of_name, marked)
         yield Drawing(f"fleet-{count:03d}", "parameters", caption, draw)

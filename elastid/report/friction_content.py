@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from elastid.base.display import digits, number, percent, value_cells
+from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import NoteGroup, grouped
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.extended_kalman_filter import FollowedFriction
@@ -89,8 +89,8 @@ class FrictionContent:
         """Answer by the status, and by the least known of the numbers that a joint's sentence has."""
         if self.result.status in ("identified", "partly") and self._off:
             return f"Yes, though {self._off}."
-        answered = [each for each in self.result.numbers if each.symbol in ANSWERED and each.value]
-        widths = {each.name: (each.high - each.low) / 2 / abs(each.value) for each in answered}
+        answered = [row for row in self.result.numbers if row.symbol in ANSWERED and row.value]
+        widths = {row.name: (row.high - row.low) / 2 / abs(row.value) for row in answered}
         widest = max(widths, key=widths.__getitem__, default="")
         if self.result.status != "identified" or not widest or widths[widest] <= MOST_OFF:
             return GOOD[self.result.status]
@@ -103,7 +103,7 @@ class FrictionContent:
         if lost := next((run for run in runs if run.lost), None):
             return f"a robot with them is lost when it is simulated forwards on {lost.log}, as said below"
         off = [(signal.error, signal, run) for run in runs for signal in run.signals if signal.kind != LINK]
-        error, signal, run = max(off, key=lambda each: each[0], default=(0.0, None, None))
+        error, signal, run = max(off, key=lambda row: row[0], default=(0.0, None, None))
         if signal is None or run is None or not error > MOST_OFF:
             return ""
         by = ", which the loop about the logged motion adds" if run.held_hz and signal.kind == TORQUE else ""
@@ -137,7 +137,7 @@ class FrictionContent:
     @property
     def _failures(self) -> tuple[str, ...]:
         """Misfits, parts that the data do not show, and the torque that is left."""
-        sentences = [f"Joint {each.joint} is a misfit: {each.misfit}." for each in self.result.joints if each.misfit]
+        sentences = [f"Joint {part.joint} is a misfit: {part.misfit}." for part in self.result.joints if part.misfit]
         sentences += [words] if (words := _not_identified(self.result)) else []
         worst = max(self.twin.balances, key=lambda balance: balance.left, default=None)
         if worst is not None:
@@ -213,5 +213,7 @@ NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", 
 
 def number_cells(identified: FrictionNumber) -> tuple[str, ...]:
     """One identified number as texts under NUMBER_HEADINGS."""
-    cells = value_cells(identified.value, identified.std, (identified.low, identified.high))
+    places = digits(identified.value, identified.std)
+    ends = " … ".join(interval_of((identified.low, identified.high), places))
+    cells = number(identified.value, places), number(identified.std, 2), ends
     return identified.name, identified.symbol, *cells, identified.unit, identified.learnt_from

@@ -80,19 +80,19 @@ def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[fl
     return ModeDrawing(figure.points, figure.links, figure.joints, moved, up, gravity[up] > 0)
 
 
-def measured_modes_row(own: Modes, geometry: GeometrySpec | None) -> ModeRow:
+def measured_modes_row(modes: Modes, geometry: GeometrySpec | None) -> ModeRow:
     """The modes of a measured response, whose coordinates are its outputs."""
-    known = own.configuration, own.freq_hz, own.zeta, own.freq_std, own.zeta_std
-    drawing = None if geometry is None or not own.n_modes else measured_drawing(own, geometry)
-    return ModeRow(*known, coordinates=own.places, shapes=own.place_shapes[0], drawing=drawing)
+    known = modes.configuration, modes.freq_hz, modes.zeta, modes.freq_std, modes.zeta_std
+    drawing = None if geometry is None or not modes.n_modes else measured_drawing(modes, geometry)
+    return ModeRow(*known, coordinates=modes.places, shapes=modes.place_shapes[0], drawing=drawing)
 
 
-def measured_drawing(own: Modes, geometry: GeometrySpec) -> ModeDrawing | None:
+def measured_drawing(modes: Modes, geometry: GeometrySpec) -> ModeDrawing | None:
     """Points that move as the places of the shapes at them do; None where none has a point."""
     names = list(geometry.points)
     points = np.array([geometry.points[name] for name in names], dtype=float)
-    moved = np.zeros((len(names), 3, own.n_modes), complex)
-    for place, shape in zip(own.places, own.place_shapes[0], strict=True):
+    moved = np.zeros((len(names), 3, modes.n_modes), complex)
+    for place, shape in zip(modes.places, modes.place_shapes[0], strict=True):
         if (where := geometry.direction_of(place)) is not None:
             point, direction = where
             sign = -1.0 if direction.startswith("-") else 1.0
@@ -103,7 +103,7 @@ def measured_drawing(own: Modes, geometry: GeometrySpec) -> ModeDrawing | None:
         return None
     lines = geometry.lines or tuple(pairwise(names))
     links: tuple[tuple[int, int, StickKind], ...] = tuple((names.index(a), names.index(b), "strut") for a, b in lines)
-    swung = moved * np.divide(SWING * size, reach, out=np.zeros(own.n_modes), where=reach > 0)
+    swung = moved * np.divide(SWING * size, reach, out=np.zeros(modes.n_modes), where=reach > 0)
     return ModeDrawing(points, links, tuple(range(len(names))), swung)
 
 
@@ -198,7 +198,7 @@ def _kind(body: Body, joint: Joint) -> str:
     """Bending or torsion where the spring of a joint without motor lies in a link along or across its axis."""
     along = body.placement.rotation.T @ np.array(body.placement.xyz)
     length = float(np.linalg.norm(along))
-    if joint.slides or length == 0 or any(other.motor is not None for other in body.joints):
+    if joint.slides or length == 0 or any(joint_.motor is not None for joint_ in body.joints):
         return "joint"
     cosine = abs(float(along @ unit_axis(joint.axis))) / length
     # The angle between the link and the axis decides.

@@ -359,33 +359,33 @@ MODES_SHOWN = 3
 def questions_of_responses(content: ResponsesContent) -> Questions:
     """The three questions of the page of responses without a robot, each with its sentences."""
     warnings = sum(note.first.severity == "warning" for note in content.notes)
-    stated = [float(np.nanmedian(own.stated)) for own in content.modes if np.isfinite(own.stated).any()]
+    stated = [float(np.nanmedian(modes.stated)) for modes in content.modes if np.isfinite(modes.stated).any()]
     good = [f"Noise is {percent(max(stated))} of the response at a line." if stated else "The noise is unknown."]
     good += [f"{warnings} warning{'s' if warnings > 1 else ''} below."] if warnings else []
-    found = [own for own in content.modes if own.n_modes]
-    modes = [_of_modes(own) for own in found[:MODES_SHOWN]]
-    modes += [f"{len(found) - MODES_SHOWN} further configurations: below."] if len(found) > MODES_SHOWN else []
+    known = [modes for modes in content.modes if modes.n_modes]
+    modes = [_of_modes(modes) for modes in known[:MODES_SHOWN]]
+    modes += [f"{len(known) - MODES_SHOWN} further configurations: below."] if len(known) > MODES_SHOWN else []
     return (
         ("Are the responses good?", tuple(good)),
         ("Which modes are there?", tuple(modes) or ("None that stands out of the noise.",)),
-        ("What next?", (_of_damping(found),)),
+        ("What next?", (_of_damping(known),)),
     )
 
 
-def _of_modes(own: Modes) -> str:
-    low, high = (number(float(own.freq_hz[i]), 4) for i in (0, -1))
-    count = f"{own.n_modes} modes from {low} to" if own.n_modes > 1 else "one mode at"
-    return f"{own.configuration}: {count} {high} {own.frequency_unit}."
+def _of_modes(modes: Modes) -> str:
+    low, high = (number(float(modes.freq_hz[i]), 4) for i in (0, -1))
+    count = f"{modes.n_modes} modes from {low} to" if modes.n_modes > 1 else "one mode at"
+    return f"{modes.configuration}: {count} {high} {modes.frequency_unit}."
 
 
-def _of_damping(found: Sequence[Modes]) -> str:
+def _of_damping(every: Sequence[Modes]) -> str:
     """Advice that narrows the damping which is known least, as a share of itself."""
-    if not found:
+    if not every:
         return "Measure longer or hit more often: four times as much halves the noise."
-    widths = [QUANTILE_95 * own.zeta_std / own.zeta for own in found]
-    own, width = max(zip(found, widths, strict=True), key=lambda each: float(each[1].max()))
+    widths = [QUANTILE_95 * modes.zeta_std / modes.zeta for modes in every]
+    modes, width = max(zip(every, widths, strict=True), key=lambda pair: float(pair[1].max()))
     least = int(width.argmax())
     return (
-        f"The damping at {number(float(own.freq_hz[least]), 4)} {own.frequency_unit} is known least, to "
+        f"The damping at {number(float(modes.freq_hz[least]), 4)} {modes.frequency_unit} is known least, to "
         f"±{percent(float(width[least]))}; four times the record or the hits halve that."
     )

@@ -205,6 +205,12 @@ class Robot:
         """The index of each driven joint among all joints, in order."""
         return tuple(i for i, joint in enumerate(self.joints) if joint.motor is not None)
 
+    def opened(self, angles: FloatArray) -> FloatArray:
+        """The joints (..., n_l) at the driven joints' angles (..., n_u), all others at 0."""
+        q = np.zeros((*angles.shape[:-1], len(self.joints)))
+        q[..., list(self.driven_indices)] = angles
+        return q
+
     @cached_property
     def flexible(self) -> tuple[Joint, ...]:
         """The driven joints with an elastic gear, in order: the motor coordinates q_m.

@@ -10,20 +10,19 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
-from elastid.fit.intervals import Profile
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.store.files import write_text
 from elastid.store.values import from_json, json_value
 from elastid.validation.comparison import Refit
 
 # Types of the parts by their kind in a file.
-_TYPES = {"local optimum": LocalOptimum, "profile": Profile, "refit": Refit}
+_TYPES = {"local optimum": LocalOptimum, "refit": Refit}
 _KIND_OF = {type_: kind for kind, type_ in _TYPES.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint(MutableMapping[str, Any]):
-    """Finished local optima, profiles and refits by name, each in a file of the folder that is whole or absent.
+    """Finished local optima and refits by name, each in a file of the folder that is whole or absent.
 
     key: hash of everything that they depend on; parts under another key are not there. Numbers are kept to the last
     bit. A part that is absent, damaged or of another key or type is a KeyError.

@@ -112,6 +112,15 @@ def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in _files(folder, names) if name in known and known[name] != content_hash(folder / name))
 
 
+def is_as_written(path: Path) -> bool | None:
+    """True for a file of a run folder that is as it was at `keep_checksums`; None for a file without a checksum."""
+    path = path.resolve()
+    for folder in path.parents[:2]:  # a run folder and those in it: figures, references
+        if (expected := _known(folder).get(path.relative_to(folder).as_posix())) is not None:
+            return expected == content_hash(path)
+    return None
+
+
 def keep_checksums(folder: Path, names: Iterable[str]) -> None:
     """Take down the files as they are now, and forget those that are gone; names: as those of `changed_texts`."""
     known = _known(folder)

@@ -7,11 +7,11 @@ from pathlib import Path
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.extended_kalman_filter import FollowedFriction
-from elastid.friction_study.result import FrictionResult, JointLevels
+from elastid.friction_study.result import FrictionNumber, FrictionResult, JointLevels
 from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
-from elastid.store.artefacts import opened
+from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_value, reader
-from elastid.store.values import writer
+from elastid.store.values import write_artefact, writer
 from elastid.validation.twin import NO_TWIN, TwinFindings
 
 PLAN, RECORDS, LEVELS = "friction plan", "friction records", "friction levels"
@@ -24,11 +24,11 @@ write_levels = writer(LEVELS, joints=(tuple[JointLevels, ...], ()))
 read_levels = reader(LEVELS, "joints", tuple[JointLevels, ...])
 write_filter = writer(FILTER, joints=(tuple[FollowedFriction, ...], ()))
 read_filter = reader(FILTER, "joints", tuple[FollowedFriction, ...])
-# friction.h5: the result, its twin, and the prediction of logs that were left out, empty where none was.
-_TWIN = TwinFindings, NO_TWIN
-write_friction_result = writer(FRICTION, result=(FrictionResult, None), twin=_TWIN, left_out=_TWIN)
-read_friction_result = reader(FRICTION, "result", FrictionResult)
-read_left_out = reader(FRICTION, "left_out", TwinFindings)
+# Of friction.h5 the result, and the prediction of logs that were left out, empty where none was.
+read_friction_result, read_left_out = (
+    reader(FRICTION, "result", FrictionResult),
+    reader(FRICTION, "left_out", TwinFindings),
+)
 # records.h5: a group for each record, written one at a time, then the logs of warm-ups.
 write_friction_records = writer(
     RECORDS,
@@ -46,3 +46,20 @@ def read_friction_records(path: Path | str) -> FrictionRecords:
             read_value(file, "warm_ups", tuple[WarmUpLog, ...]),
             read_value(file, "notes", tuple[Note, ...]),
         )
+
+
+def write_friction_result(
+    path: Path,
+    result: FrictionResult,
+    stamp: Stamp = NO_STAMP,
+    twin: TwinFindings = NO_TWIN,
+    left_out: TwinFindings = NO_TWIN,
+) -> None:
+    """friction.h5: the numbers of all joints as a table, a group with everything, the twin, and logs that judge it."""
+    parts = {
+        "numbers": (result.numbers, tuple[FrictionNumber, ...]),
+        "result": (result, FrictionResult),
+        "twin": (twin, TwinFindings),
+        "left_out": (left_out, TwinFindings),
+    }
+    write_artefact(path, FRICTION, stamp, parts)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import check_kind
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import GearResult
@@ -44,10 +46,37 @@ def read_gears(path: Path | str | None) -> GearResult | None:
     return None if path is None else read_part(path, GEARS, "gears", GearResult)
 
 
+@frozen_value
+class Numbers:
+    """The table of a fit for readers of HDF5 alone: identified numbers in SI, std in parts, 95 % intervals."""
+
+    name: tuple[str, ...]
+    unit: tuple[str, ...]
+    value: FloatArray = labelled("estimate", "SI", "name")
+    std: FloatArray = labelled("standard deviation", "SI", "name")
+    std_by_noise: FloatArray = labelled("part of std by noise, NaN where the robot's file is exact", "SI", "name")
+    std_by_file: FloatArray = labelled("part of std by the tolerances of the file", "SI", "name")
+    lower_95: FloatArray = labelled("lower end of the 95 % interval", "SI", "name")
+    upper_95: FloatArray = labelled("upper end of the 95 % interval", "SI", "name")
+
+    @classmethod
+    def of(cls, result: Result) -> Numbers:
+        """Numbers that were asked for."""
+        asked = result.parameters.asked
+        noise, file = (result.std_by_noise, result.std_by_file) if result.has_tolerances else ({}, {})
+        rows = [
+            (result.values[p.name], result.std[p.name], noise.get(p.name, math.nan), file.get(p.name, math.nan),
+             *result.interval(p.name)) for p in asked
+        ]  # fmt: skip
+        columns = np.array(rows).reshape(-1, 6).T
+        return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *columns)
+
+
 def write_fit(path: Path | str, result: Result, stamp: Stamp = NO_STAMP) -> None:
-    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models."""
+    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table."""
     check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
-    write_artefact(path, FIT, stamp, {"fit": (result, Result)})
+    parts = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
+    write_artefact(path, FIT, stamp, parts)
 
 
 def read_twin(path: Path | str, kind: str) -> TwinFindings:

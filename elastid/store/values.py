@@ -23,7 +23,7 @@ from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_typ
 import numpy as np
 from h5py import h5ds
 
-from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, LargeArray, label_of, release, unit_of_name
+from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, LargeArray, release, unit_of_name
 from elastid.base.escape import group_name
 from elastid.robot import Robot
 from elastid.store.artefacts import NO_STAMP, TEXT, Stamp, created
@@ -93,9 +93,11 @@ def _fields_of(kind: Any) -> tuple[FieldKind, ...]:
     """The fields that a dataclass is made of."""
     hints = get_type_hints(kind)
     return tuple(
-        FieldKind(part.name, hints[part.name], label_of(part), part.default == () or part.default_factory is dict)
-        for part in fields(kind)
-        if part.init
+        FieldKind(
+            p.name, hints[p.name], p.metadata.get("label", NO_LABEL), p.default == () or p.default_factory is dict
+        )
+        for p in fields(kind)
+        if p.init
     )
 
 

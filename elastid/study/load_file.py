@@ -21,11 +21,8 @@ _SINGLE = ("mass", "deflection", "std")  # deflections and their std also of dia
 
 def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
     """The study with the tests of `loads.file` behind those that it lists; StudyError where the file is no table."""
-    loads = source.data.get("loads") if isinstance(source.data, dict) else None
-    name = loads.get("file") if isinstance(loads, dict) else None
-    if not isinstance(loads, dict) or not isinstance(name, str):
-        return source
-    place, path = source.place(("loads", "file"), of_value=True), folder / name
+    loads = source.data["loads"]
+    place, path = source.place(("loads", "file"), of_value=True), folder / loads["file"]
     if not path.is_file():
         raise StudyError(
             "files/missing", f"loads.file: no such file (looked for {path}; the path is relative to the study)", place

@@ -14,14 +14,13 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import comment_lines, printable
 from elastid.base.names import SEPARATOR, at_level, is_match, matching
 from elastid.base.units import Quantity, to_si
-from elastid.fit.parameter_choice import choose, named_on_demand, nearest_parameter
+from elastid.fit.parameter_choice import choose, named_on_demand
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
-from elastid.robot import Tolerances
-from elastid.robot.friction_numbers import friction_numbers
+from elastid.robot import Robot, Tolerances
+from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_study
-from elastid.study.checks.recorded import check_logs
 from elastid.study.load_file import with_load_file
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot
@@ -54,6 +53,7 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
             for name, value in simulated.truth.items()
         }
         study = replace(study, experiment=study.experiment.with_truth(truth))
+        problems += _check_truth(study, truth) if not problems else []
     return study, problems or ([] if study.friction is not None else _check_choice(study))
 
 
@@ -68,7 +68,7 @@ def _convert_parameter(
         return _convert(value, names, (*path, *keys), table, problems)
 
     if not names:
-        known = nearest_parameter(pattern, table, every)
+        known = did_you_mean(pattern, table, every)
         problems.append(Problem(path, f"no parameter of the robot is called '{pattern}'; {known}", at_key=True))
         return spec
     start = None if spec.start is None else number(spec.start, "start")
@@ -121,6 +121,28 @@ def with_usual_tolerances(study: Study) -> Study:
         if tolerances.torque_constant is None:
             tolerances = replace(tolerances, torque_constant=OF_CURRENT if of_current else EXACT)
     return replace(study, robot=replace(robot, tolerances=tolerances))
+
+
+def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
+    robot = study.as_robot()
+    values = {name: float(value) for name, value in truth.items()}
+    friction = {name: value for name, value in values.items() if name in friction_numbers(robot)}
+    singles = [{name: value} for name, value in values.items() if name not in friction]
+    # Together they may be possible where one alone is not, as the three inertias of a slender body.
+    refused = [_refusal(robot, tried) for tried in (values, *singles, friction)]
+    if not refused[0]:
+        return []
+    error, name = next(filter(None, refused[1:]), refused[0])
+    return [Problem((*_TRUTH, name), f"no robot has this number: {error}")]
+
+
+def _refusal(robot: Robot, values: Mapping[str, float]) -> tuple[ValueError, str] | None:
+    """The error of a robot with these numbers, and the first of their names; None for a robot that can be."""
+    try:
+        with_numbers(robot, values)
+    except ValueError as error:
+        return error, next(iter(values))
+    return None
 
 
 def _check_choice(study: Study) -> list[Problem]:
@@ -179,6 +201,8 @@ def study_data(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any
 def load_with_logs(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     """Study with its logs opened; StudyError also where they contradict the study, see `study.checks.logs`."""
     loaded, source = _load(Path(path), tuple(overrides))
+    from elastid.study.checks.recorded import check_logs  # brings the reader of logs
+
     if problems := list(check_logs(loaded.study, loaded.base)):
         raise make_error(source, problems)
     return loaded
@@ -238,7 +262,9 @@ def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
         source = with_robot(source, folder)
     except StudyError as error:
         return replace(source, data={key: value for key, value in source.data.items() if key != "robot"}), str(error)
-    return with_load_file(source, path.parent), robot_errors
+    loads = source.data.get("loads")
+    has_file = isinstance(loads, dict) and isinstance(loads.get("file"), str)
+    return with_load_file(source, path.parent) if has_file else source, robot_errors
 
 
 def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:

@@ -49,14 +49,14 @@ _HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
 NO_RODS: Mapping[str, RodPose] = MappingProxyType({})
 
 
-def write_mujoco(folder: Path, model: FittedRobot, found: Robot | None = None) -> tuple[Path, ...]:
+def write_mujoco(folder: Path, model: FittedRobot, rubbing: Robot | None = None) -> tuple[Path, ...]:
     """robot.xml; Coulomb friction of `found` is frictionloss. StudyError where MJCF cannot represent the robot."""
     _check(model.robot)
     rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
     start = rod_poses(model.robot, rest[0].q[: len(model.robot.joints)])
     root = mjcf(model.robot, start)
-    if found is not None:
-        _rub(root, found)
+    if rubbing is not None:
+        _rub(root, rubbing)
     _intervals(root, model)
     _keyframes(root, model, rest, start)
     ET.indent(root)

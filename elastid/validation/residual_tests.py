@@ -11,10 +11,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import fdtrc, gammaincc
+from scipy.special import chdtrc, fdtrc, gammaincc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.statistics import chi_square_tail
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise, smooth_variance
 from elastid.response import Covariance, Response
 
@@ -110,7 +109,7 @@ def white_by_chance(z: ComplexArray) -> float:
 def together(p: Sequence[float] | FloatArray) -> float:
     """P of independent tests jointly, -2 sum ln p being chi-squared (Fisher); NaN where none has a p."""
     logarithms = [math.log(max(value, 1e-300)) for value in p if math.isfinite(value)]
-    return chi_square_tail(-2 * sum(logarithms), 2 * len(logarithms)) if logarithms else math.nan
+    return float(chdtrc(2 * len(logarithms), -2 * sum(logarithms))) if logarithms else math.nan
 
 
 def sigma_of(measured: Response, noise: SmoothedNoise | None = None) -> FloatArray:

@@ -56,9 +56,11 @@ class CompareSpec:
         "each configuration out alone.", "4 or 5 where many configurations make leaving out one by one slow: every "
         "variant costs as many fits.")] = 0
     variants: Annotated[tuple[VariantSpec, ...], Key("Models to compare with the study's own (default: the robot "
-        "without motor coupling, and without each elastic joint that is not driven).", "a list of your own for the "
-        "questions that are open, such as an approximation of model.variant; each costs a fit "
-        "for each fold.")] = ()
+        "without motor coupling, and without each elastic joint that is not driven; a robot with loops also by its "
+        "other exact formulation and by the approximations of model.variant, with the parameters that these lack fixed "
+        "at their starts).", "a list of your own for the questions that are open; each costs a fit for each fold. A "
+        "rigid loop and one constant stiffness predict the same where the stiffness of the gear is identified: it "
+        "includes that of the rod.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -147,12 +147,7 @@ def test_a_wrong_study_ends_before_anything_is_written(
     "arguments",
     [
         *(["fly"], ["run"], ["run", "x.yml", "--jobs", "0"], ["check", "nope.yml"], ["new", "d", "--template", "x"]),
-        *(
-            ["run", "x.yml", "--run", ""],
-            ["fit", "x.yml"],
-            ["tune", "x.yml", "--path", "x", "--rate", "1e9"],
-            ["loops", "x.yml", "--rate", "nan"],
-        ),
+        *(["run", "x.yml", "--run", ""], ["fit", "x.yml"], ["tune", "x.yml", "--path", "x", "--rate", "1e9"]),
     ],
 )
 def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:

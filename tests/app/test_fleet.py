@@ -12,6 +12,7 @@ from multiprocessing import active_children
 from pathlib import Path
 from threading import Thread
 
+import pyarrow.parquet
 import pytest
 
 from elastid.app.cli import run_command
@@ -34,12 +35,6 @@ def fleet_of(study: Path, robots: int, dates: tuple[str, ...], k: float, name: s
     path = study.parent / "fleet.yml"
     path.write_text(f"name: {name}\nstudy: {study.name}\ntable: members.csv\n")
     return path
-
-
-def rows_in(folder: Path) -> list[dict[str, str]]:
-    """Rows of the table of a fleet."""
-    with (folder / "fleet.csv").open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def killed_in_the_middle(folder: Path, done: int, pids: Callable[[], list[int]]) -> Thread:
@@ -79,21 +74,26 @@ def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
     path, folder = finished
     page = (folder / "fleet.html").read_text(encoding="utf-8")
     assert f"k_1 of {SOFT}" in page
-    first = (folder / "fleet.csv").read_bytes()
+    first = (folder / "fleet.parquet").read_bytes()
     stamps = {file: file.stat().st_mtime_ns for file in folder.glob("members/*/fit.h5")}
     assert len(stamps) == 6
     (folder / "members" / "r0_2026-01-31" / "fit.h5").unlink()
-    (folder / "fleet.csv").write_bytes(first[:-1] + b"x")
+    (folder / "fleet.parquet").write_bytes(first[:-1] + b"x")
+    assert run_command(["inspect", str(folder / "fleet.parquet")]) == 1
+    assert "fleet.parquet" in capsys.readouterr().err
     assert run_command(["fleet", str(path), "--run", str(folder), "--jobs", "1"]) == 0
     said = capsys.readouterr()
-    assert "fleet.csv has changed since it was written; it is made again" in said.err
+    assert "fleet.parquet has changed since it was written; it is made again" in said.err
     assert f"k_1 of {SOFT} is -" in said.out
     again = {file: file.stat().st_mtime_ns for file in folder.glob("members/*/fit.h5")}
     assert sum(again[file] != stamps[file] for file in stamps) == 1
-    assert (folder / "fleet.csv").read_bytes() == first
-    assert {"robot", "date", "parameter", "value", "std", "low", "high"} <= rows_in(folder)[0].keys()
+    assert (folder / "fleet.parquet").read_bytes() == first
+    table = pyarrow.parquet.read_table(folder / "fleet.parquet")
+    assert {"robot", "date", "parameter", "value", "std", "low", "high"} <= set(table.column_names)
+    assert table.schema.metadata[b"format"] == b"1"
     log = (folder / "run.log").read_text(encoding="utf-8")
     for library in ("elastid", "Python", "numpy", "scipy", "casadi"):
+        assert f"{library} ".encode() in table.schema.metadata[b"made by"]
         assert f"{library} " in page
         assert f"{library} " in log
     assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC: elastid\b", log)
@@ -116,7 +116,7 @@ def test_a_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(
         command = ["fleet", str(path), "--run", str(tmp_path), "--dask", cluster.scheduler_address, "-q"]
         assert run_command(command) == 0
         killing.join()
-    names = ["fleet.csv", "fleet.html", *(f"members/{file.name}/summary.json" for file in folder.glob("members/*"))]
+    names = ["fleet.parquet", "fleet.html", *(f"members/{file.name}/summary.json" for file in folder.glob("members/*"))]
     assert len(names) == 8
     assert all((tmp_path / name).read_bytes() == (folder / name).read_bytes() for name in names)
 
@@ -141,7 +141,8 @@ def test_members_that_fail_are_named_and_the_others_go_on(
     output = capsys.readouterr()
     assert "1 of 6 members failed and are not compared with the others: r0 on 2026-07-31: " in output.err
     assert "3 robots, 5 of 6 measurements identified" in output.out
-    assert ("r0", "2026-07-31") not in {(row["robot"], row["date"]) for row in rows_in(tmp_path)}
+    table = pyarrow.parquet.read_table(tmp_path / "fleet.parquet").to_pylist()
+    assert ("r0", "2026-07-31") not in {(row["robot"], row["date"]) for row in table}
 
 
 def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -31,6 +31,23 @@ def test_a_fitted_study_gets_loops(fitted_arm: Path, capsys: pytest.CaptureFixtu
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--delay", "21"), "--delay"),
+        (("--rate", "0"), "--rate"),
+        (("--rate", "nan"), "--rate"),
+        (("--draws", "-1"), "--draws"),
+    ],
+)
+def test_wrong_options_are_refused(
+    words: tuple[str, ...], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "study.yml").write_text(STUDY, encoding="utf-8")
+    assert command("loops", tmp_path / "study.yml", *words) in (1, 2)
+    assert says in capsys.readouterr().err
+
+
 GAINS = {"position_gain": [10, 12], "velocity_gain": [900, 300], "integral_time": 0.1, "low_pass_hz": 60}
 NOTCH = {"joint": "2", "freq_hz": 20, "width": 0.5, "depth": 0.2}
 

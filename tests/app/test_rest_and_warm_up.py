@@ -122,4 +122,5 @@ def test_logs_of_one_amplitude_at_rest_are_realisations(tmp_path: Path) -> None:
     files = [f"{{path: {name}.csv, purpose: at_rest, period: 2 s}}" for name in ("a", "b")]
     (joint,) = result_of(study(tmp_path, *files)).joints
     assert joint.at_rest is not None
+    assert joint.at_rest is not None
     assert joint.at_rest.amplitudes == 1

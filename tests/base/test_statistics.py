@@ -9,7 +9,6 @@ from scipy import stats
 from elastid.base.statistics import (
     QUANTILE_95,
     chi_square_limit,
-    chi_square_tail,
     f_test,
     principal_axes,
     propagate,
@@ -23,7 +22,6 @@ def test_quantiles_are_those_of_the_distributions() -> None:
     assert small_sample_factors(4) == pytest.approx(stats.t.ppf(0.975, 4) / stats.norm.ppf(0.975))
     assert small_sample_factors(100_000) == pytest.approx(1.0, abs=1e-4)
     assert chi_square_limit(3, 0.01) == pytest.approx(stats.chi2.isf(0.01, 3))
-    assert chi_square_tail(chi_square_limit(7, 0.2), 7) == pytest.approx(0.2)
 
 
 def test_the_f_test_rejects_a_column_without_effect_as_often_as_it_says() -> None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.dry_friction import COULOMB, RATIO, measured, measured_robot, robot
-from plants.friction_axis import axis, rig
 
 from elastid.design.friction import design_friction
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
@@ -18,15 +17,12 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.joint_levels import find_joint_levels
-from elastid.friction_study.presliding import fit_at_rest, rest_responses
 from elastid.friction_study.result import FrictionResult, identify_friction
-from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LawSpec, PassesSpec
-from elastid.model.formulation import held_joint
+from elastid.friction_study.spec import FrictionSpec, LawSpec, PassesSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import net_record
 from elastid.record import FrictionRecords
 from elastid.robot import Limits, Robot
-from elastid.robot.friction_numbers import friction_numbers
 
 AUTO = EstimatorSpec(friction="auto")
 LIMITS = Limits((-1.5, 1.5), velocity=2.0, torque=2000.0, acceleration=10.0)
@@ -96,18 +92,3 @@ def test_identified_friction_put_back_is_found_by_an_elastic_study(passes: Frict
         viscous, viscous_std = (n**2 * each[f"fm_{joint}"] for each in (fit.values, fit.std))
         of_passes, std_of_passes = number_of(passes, f"f_m{joint}")
         assert abs(viscous - of_passes) < FAR * np.hypot(viscous_std, std_of_passes)
-
-
-@pytest.mark.slow
-def test_bristles_at_rest_need_the_spring_that_an_elastic_study_finds() -> None:
-    """On the rig: sigma_0 to 0.5 % and sigma_1 to 2 % with the joint's spring; as a rigid joint sigma_0 is 5 % off."""
-    passes = PassesSpec((0.02, 1.2), count=6, spacing="logarithmic", repeat=1)
-    bench = rig(FrictionSpec(passes=passes, at_rest=AtRestSpec((0.05, 0.1), (5, 80))), substeps=2)
-    records = [bench.measure(motion) for motion in bench.motions if motion.purpose == "at_rest"]
-    truth = {name: value for name, (value, _) in friction_numbers(axis()).items()}
-    joint = held_joint(axis(), "1", np.zeros(1))
-    found = fit_at_rest("joint 1", rest_responses(records), joint, (truth["f_m1"], 0.0))
-    assert found.sigma_0 == pytest.approx(truth["s0_m1"], rel=5e-3)
-    assert found.sigma_1 == pytest.approx(truth["s1_m1"], rel=0.02)
-    rigid = fit_at_rest("joint 1", rest_responses(records), None, (truth["f_m1"], 0.0))
-    assert abs(rigid.sigma_0 / truth["s0_m1"] - 1) > 0.05

@@ -1,4 +1,4 @@
-"""Friction of real axes, from shipped studies of logs that were made for something else."""
+"""Friction of real axes, from records that were made for something else."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants.measured import with_records
+from plants.measured import EMPS, EMPS_PULSES, measured, with_records
+from scipy.io import loadmat
 
 from elastid.app import cli
 from elastid.friction_study.extended_kalman_filter import FILTER, JointSamples, KalmanFilter
+from elastid.friction_study.motion import regress_motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.store.friction_study import read_filter, read_friction_records
 from elastid.study import load_robot
 
@@ -116,3 +119,13 @@ def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Pat
     top = torque["joint 4"]["bands"][-1]
     assert top["low_hz"] == 5
     assert top["left"] > 2 * top["left_without_friction"]
+
+
+def test_two_records_of_the_axis_agree_within_their_intervals() -> None:
+    """Motion alone, and with pulses of force: 95 % intervals of the difference of each number."""
+    logs = [loadmat(measured(name)) for name in (EMPS, EMPS_PULSES)]
+    motions = [Motion("joint 1", 1e3, log["qm"].ravel(), 35.1507 * log["vir"].ravel(), slides=True) for log in logs]
+    first, second = (regress_motion(motion).chosen for motion in motions)
+    assert first.names == second.names
+    for name in first.names:
+        assert abs(first[name] - second[name]) < 1.96 * np.hypot(first.std(name), second.std(name)), name

@@ -1,6 +1,8 @@
-"""Every script runs: examples give their number, benches and studies end with one line of JSON."""
+"""Every script runs: examples give their number, benches and studies end with JSON, quoted ratios are the last."""
 
+import ast
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -146,3 +148,27 @@ def test_every_bench_and_study_ends_with_json(script: Path, tmp_path: Path) -> N
     )
     assert done.returncode == 0, done.stderr
     assert isinstance(json.loads(done.stdout.splitlines()[-1]), dict)
+
+
+BENCHMARKS = Path(__file__).parents[2] / "scripts" / "benchmarks"
+LAST_RUN = json.loads((BENCHMARKS / "last_run.json").read_text(encoding="utf-8"))
+# A number and the key of the line of JSON that it is from, as in: 2.5 (evaluation_over_solve).
+QUOTE = re.compile(r"(\d+(?:\.\d+)?) \((\w+)\)")
+
+
+def measured_paragraph(script: str) -> str:
+    """What a script's docstring says about its last run."""
+    text = ast.get_docstring(ast.parse((BENCHMARKS / script).read_text(encoding="utf-8"))) or ""
+    return next(paragraph for paragraph in text.split("\n\n") if paragraph.startswith("Measured"))
+
+
+@pytest.mark.parametrize("script", sorted(LAST_RUN))
+def test_every_quoted_ratio_is_that_of_the_last_run(script: str) -> None:
+    """Each number names its key, and has its value in as many digits as are quoted."""
+    paragraph = measured_paragraph(script).replace("\n", " ")
+    quotes = QUOTE.findall(paragraph)
+    assert quotes
+    for number, key in quotes:
+        digits = len(number.partition(".")[2])
+        assert float(number) == round(LAST_RUN[script][key], digits), key
+    assert not re.search(r"\d", QUOTE.sub("", paragraph)), "a number without a source"

@@ -1,4 +1,4 @@
-"""Every tutorial is followed from an empty folder: its commands, and its programs as one, which share their names."""
+"""Every tutorial is followed from an empty folder, and every program of the pages of theory asserts what it derives."""
 
 from __future__ import annotations
 
@@ -45,3 +45,18 @@ def test_a_tutorial_does_what_it_says(tutorial: str, tmp_path: Path) -> None:
         else:
             assert language == "yaml", language  # a part of a study that the commands have written
     assert list(folder.glob("runs/*/report.html")) != []
+
+
+PAGES_THEORY = Path(__file__).parents[2] / "scripts" / "docs" / "pages" / "theory"
+DERIVED = ("mechanics", "linearisation", "responses", "fit", "intervals", "friction")
+BLOCK_THEORY = re.compile(r"^\.\. code-block:: python\n\n((?:    .*\n|\n)+)", re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", DERIVED)
+def test_equations_of_a_page_agree_with_the_code(name: str) -> None:
+    """Each program by itself, as a reader would paste it; warnings are errors."""
+    texts = BLOCK_THEORY.findall((PAGES_THEORY / f"{name}.rst").read_text(encoding="utf-8") + "\n")
+    programs = [textwrap.dedent(text) for text in texts if "assert " in text]
+    assert programs != []
+    for program in programs:
+        exec(compile(program, f"{name}.rst", "exec"), {"__name__": name})

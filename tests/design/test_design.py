@@ -249,7 +249,7 @@ def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[st
     [
         "",
         "design: {count: 2, robot_time: 5}\n",
-        "design: {count: 2, candidates: {grid: 3, random: 5}}\n",
+        "design: {count: 2, candidates: {given: {e: [0, 0]}, random: 5}}\n",
     ],
 )
 def test_wrong_designs_are_refused_by_their_code(

@@ -6,18 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.measured_robots import responses_of
 from plants.refusals import refused
 
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec, WeightSpec
-from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import serial
 from elastid.parameters import Parameter, Parameters, Tie
 from elastid.record import Configuration
-from elastid.response import Covariance, Response
+from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.store.results import read_fit, write_fit
 
@@ -106,13 +104,7 @@ def bench(viscous=1e-3, d=0.05, k=100.0) -> Robot:
 
 
 def measure(robot: Robot, name: str, rng: np.random.Generator, relative: float = 0.01) -> Response:
-    model = serial(robot)
-    configuration = Configuration(name, (0.0, 0.3))
-    linear = Linearisation.of(model).at(configuration, model.theta, robot.motor_locations, "acceleration")
-    exact = to_response(linear, np.append(model.theta, 0.0), FREQ)
-    std = relative * (np.abs(exact.G) + 0.01 * np.abs(exact.G).max())
-    noise = std / np.sqrt(2) * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape))
-    return replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf))
+    return responses_of(robot, {name: (0.0, 0.3)}, rng, FREQ, relative, 0.01 * relative)[0]
 
 
 def off(result, name: str, truth: float) -> float:
@@ -290,13 +282,7 @@ def bodied(inertia=(0.02, 0.03, 0.04, 0.001, 0.0, 0.002)) -> Robot:
 
 
 def of_body(robot: Robot, rng: np.random.Generator) -> Response:
-    model = serial(robot)
-    places = ("motor 1", "joint 1", "joint x", "joint y")
-    linear = Linearisation.of(model).at(Configuration("c1", (0.0,)), model.theta, places, "acceleration")
-    exact = to_response(linear, np.append(model.theta, 0.0), FREQ)
-    std = 0.01 * np.abs(exact.G)
-    noise = std / np.sqrt(2) * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape))
-    return replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf))
+    return responses_of(robot, {"c1": (0.0,)}, rng, FREQ, 0.01, 0.0, ("joint 1", "joint x", "joint y"))[0]
 
 
 def test_an_inertia_stays_one_that_a_body_can_have():

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.data_sheet_arm import FREQ, POSTURES, arm
 from plants.marks import SEEDS
 from plants.measured_robots import responses_of
 from plants.refusals import refused
@@ -19,24 +20,11 @@ from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, TieSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.response import Response
-from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+from elastid.robot import Robot
 from elastid.validation.comparison import ComparedVariant, RefitTask, refit
 
-FREQ = np.linspace(2, 50, 40)
-POSTURES = ((0.3, 0.2), (0.9, -0.6), (-0.5, 1.0))
-
-
-def arm(k_1: float = 3e4, k_2: float = 2e4, fm_1: float = 1e-2, fm_2: float = 1e-2, mass: float = 25.0) -> Robot:
-    """Two links in a vertical plane with elastic gears."""
-    shoulder = Joint("1", "y", Spring(k_1, 60), Motor(2e-3, 60, fm_1))
-    elbow = Joint("2", "y", Spring(k_2, 40), Motor(1e-3, 60, fm_2))
-    upper = Body("upper", joints=(shoulder,), mass=40, center_of_mass=(0, 0, 0.4), inertia=3.0)
-    fore = Body("fore", "upper", Placement((0, 0, 0.8)), (elbow,), mass, (0.3, 0, 0), 1.0)
-    return Robot("arm", (upper, fore))
-
-
 A = arm()
-B = arm(k_1=3.6e4, fm_1=3e-2, fm_2=5e-3)
+B = arm().with_parameters({"k_1": 3.6e4, "fm_1": 3e-2, "fm_2": 5e-3})
 ROBOTS = {"A": ("a1", "a2", "a3"), "B": ("b1", "b2", "b3")}
 
 
@@ -72,7 +60,7 @@ def off(result: Result, name: str, truth: float) -> float:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     """Each robot's stiffness and friction by its name, what they share once, all within the claimed intervals."""
-    result = identify(both(seed), arm(k_1=2.5e4, k_2=2.5e4), replace(SPEC, seed=seed))
+    result = identify(both(seed), arm().with_parameters({"k_1": 2.5e4, "k_2": 2.5e4}), replace(SPEC, seed=seed))
     assert result.status == "converged"
     assert set(result.parameters.free_names) == {*TRUTH, "d_1", "d_2"}
     assert max(off(result, name, truth) for name, truth in TRUTH.items()) < 3.5

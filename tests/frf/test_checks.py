@@ -12,7 +12,6 @@ from elastid.frf.checks import hit_notes, pulses, separated_lines, unlike_notes
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Configuration, Record
 
-FREQ_HZ = np.linspace(1.0, 60.0, 60)
 MOTORS = ("motor 1", "motor 2", "motor 3")
 
 

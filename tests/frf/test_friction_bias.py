@@ -57,7 +57,8 @@ def impedance(G: np.ndarray) -> np.ndarray:
 def test_the_second_order_of_coulomb_friction_is_predicted_from_six_records(coulomb: float) -> None:
     """Friction of 0.16 and 0.3 rms torques adds, beside viscous friction, a reactance that grows with frequency.
 
-    The mean of 600 records shows it; six alone predict it, without knowing the friction, to a third.
+    The mean of 600 records shows it, turned by 0.2 to 0.4 rad; six alone predict it, without knowing the friction, to a
+    third, and leave at most 8 % of what friction adds; viscous friction alone leaves twice as much or more.
     """
     many = rubbing(coulomb, 600)
     mean = estimate(many, EstimatorSpec(), LINES).G[:, 0, 0]
@@ -73,20 +74,7 @@ def test_the_second_order_of_coulomb_friction_is_predicted_from_six_records(coul
     viscous = impedance(response.G[:, 0, 0] + response.bias[-1, 0, :, 0, 0]) - impedance(response.G[:, 0, 0])
     low = LINES < 10
     assert viscous.real[low].mean() / OWN_SHARE == pytest.approx(added.real[low].mean(), rel=0.15)
-
-
-@pytest.mark.parametrize("coulomb", [1.6, 3.0])
-def test_the_phase_of_the_second_order_is_within_what_a_fit_leaves_free(coulomb: float) -> None:
-    """Beside viscous friction the mean of 600 records shows it turned by 0.2 to 0.4 rad, as factors of N(0, 1) turn it.
-
-    These leave at most 8 % of what friction adds to the impedance; viscous friction alone leaves twice as much or more.
-    """
-    many = rubbing(coulomb, 600)
-    mean = estimate(many, EstimatorSpec(), LINES).G[:, 0, 0]
-    omega = 2 * np.pi * LINES * RATE / N
-    added = impedance(mean) - (VISCOUS + 1j * (J * omega - STIFFNESS / omega))
-    response = estimate(many[:6], EstimatorSpec(), LINES)
-    assert response.bias is not None
+    # Beside viscous friction, of the second order and of it turned by a quarter, as factors of N(0, 1) leave free.
     second, turned = (-1j * omega * each[0, :, 0, 0] / response.G[:, 0, 0] ** 2 for each in response.bias[:2])
     rows = as_real(np.array([np.ones(len(LINES), complex), second, turned])).T
     wanted = as_real(added[None])[0]
@@ -100,14 +88,10 @@ def test_the_phase_of_the_second_order_is_within_what_a_fit_leaves_free(coulomb:
     assert left < 0.5 * alone
 
 
-def test_without_friction_there_is_no_bias() -> None:
-    """Noise alone is no friction."""
-    assert estimate(rubbing(0.0, 6, noise=1e-5), EstimatorSpec(), LINES).bias is None
-
-
-def test_friction_far_below_the_noise_is_left_to_the_noise() -> None:
-    """Its second order would be smaller still."""
-    assert estimate(rubbing(0.02, 6, noise=1e-4), EstimatorSpec(), LINES).bias is None
+@pytest.mark.parametrize(("coulomb", "noise"), [(0.0, 1e-5), (0.02, 1e-4)])
+def test_noise_alone_and_friction_far_below_it_have_no_bias(coulomb: float, noise: float) -> None:
+    """The second order would be smaller still."""
+    assert estimate(rubbing(coulomb, 6, noise=noise), EstimatorSpec(), LINES).bias is None
 
 
 def test_friction_whose_distortion_is_a_part_of_the_noise_has_its_bias() -> None:

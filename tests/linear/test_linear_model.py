@@ -9,6 +9,7 @@ from plants.fitted_models import SERIAL, close, fitted_model
 
 from elastid.linear.linear_model import BUTTERWORTH, DifferenceElement, LagElement, LinearModel, state_space
 from elastid.linear.linearise import Linearisation
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
@@ -61,7 +62,7 @@ def test_derivatives_to_gains_and_beside_them_equal_central_differences() -> Non
     wanted = ("gain_u_motor_2", "k_1", "gain_y_body_fore_y", "d_2", "m_fore", "delay", "gain_y_motor_1")
     theta = model.theta_ref.copy()
     theta[-1] = 1e-3
-    G, dG = Kernel(model, FREQ_HZ, wanted).evaluate(theta)
+    G, dG = Columns(Kernel(model, FREQ_HZ, wanted)).evaluate(theta)
     np.testing.assert_allclose(G, frequency_response(model, theta, FREQ_HZ), rtol=1e-9)
     for name, slope in zip(wanted, dG, strict=True):
         place = model.parameters.index(name)

@@ -151,16 +151,17 @@ def test_an_effect_far_below_the_noise_is_not_worked_out() -> None:
     assert effect_of_motion(model, linear, linear.theta_ref, replace(still, motion=swinging(0.02, True))) is not None
 
 
-def test_many_lines_are_put_together_and_interpolated() -> None:
+def test_many_lines_are_put_together_and_interpolated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Within 3 % of the largest change of all lines by all lines."""
     model, linear = linear_of(load_robot(ROBOTS / "linkage_arm.yml"), (0.5, -0.1))
     few, lines = swinging(0.01, True), np.linspace(0.5, 30, 60)
     power = np.tile(few.power[0] * 4 / 60, (60, 1, 1)) * (0.5 / lines[:, None, None])
     freq_hz = np.linspace(1, 40, 79)
-    every, thinned = (
-        posture_effect(model, linear, linear.theta_ref, replace(few, freq_hz=lines, power=power), freq_hz, most)
-        for most in (100, 48)
-    )
+    own = model, linear, linear.theta_ref, replace(few, freq_hz=lines, power=power), freq_hz
+    thinned = posture_effect(*own)
+    monkeypatch.setattr("elastid.linear.moving_posture.MOST_LINES", 100)
+    every = posture_effect(*own)
+    monkeypatch.undo()
     np.testing.assert_allclose(thinned, every, atol=0.03 * np.abs(every).max())
     # Of one standard deviation of all elements together, as few as leave less than what is negligible of that.
     response = replace(to_response(linear, linear.theta_ref, freq_hz), motion=replace(few, freq_hz=lines, power=power))

@@ -11,6 +11,7 @@ from elastid.fit.problem.elastic import kernel_of, linear_model
 from elastid.fit.spec import FitSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.loaded import moved_by
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.record import Configuration, JointLoop, Motors
@@ -83,7 +84,7 @@ def test_derivatives_hold_where_the_geometry_moves_the_force(outputs: tuple[str,
     theta = parameters.expand(parameters.x, "tapped")
     kernel = kernel_of(linear_model(linearisation, response, theta), parameters, LINES)
     assert any(slope.B is not None for slope in kernel.model.slopes.values())
-    G, dG = kernel.evaluate(theta)
+    G, dG = Columns(kernel).evaluate(theta)
 
     def at(moved: np.ndarray) -> np.ndarray:
         return frequency_response(linear_model(linearisation, response, moved), moved, LINES)

@@ -1,6 +1,5 @@
 """Rotors that ride on bodies: the complete model against an independent implementation, its structure, its energy."""
 
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.gears import wrist
 from plants.refusals import refused
 
 from elastid.model.formulation import serial
@@ -112,41 +112,6 @@ def test_mass_and_coriolis_equal_pinocchio_with_rotors_as_bodies(pin, seed):
     np.testing.assert_allclose(found, c, rtol=0, atol=1e-10 * max(np.abs(c).max(), 1e-3 * springs))
 
 
-def six_axes(carriers: list[tuple[str, str]], ratio: float = 100.0) -> Robot:
-    """An upright arm with axes z, y, y, x, y, x at zero, motor inertia 1e-3, motors on the bodies and axes given."""
-    bodies, parent = [], BASE
-    for i, axis in enumerate("zyyxyx"):
-        on, rotor = carriers[i]
-        motor = Motor(1e-3, ratio, on=on, axis=rotor or None)
-        joint = Joint(str(i + 1), axis, Spring(1e5), motor)
-        bodies.append(Body(f"link{i + 1}", parent, Placement((0.1, 0, 0.3)), (joint,), 10.0, (0.1, 0, 0.1), 0.5))
-        parent = f"link{i + 1}"
-    return Robot("six axes", tuple(bodies))
-
-
-def coupling(robot: Robot, q_l) -> np.ndarray:
-    """S (n_l, n_m) at link angles q_l."""
-    model, n_l = serial(robot), len(robot.joints)
-    return model.mass(np.r_[q_l, np.zeros(model.n_q - n_l)], model.theta).full()[:n_l, n_l:]
-
-
-def test_motors_placed_as_on_an_abb_arm_give_the_pattern_of_the_thesis():
-    """Motors 1, 2 on the stand, 3 on link 3, 4 to 6 along the upper arm: eq. 3.2 with s2 to s4 ~ sin(q2 + q3)."""
-    carriers = [("link1", "z"), ("link1", "y"), ("link3", "y"), *[("link3", "x")] * 3]
-    robot = six_axes(carriers)
-    q = np.array([0.3, 0.4, 0.5, -0.2, 0.7, 0.1])
-    S = coupling(robot, q)
-    pattern = np.zeros((6, 6), bool)
-    pattern[0, [0, 3, 4, 5]] = pattern[[1, 2], 2] = True
-    np.testing.assert_array_equal(np.abs(S) > 1e-15, pattern)
-    J_eta = 1e-3 * 100
-    assert S[0, 0] == pytest.approx(J_eta)
-    assert S[1, 2] == S[2, 2] == pytest.approx(J_eta)
-    np.testing.assert_allclose(S[0, 3:], -J_eta * np.sin(q[1] + q[2]), rtol=1e-12)
-    extreme = coupling(robot, [0, 0, np.pi / 2, 0, 0, 0])
-    np.testing.assert_allclose(np.abs(extreme[0, 3:]), J_eta, rtol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("on", "axis", "says"),
     [
@@ -168,9 +133,6 @@ def test_a_rotor_that_no_robot_can_have_is_refused(on, axis, says):
 
 def test_what_mujoco_has_no_words_for_is_not_exported(tmp_path: Path) -> None:
     """An armature neither rides on a body nor is coupled: named, with the targets that hold it."""
-    riding = six_axes([(BASE, "z"), ("link1", "z"), *[("", "")] * 4])
-    with refused("export/not-representable", place="robot six axes"):
-        write_mujoco(tmp_path, SimpleNamespace(robot=riding))
-    coupled = replace(six_axes([("", "")] * 6), gears=(GearCoupling("6", "5", 3.0),))
-    with refused("export/not-representable"):
-        write_mujoco(tmp_path, SimpleNamespace(robot=coupled))
+    for robot in (random_arm(0, coupled=False), wrist()):
+        with refused("export/not-representable", place=f"robot {robot.name}"):
+            write_mujoco(tmp_path, SimpleNamespace(robot=robot))

@@ -1,21 +1,25 @@
-"""serial(robot): coordinates, sides and signs of drivetrain and springs, and the cost of the equations."""
+"""Coordinates, sides, places and readings of an ElasticModel, and of one joint; the `model` section."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 from plants.linkages import LEVER, LOWER, linkage
 from plants.refusals import refused
+from plants.two_axes import ROBOT
 
+from elastid.friction_study.presliding import OF_FILE, _Model
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import elastic_joints_within, formulate, serial, unbent, unseen
+from elastid.model.formulation import elastic_joints_within, formulate, held_joint, serial, unbent, unseen
 from elastid.model.spec import ModelSpec, Variant
 from elastid.record import Configuration
-from elastid.robot import Body, Joint, Motor, Placement, Robot, Rod, Spring
+from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Rod, Spring
+from elastid.study.robots import load_robot
 
 MOTOR = Motor(1e-3, -80, viscous=2e-3)
 
@@ -175,3 +179,74 @@ def test_a_rod_that_no_elastic_gear_drives_cannot_be_condensed() -> None:
     bodies = tuple(replace(body, joints=(rigid,)) if body.name == "crank" else body for body in robot.bodies)
     with refused("model/variant", place="model.variant"):
         of_variant("series_stiffness", replace(robot, bodies=bodies))
+
+
+MOTOR_ELASTIC = Motor(1e-3, 80)
+
+
+def arm() -> Robot:
+    """An elastically geared joint, a rigidly geared one and a free one about y; a frame 0.5 m up the last body."""
+    bodies = (
+        Body(
+            "a",
+            joints=(Joint("1", "y", Spring(5e4, 40), MOTOR_ELASTIC),),
+            mass=20,
+            center_of_mass=(0, 0, 0.3),
+            inertia=1.0,
+        ),
+        Body("b", "a", Placement((0, 0, 0.6)), (Joint("2", "y", motor=MOTOR_ELASTIC),), 9, (0, 0, 0.2), 0.3),
+        Body("c", "b", Placement((0, 0, 0.4)), (Joint("3", "y"),), 3, (0, 0, 0.2), 0.1),
+    )
+    return Robot("arm", bodies, (0.0, 0.0, -9.81), frames=(Frame("tip", "c", Placement((0, 0, 0.5))),))
+
+
+def test_places_read_their_rates_and_an_accelerometer_gravity_as_it_tilts() -> None:
+    """Upright: the tip moves by 1.5, 0.9 and 0.5 m along x per rad; tilted it sees g of gravity along -x per rad."""
+    model = serial(arm())
+    q, places = np.zeros(4), ("motor 1", "joint 3", "body c y", "frame tip x", "frame tip ry", "accelerometer tip x")
+    C, T = (part.full() for part in model.readout(q, model.theta, places))
+    expected = [[0, 0, 0, 1], [0, 0, 1, 0], [1, 1, 1, 0], [1.5, 0.9, 0.5, 0], [1, 1, 1, 0], [1.5, 0.9, 0.5, 0]]
+    np.testing.assert_allclose(C, expected, atol=1e-12)
+    np.testing.assert_allclose(T[:5], 0)
+    np.testing.assert_allclose(T[5], [-9.81, -9.81, -9.81, 0])
+    np.testing.assert_allclose(model.output_jacobian(q, places), C)
+
+
+def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held(tmp_path: Path) -> None:
+    """At two postures; the whole model with every coordinate struck out but those of motor 1 and joint 1."""
+    (tmp_path / "robot.yml").write_text(ROBOT)
+    robot = load_robot(tmp_path / "robot.yml")
+    model = formulate(robot)
+    omega = 2 * np.pi * np.geomspace(1, 50, 7)
+    for angles in (np.array([0.0, 0.2]), np.array([0.4, -0.9])):
+        joint = held_joint(robot, "1", angles)
+        assert joint is not None
+        q = np.zeros(model.n_q)
+        q[[model.index("joint 1"), model.index("joint 2")]] = angles
+        kept = [model.index("motor 1"), model.index("joint 1")]
+        M = np.asarray(model.mass(q, model.theta))[np.ix_(kept, kept)]
+        K = np.array([[1.0, -1.0], [-1.0, 1.0]]) * 30e3
+        D = np.array([[1.0, -1.0], [-1.0, 1.0]]) * 30.0
+        Z = -(omega[:, None, None] ** 2) * M + K + 1j * omega[:, None, None] * D
+        reaction = _Model((), joint, 0.0).reaction(np.zeros(len(OF_FILE)), omega)
+        np.testing.assert_allclose(reaction, 1 / np.linalg.inv(Z)[:, 0, 0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("formulation", [None, "serial", "constrained"])
+def test_variants_and_independent_coordinates_are_choices_of_the_minimal_formulation(formulation: str | None) -> None:
+    """Each alone."""
+    for choice in ({"variant": "rigid_loop"}, {"independent": ("joint 2",)}):
+        with pytest.raises(ValueError, match=f"{next(iter(choice))} is a choice of the minimal formulation"):
+            ModelSpec(formulation, **choice)  # type: ignore[arg-type]
+        ModelSpec("minimal", **choice)  # type: ignore[arg-type]
+
+
+def test_keys_that_do_not_suit_a_robot_are_named_with_their_place() -> None:
+    """Loops that a serial formulation leaves open; names that are no coordinates; others have their places."""
+    robot = linkage()
+    assert list(ModelSpec().refusals(robot)) == []
+    ((key, words),) = ModelSpec("serial").refusals(robot)
+    assert key == ("formulation",)
+    assert "has loops (rod)" in words
+    spec = ModelSpec("minimal", independent=("joint 2", "motor elbow", "motor 3", "rod rod"))
+    assert [key for key, _ in spec.refusals(robot)] == [("independent", 1), ("independent", 3)]

@@ -1,7 +1,8 @@
-"""Positions and the tool's Jacobian: closed forms, differences, the potential of gravity."""
+"""Positions of points, as expressions too, and their Jacobians: rotation matrices, closed forms, differences."""
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,8 +12,8 @@ from plants.linkages import linkage
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
-from elastid.model.closed_posture import followed
-from elastid.model.formulation import formulate, serial
+from elastid.model.formulation import formulate
+from elastid.model.frame_tree import between, position, seat, tree, turns
 from elastid.model.kinematics import frame_poses, skeleton, stick_figure
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
@@ -24,44 +25,12 @@ from elastid.robot import (
     Frame,
     Joint,
     Motor,
+    Payload,
     Placement,
     Robot,
     Rod,
     Spring,
 )
-
-MOTOR = Motor(1e-3)
-OBLIQUE = Robot(
-    "oblique",
-    (
-        Body("fixed", placement=Placement((0, 0, 0.2), (0.1, 0.2, 0.3)), mass=2.0),
-        Body("a", "fixed", Placement((0.1, 0.2, 0.3), (0.3, 0, 0)), (Joint("1", (1, 2, 3), motor=MOTOR),), 3.0,
-             (0.1, 0.2, 0.3), 1.0),
-        Body("b", "a", Placement((0, 0.5, 0)), (Joint("2", "x"), Joint("3", "y", motor=MOTOR)), 2.0,
-             (0.2, 0, 0.1), 1.0),
-        Body("c", "a", Placement((0.3, 0, 0)), (Joint("4", "z", motor=MOTOR),), 2.0, (0.2, 0.1, 0.1), 1.0),
-    ),
-)  # fmt: skip
-
-
-def test_heights_of_the_centres_of_mass_are_the_potential_of_the_model() -> None:
-    """V = m g h, an independent way through the dynamics in CasADi, on oblique axes and a branching tree."""
-    model = serial(OBLIQUE)
-    rng = np.random.default_rng(1)
-    masses = [body.mass for body in OBLIQUE.bodies]
-
-    def potential(angles: np.ndarray) -> float:
-        found = skeleton(OBLIQUE, angles[None])
-        heights = [found.points[0, found.names.index(f"center of mass of {b.name}"), 2] for b in OBLIQUE.bodies]
-        return 9.81 * float(np.dot(masses, heights))
-
-    for angles in rng.uniform(-2, 2, (3, 3)):
-        gradient = model.potential_gradient(followed(OBLIQUE, angles[None])[0], model.theta).full()[:, 0]
-        for i, joint in enumerate(OBLIQUE.driven):
-            step = 1e-5 * np.eye(3)[i]
-            slope = (potential(angles + step) - potential(angles - step)) / 2e-5
-            assert slope == pytest.approx(gradient[model.index(f"joint {joint.name}")], abs=1e-6)
-
 
 GANTRY = Robot(
     "gantry",
@@ -130,3 +99,48 @@ def test_a_rod_is_drawn_and_stretches_by_what_the_model_says(kind: str, rod: Rod
     expected = rows.full()[model.springs.index("k_rod")] @ shapes if rod.is_elastic else 0.0
     np.testing.assert_allclose(parting, expected, atol=1e-9)
     assert (np.abs(parting).max() > 1e-3) == rod.is_elastic
+
+
+POINTS = {"a": (0.1, 0.2, -0.3), "b": (0.3, -0.1, 0.2), "c": (0.0, 0.4, 0.1)}
+
+
+def forked(second: str = "rotation", third: str = "rotation") -> Robot:
+    """A trunk that carries two arms, one about an oblique axis; joints 2 and 3 may slide; it carries something."""
+
+    def joint(name: str, axis: str | tuple[float, float, float]) -> Joint:
+        motion = {"2": second, "3": third}.get(name, "rotation")
+        return Joint(name, axis, motor=Motor(1e-3), motion=motion)
+
+    return Robot(
+        "forked",
+        (
+            Body("a", "base", Placement((0.1, 0, 0.5), (0.2, 0, 0)), (joint("1", "z"), joint("2", "y")), 1.0),
+            Body("b", "a", Placement((0.4, 0.1, 0), (0, 0.3, 0.1)), (joint("3", (1.0, 2.0, 0.5)),), 1.0),
+            Body("c", "a", Placement((0, 0.2, 0.3)), (joint("4", "x"),), 1.0),
+        ),
+        payload=Payload(2.0, at="b"),
+    )
+
+
+MOTIONS = st.sampled_from(["rotation", "translation"])
+
+
+@given(angles=st.tuples(*[st.floats(-3, 3)] * 4), second=MOTIONS, third=MOTIONS)
+@settings(deadline=None, max_examples=30)
+def test_points_are_where_rotation_matrices_put_them(angles, second, third):
+    """Position in the base frame, and the distance of two points in the frame that carries both."""
+    robot = forked(second, third)
+    layout = tree(robot)
+    q = ca.SX.sym("q", 4)
+    turned = turns(layout, q)
+    drawn = skeleton(robot, np.array([angles]), {name: [point] for name, point in POINTS.items()})
+    expected = {name: drawn.points[0, drawn.names.index(f"point 1 of {name}")] for name in POINTS}
+    ends = {name: (seat(robot, layout, name), point) for name, point in POINTS.items()}
+    for name, (at, point) in ends.items():
+        p = ca.Function("p", [q], [position(layout, turned, at, point)])(angles).full()[:, 0]
+        np.testing.assert_allclose(p, expected[name], atol=1e-14)
+    vector = between(layout, turned, ends["b"], ends["c"])
+    length = float(ca.Function("L", [q], [ca.norm_2(vector)])(angles))
+    assert length == pytest.approx(float(np.linalg.norm(expected["c"] - expected["b"])), abs=1e-14)
+    # Only the joints between them are in the expression: 3 and 4, not the trunk's.
+    assert not ca.depends_on(vector, q[:2])

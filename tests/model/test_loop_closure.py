@@ -1,23 +1,24 @@
-"""Robots with loops: the constrained and the minimal formulation are one thing, and so is every other way there."""
+"""Robots with loops: constrained and minimal formulation are one thing; closed postures on the branch of the start."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 from plants.linkages import LEVER, LOWER, linkage
 from plants.refusals import refused
 
+from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
+from elastid.model.closed_posture import assembled, followed, rates
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.robot import Anchor, Body, Joint, Loop, Pin, Placement, Robot, Rod
+from elastid.robot import Anchor, Body, Joint, Loop, Motor, Pin, Placement, Robot, Rod, Spring
 
 LINES = np.geomspace(1, 150, 60)
 CONSTRAINED, MINIMAL = ModelSpec("constrained"), ModelSpec("minimal")
@@ -101,22 +102,6 @@ def test_constrained_equals_minimal_equals_saddle_point(name: str):
         np.testing.assert_allclose(G, np.swapaxes(G, 1, 2), rtol=0, atol=1e-10 * np.abs(G).max())
 
 
-@settings(max_examples=8, deadline=None)
-@example(crank=0.34375, length=0.875, stiffness=8.0, angles=(0.75, 0.375), spatial=False)  # its last step is 2.6e-9 rad
-@given(
-    crank=st.floats(0.25, 0.35),
-    length=st.floats(0.85, 0.95),
-    stiffness=st.floats(6, 8.5),
-    angles=st.tuples(st.floats(-0.8, 0.8), st.floats(-0.4, 0.4)),
-    spatial=st.booleans(),
-)
-def test_formulations_agree_on_any_four_bar(crank, length, stiffness, angles, spatial):
-    """Whatever the lengths and the rod."""
-    robot = linkage(Rod(length, 5.0, 0.45, 0.4, 10**stiffness, 1e3), crank=crank, bends=True, spatial=spatial)
-    at = Configuration("c", ((0.3,) if spatial else ()) + (angles[0], angles[0] + angles[1]))
-    assert far(response(robot, MINIMAL, at), response(robot, CONSTRAINED, at)) < 1e-10
-
-
 def test_stiffness_is_the_derivative_of_the_forces():
     """Hessian of V + lambda^T phi against central differences of dV/dq + Phi^T lambda."""
     model = formulate(PLANTS["spatial, four-bar, elastic"], CONSTRAINED)
@@ -140,7 +125,7 @@ def test_derivatives_of_the_response_equal_differences(spec: ModelSpec):
     wanted = ("k_3", "d_3", "k_rod", "d_rod", "Jm_2", "k_2")
     linear = linearise(model, at, model.theta, model.inputs, "acceleration")
     kernel = Kernel(linear, LINES, wanted)
-    _, dG = kernel.evaluate(linear.theta_ref)
+    _, dG = Columns(kernel).evaluate(linear.theta_ref)
     for i, name in enumerate(wanted):
         place, step = linear.parameters.index(name), 1e-4
         up, down = (np.array(linear.theta_ref) for _ in range(2))
@@ -192,3 +177,57 @@ def test_any_choice_of_independent_coordinates_gives_the_same_response():
         response(robot, ModelSpec("minimal", independent=("joint 2",)), at)
     with refused("model/variant", place="model.independent"):
         response(robot, ModelSpec("minimal", independent=("joint 9",)), at)
+
+
+PARALLELOGRAM = linkage(Rod(LOWER, 6.2, 0.52, 0.64))
+FOUR_BAR = linkage(Rod(0.86, 6.2, 0.4, 0.5), crank=0.33)
+
+
+def test_the_start_decides_how_a_loop_is_put_together_and_it_stays_so() -> None:
+    """The other branch of a four-bar is another mechanism, followed to the same configuration."""
+    robot, at = FOUR_BAR, Configuration("c", (0.5, 0.3))
+    *others, upper = robot.bodies
+    flipped = replace(robot, bodies=(*others, replace(upper, joints=(Joint("elbow", "y", start=2.6),))))
+    elbows = []
+    for one in (robot, flipped):
+        model = formulate(one)
+        point = equilibrium(model, model.theta, at)
+        assert np.abs(model.constraint(point.q, model.theta).full()).max() < 1e-10
+        elbows.append(point.q[model.index("joint elbow")])
+    assert abs(elbows[1] - elbows[0]) > 1.0
+
+
+def wrong(robot: Robot, angles: tuple[float, ...] = (0.0, 0.0)) -> str:
+    model = formulate(robot)
+    with pytest.raises(StudyError) as caught:
+        equilibrium(model, model.theta, Configuration("pose", angles))
+    return str(caught.value)
+
+
+def test_what_is_wrong_with_a_loop_is_said() -> None:
+    """How much stays open and where; what is locked, left free, folded up."""
+    said = wrong(linkage(Rod(2.0)))
+    assert "pose: loop rod does not close at the start posture" in said
+    assert "the rod is 2000 mm" in said
+    assert "joint elbow may fold over" in wrong(PARALLELOGRAM, (0.0, -1.57))
+    geared = Joint("elbow", "y", Spring(1e5), Motor(1e-3, 50))
+    robot = PARALLELOGRAM
+    locked = replace(robot, bodies=(*robot.bodies[:-1], replace(robot.bodies[-1], joints=(geared,))))
+    assert "lock 2, 3, elbow" in wrong(locked, (0.0, 0.0, 0.0))
+    loose = (Joint("elbow", "y"), Joint("twist", (-LEVER, 0.0, 0.0)))
+    free = replace(robot, bodies=(*robot.bodies[:-1], replace(robot.bodies[-1], joints=loose)))
+    assert "leave joint twist undetermined" in wrong(free)
+    far_off = linkage(Rod(0.75), crank=0.45)
+    assert "does not close: its ends are" in wrong(far_off, (0.0, -1.2))
+
+
+def test_many_postures_are_followed_at_once_also_by_way_of_one_amid_them() -> None:
+    """Each as if alone; the rates are the slopes of the way."""
+    angles = np.array([(0.5, 0.3), (0.4, 0.2), (0.45, 0.35)])
+    alone = np.array([assembled(FOUR_BAR, each) for each in angles])
+    np.testing.assert_allclose(followed(FOUR_BAR, angles), alone, atol=1e-9)
+    np.testing.assert_allclose(followed(FOUR_BAR, angles, near=angles.mean(axis=0)), alone, atol=1e-9)
+    T, step = rates(FOUR_BAR, alone[:1])[0], 1e-6
+    for i, e in enumerate(np.eye(2)):
+        ahead, behind = (assembled(FOUR_BAR, angles[0] + sign * step * e) for sign in (1, -1))
+        np.testing.assert_allclose(T[:, i], (ahead - behind) / (2 * step), atol=1e-6)

@@ -168,25 +168,6 @@ def rigid(robot: Robot) -> Robot:
     return replace(robot, bodies=bodies)
 
 
-@given(seed=seeds)
-@settings(deadline=None, max_examples=10)
-def test_angular_velocities_equal_pinocchio(pin, seed):
-    """The rates of `body <name> <axis>` equal the body-frame angular velocities of pinocchio."""
-    robot = random_robot(seed)
-    model = serial(robot)
-    reference, order = pinocchio_model(pin, robot)
-    data = reference.createData()
-    rng = np.random.default_rng(seed)
-    q, v = rng.normal(size=(2, model.n_q))
-    q_pin, v_pin = np.empty_like(q), np.empty_like(v)
-    q_pin[order], v_pin[order] = q, v
-    pin.forwardKinematics(reference, data, q_pin, v_pin)
-    for body in robot.bodies:
-        twist = pin.getFrameVelocity(reference, data, reference.getFrameId(body.name), pin.ReferenceFrame.LOCAL)
-        C = model.output_jacobian(q, [f"body {body.name} {axis}" for axis in "xyz"])
-        np.testing.assert_allclose(C @ v, twist.angular, atol=1e-10)
-
-
 def test_a_frame_that_is_not_there_is_refused():
     """With the names of those that are."""
     with refused("robot/unknown-name"):

@@ -62,18 +62,18 @@ def moved(lines: int, size: float) -> np.ndarray:
 @pytest.mark.parametrize("rod_stiffness", [None, 1e9])
 def test_torques_of_a_linkage_are_those_of_its_two_absolute_angles(rod_stiffness: float | None) -> None:
     """The elbow follows the loop; a rod that gives stays as long as at rest."""
-    plant = parallel_linkage()
-    loop = plant.robot.loops[0]
+    linkage, links = parallel_linkage()
+    loop = linkage.loops[0]
     rod = replace(loop.rod, stiffness=rod_stiffness)
-    robot, at = replace(plant.robot, loops=(replace(loop, rod=rod),)), Configuration("a", np.array([0.2, 0.1]))
+    robot, at = replace(linkage, loops=(replace(loop, rod=rod),)), Configuration("a", np.array([0.2, 0.1]))
     s, motion = 2j * np.pi * 0.5 * np.arange(1, 33), moved(32, 0.05)
     model = formulate(robot)
     q0 = equilibrium(model, model.theta, at).q[:2, None]
 
     def torques(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """(2, n), by the accelerations that the plant has under unit torques."""
-        free = plant.links(q, v, 0 * q)
-        inverse = np.stack([plant.links(q, v, 0 * q + unit[:, None]) - free for unit in np.eye(2)], axis=1)
+        free = links(q, v, 0 * q)
+        inverse = np.stack([links(q, v, 0 * q + unit[:, None]) - free for unit in np.eye(2)], axis=1)
         return np.linalg.solve(np.moveaxis(inverse, 2, 0), (a - free).T[:, :, None])[:, :, 0].T
 
     n, small = 512, 1e-4
@@ -88,7 +88,7 @@ def test_torques_of_a_linkage_are_those_of_its_two_absolute_angles(rod_stiffness
 
 def test_a_loop_that_cannot_close_along_the_motion_is_said() -> None:
     """A crank that runs away from the lower arm by half a turn takes the rod where it does not reach."""
-    robot, at = parallel_linkage().robot, Configuration("a", np.array([0.2, 0.1]))
+    robot, at = parallel_linkage()[0], Configuration("a", np.array([0.2, 0.1]))
     short = replace(robot.loops[0], rod=replace(robot.loops[0].rod, length=0.9))
     with refused("robot/loops"):
         geometric_torques(replace(robot, loops=(short,)), at, moved(8, 1.5), 2j * np.pi * 0.5 * np.arange(1, 9))

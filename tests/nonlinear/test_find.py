@@ -36,17 +36,6 @@ def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str) -
     assert np.all(result.after < 0.25 * result.before)
 
 
-@pytest.mark.slow
-def test_friction_that_is_not_there_is_not_taken_out() -> None:
-    """A robot that slides without friction keeps its torque to the last bit."""
-    configurations, lines = measured((0.0, 0.0))
-    result = find_friction(configurations, AUTO, lines)
-    assert result.shapes == ()
-    assert {note.code for note in result.notes} == {"nonlinear/friction-left"}
-    record = configurations[0][0]
-    assert net_record(record, result) is record
-
-
 @pytest.mark.parametrize("signal", ["u", "y"])
 def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(signal: str) -> None:
     """Torques that do not separate the inputs, or angles that do not separate the motors, leave nothing to invert."""
@@ -99,15 +88,6 @@ def test_bristles_are_found_and_taken_out(law: str) -> None:
     assert all(shape.kind != "sign" for shape in result.shapes)
     np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], COULOMB, rtol=0.05)
     assert np.all(result.after < 0.2 * result.before)
-
-
-@pytest.mark.slow
-def test_friction_behind_the_gear_is_left_alone() -> None:
-    """It is no function of the motor's angle: the records stay as they are."""
-    configurations, lines = measured_bristles("joint")
-    result = find_friction(configurations, AUTO, lines)
-    assert result.shapes == ()
-    assert "no friction was taken out" in result.notes[0].text
 
 
 def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity() -> None:

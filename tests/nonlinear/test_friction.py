@@ -1,4 +1,4 @@
-"""Spectra of shapes are those of the motor's motion, whatever quantity was logged; levels and curves of a result."""
+"""Motion between samples and spectra of shapes are those of the motor's motion; levels and curves of a result."""
 
 from dataclasses import replace
 
@@ -8,6 +8,7 @@ import pytest
 from elastid.friction.operators import Path, stop
 from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes, friction_means, sliding_means, spectrum
 from elastid.nonlinear.motion import CELLS, motion_of
+from elastid.nonlinear.motion import Motion as KnownMotion
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 200.0, 400
@@ -97,14 +98,6 @@ def test_a_stop_operator_of_a_sinusoid_has_its_first_harmonic() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["stop", "bristle"])
-def test_a_bristle_that_hardly_bends_is_the_sign(kind: str) -> None:
-    """Its first harmonics, where the motion is a thousand times larger; it is late by its reversals."""
-    record = swinging(3, 0.2)
-    bristle = amplitudes_of(record, Shape("motor 1", kind, 2e-4), [3, 9, 15])  # type: ignore[arg-type]
-    np.testing.assert_allclose(bristle, amplitudes_of(record, SIGN, [3, 9, 15]), atol=0.06)
-
-
 def test_a_reversal_goes_from_one_direction_to_the_other() -> None:
     """Over twice the threshold of a stop operator."""
     curve = Shape("motor 1", "stop", 0.1).reversal(np.array([0.0, 0.1, 0.2, 0.5]))
@@ -154,3 +147,63 @@ def test_a_reversal_runs_from_minus_to_plus_the_level_in_sliding() -> None:
     torque, std = FRICTION.reversal("motor 1", np.array([0.0, 0.1, 1.0]))
     np.testing.assert_allclose(torque, [-5.0, 2.0, 5.0])
     np.testing.assert_allclose(std, np.sqrt([0.15, 0.04, 0.15]))
+
+
+PERIODS = 3
+TIME = np.arange(PERIODS * N) / RATE
+FINE = np.arange(PERIODS * N * CELLS + 1) / (RATE * CELLS)
+
+
+def record_of(y: np.ndarray) -> Record:
+    configuration = Configuration("c", np.zeros(1))
+    return Record(
+        "c",
+        configuration,
+        0,
+        0,
+        RATE,
+        N,
+        ("motor 1",),
+        ("motor 1",),
+        ("position",),
+        0 * y[:, None],
+        y[:, None],
+    )
+
+
+def test_a_periodic_motion_is_exact_between_its_samples() -> None:
+    """Angle about a mean far from zero, and velocity."""
+    omega = 2 * np.pi * 37 * RATE / N
+    motion = motion_of(record_of(1.2 + 0.1 * np.sin(omega * TIME)), "motor 1")
+    np.testing.assert_allclose(motion.angle, 1.2 + 0.1 * np.sin(omega * FINE), atol=1e-4)
+    np.testing.assert_allclose(motion.velocity, 0.1 * omega * np.cos(omega * FINE), atol=0.01)
+    np.testing.assert_allclose(motion.swings, 0.2, rtol=0.01)
+
+
+def test_a_logged_velocity_keeps_its_value_at_the_start() -> None:
+    """A swing that is fastest there."""
+    omega = 2 * np.pi * 37 * RATE / N
+    logged = replace(record_of(0.1 * omega * np.cos(omega * TIME)), quantities=("velocity",))
+    motion = motion_of(logged, "motor 1")
+    np.testing.assert_allclose(motion.velocity, 0.1 * omega * np.cos(omega * FINE), atol=0.01)
+
+
+def test_a_transient_and_a_drift_keep_their_velocity() -> None:
+    """To 2 % of its largest, away from the ends, where a record that does not repeat is cut."""
+    motion = motion_of(record_of(0.3 * np.exp(-2 * TIME) + 0.02 * TIME), "motor 1")
+    error = motion.velocity - (0.02 - 0.6 * np.exp(-2 * FINE))
+    assert np.sqrt(np.mean(error[40 * CELLS : -40 * CELLS] ** 2)) < 0.02 * 0.6
+
+
+def noisy(std: float) -> tuple[KnownMotion, float]:
+    """A swing with noise on the angle, and the RMS error of its velocity."""
+    noise = std * np.random.default_rng(0).standard_normal(len(TIME))
+    omega = 2 * np.pi * 9 * RATE / N
+    motion = motion_of(record_of(0.1 * np.sin(omega * TIME) + noise), "motor 1")
+    return motion, float(np.std(motion.velocity - 0.1 * omega * np.cos(omega * FINE)))
+
+
+def test_the_noise_of_the_velocity_is_known() -> None:
+    """To a tenth, where it is small: only lines between those of the period are left out."""
+    motion, error = noisy(1e-5)
+    assert abs(motion.velocity_noise - error) < 0.1 * error

@@ -1,11 +1,13 @@
-"""Records from which effects of gears cannot be found: each with the reason."""
+"""Records and sections from which effects of gears cannot be found: each with the reason."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 from plants.two_mass_gear import LINES, POSTURE, RATE_HZ, RATIO, SAMPLES, Gear, robot
 
 from elastid.fit.result import ModificationIndex, Result
@@ -15,10 +17,12 @@ from elastid.nonlinear.drives import DriveLines
 from elastid.nonlinear.gear_levels import GearData
 from elastid.nonlinear.gear_motion import Estimate
 from elastid.nonlinear.gear_sheet import LOST, coarse_encoders, difference, left, refusal
+from elastid.nonlinear.spec import GearsSpec
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameter, Parameters
 from elastid.response import Response
 from elastid.robot import Robot
+from elastid.study import load
 
 
 @dataclass(frozen=True)
@@ -127,3 +131,21 @@ def test_counts_that_are_not_small_against_the_deflection_leave_the_fit_as_it_is
     assert coarse.words.endswith(LOST)
     assert fine.words == ""
     assert RATIO == 100
+
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize(("orders", "words"), [((), "give one or more"), ((0.0,), "positive"), ((1.0, 1.0), "twice")])
+def test_orders_that_no_turn_has_are_refused(orders: tuple[float, ...], words: str) -> None:
+    """None, not positive, or the same twice."""
+    with pytest.raises(ValueError, match=words):
+        GearsSpec(orders=orders)
+
+
+def test_a_study_of_friction_has_no_gears_to_lay_open() -> None:
+    """Nor has one without records of an elastic robot: the section is refused with a reason."""
+    study = ROOT / "elastid" / "app" / "templates" / "friction" / "study.yml"
+    with refused("study/invalid"):
+        load(study, ["gears={}"])
+    assert load(ROOT / "configs" / "gear.yml", ["gears={orders: [1, 12]}"]).study.gears == GearsSpec(orders=(1.0, 12.0))

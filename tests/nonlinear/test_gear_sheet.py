@@ -164,15 +164,6 @@ def test_a_clean_gear_has_bounds_alone() -> None:
     assert abs(with_gears(linear, found).values["k_1"] / linear.values["k_1"] - 1) < 1e-3
 
 
-@pytest.mark.slow
-def test_a_search_without_a_reason_to_trust_it_leaves_the_fit_as_it_is() -> None:
-    """One realisation: a sentence says what is lost, and the numbers are those of the fit."""
-    linear, found = laid_open(Gear(F_m=20.0), experiments=1)
-    assert "one realisation" in found.refused
-    assert found.sheets == ()
-    assert with_gears(linear, found) is linear
-
-
 def test_lost_motion_is_the_way_between_the_flanks() -> None:
     """Twice the half width of a free gap; of one that is only softer its missing part. Unseen, a bound."""
     free, soft = (sheet({GearEffect("gap", "1", 2e-4): f}).number("lost_1") for f in (K, 0.5 * K))

@@ -1,4 +1,4 @@
-"""Responses of records whose friction is taken out know what the errors of its levels do to them."""
+"""Friction taken out of responses and shafts: the errors of its levels, and where it ends."""
 
 from dataclasses import replace
 
@@ -112,3 +112,48 @@ def test_the_ratio_of_a_gear_is_that_of_whole_turns_the_better_the_more_turns_it
     record = Record("r", posture, 0, 0, 100.0, 100, places, places, ("position",) * 3, np.zeros_like(y), y)
     np.testing.assert_allclose(ratio_std([record], three), [0.003, 0.0003, 0.0], rtol=1e-3)
     assert not ratio_std([record], None).any()
+
+
+def record() -> Record:
+    rng = np.random.default_rng(0)
+    places = ("motor 5", "motor 6")
+    return Record(
+        "r", Configuration("c", [0.0, 0.0]), 0, 0, 100.0, 40, places, ("accelerometer tool z", *places[::-1]),
+        ("acceleration", "position", "position"), rng.standard_normal((80, 2)), rng.standard_normal((80, 3)),
+        rng.standard_normal((80, 2)),
+    )  # fmt: skip
+
+
+def test_power_is_the_same_on_both_sides_and_the_way_back_leads_home() -> None:
+    """u^T q of motors, whatever the order of the outputs; other outputs stay."""
+    links, shafts = record(), on_shafts(record(), E)
+
+    def power(one: Record) -> np.ndarray:
+        return np.asarray(one.u[:, 0] * one.y[:, 2] + one.u[:, 1] * one.y[:, 1])
+
+    np.testing.assert_allclose(power(shafts), power(links))
+    np.testing.assert_array_equal(shafts.y[:, 0], links.y[:, 0])
+    np.testing.assert_allclose(shafts.y[:, 1], -0.4 * links.y[:, 2] + links.y[:, 1])
+    back = on_links(shafts, E)
+    for name in ("u", "y", "r"):
+        np.testing.assert_allclose(getattr(back, name), getattr(links, name), atol=1e-14)
+    assert on_shafts(links, None) is links
+
+
+def test_a_shaft_needs_the_motions_of_all_motors() -> None:
+    """With one motor's encoder missing no motor is among the outputs, and friction is left where it is."""
+    one = record()
+    partial = replace(one, y=one.y[:, :2], outputs=one.outputs[:2], quantities=one.quantities[:2])
+    assert on_shafts(partial, E).outputs == ("accelerometer tool z",)
+
+
+def test_nothing_is_taken_out_of_a_torque_that_is_the_reference() -> None:
+    """Of the second motor alone: its controller's torque was not logged."""
+    configurations, lines = measured()
+    copied = [
+        [replace(r, r=np.column_stack([r.r[:, 0], r.u[:, 1]])) for r in records if r.r is not None]
+        for records in configurations
+    ]
+    result = find_friction(copied, AUTO, lines)
+    assert result.shapes == ()
+    assert "the torque of motor 2 equals the reference to the last bit" in result.notes[0].text

@@ -1,6 +1,6 @@
 """Plants whose responses are known exactly, measured in one experiment, and the errors of local methods on them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm
@@ -8,7 +8,6 @@ from scipy.signal import chirp
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.multisine import synthesise
-from elastid.frf.local.response import local_response, settled_spectra
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 from plants.random_plants import record_of
@@ -102,38 +101,6 @@ class SweptAxis:
         return found
 
 
-def repeats(runs: int, gain: float, snr_db: float, spec: EstimatorSpec) -> dict[int, tuple[float, float]]:
-    """Median relative error, and mean squared error over total variance, of 1 and 3 records of the same sweep."""
-    plant, spec = SweptAxis(), replace(spec, lines="full", band_hz=SweptAxis.band_hz)
-    found = {}
-    for count in (1, 3):
-        errors, ratios = [], []
-        for seed in range(runs):
-            response = local_response(plant.measured(count, gain, snr_db, np.random.default_rng(seed)), spec)
-            G = plant.G(response.freq_hz)
-            error = np.abs(response.G[:, 0, 0] - G)
-            assert response.total is not None
-            errors.append(error / np.abs(G))
-            ratios.append(error**2 / response.total.variance[:, 0, 0])
-        found[count] = float(np.median(errors)), float(np.mean(ratios))
-    return found
-
-
 def decibels(estimate: ComplexArray, truth: ComplexArray) -> float:
     """Relative error of all lines."""
     return float(20 * np.log10(np.linalg.norm(estimate - truth) / np.linalg.norm(truth)))
-
-
-def leakage(P: int, seed: int = 0) -> dict[str, float]:
-    """Relative error in dB of what others do and of what elastid does."""
-    plant = TwoModes()
-    taken, lines, G = plant.from_rest(P, 77.0, np.random.default_rng(seed)), plant.excited, plant.G()
-    U, Y = (np.fft.rfft(x.reshape(P, plant.N), axis=1)[:, lines] for x in (taken.u, taken.y))
-    settled = settled_spectra(taken, lines, "velocity")
-    return {
-        "mean of all periods": decibels(Y.mean(axis=0) / U[0], G),
-        "last period only": decibels(Y[-1] / U[-1], G),
-        "local_polynomial": decibels(local_response([taken], LPM, lines).G[:, 0, 0], G),
-        "transient removed, then Y / U": decibels((settled.Y / settled.U)[:, 0], G),
-        "local_rational": decibels(local_response([taken], LRM, lines).G[:, 0, 0], G),
-    }

@@ -13,14 +13,9 @@ from elastid.response import MotorMotion
 
 
 def posture_effect(
-    model: ElasticModel,
-    linear: LinearModel,
-    theta: FloatArray,
-    motion: MotorMotion,
-    freq_hz: FloatArray,
-    most: int = 48,
+    model: ElasticModel, linear: LinearModel, theta: FloatArray, motion: MotorMotion, freq_hz: FloatArray
 ) -> ComplexArray:
-    """dG (F, n_y, n_u) on at most so many lines; zero without a motion."""
+    """dG (F, n_y, n_u); zero without a motion."""
     response = replace(to_response(linear, theta, freq_hz), motion=motion)
-    effect = effect_of_motion(model, linear, theta, response, most / 48)
+    effect = effect_of_motion(model, linear, theta, response)
     return np.zeros_like(response.G) if effect is None else effect

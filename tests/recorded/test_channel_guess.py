@@ -176,6 +176,7 @@ ROBOT = Robot(
 )
 U = ChannelSpec("u", "motor 1", "tau")
 Q = ChannelSpec("y", "motor 1", "q", quantity="position")
+NOISE = np.random.default_rng(5).standard_normal((5000, 3))
 LINK = ChannelSpec("y", "joint 1", "link", quantity="position")
 
 
@@ -189,13 +190,10 @@ def doubts(channels: tuple[ChannelSpec, ...], values: np.ndarray, robot: Robot =
     return [(doubt.channel, doubt.key) for doubt in channel_doubts(channels, values, RATE, robot)]
 
 
-def test_right_channels_raise_no_doubt() -> None:
-    assert doubts((U, Q, LINK), signals()) == []
-
-
-def test_a_scale_that_no_unit_explains_is_no_doubt() -> None:
-    """A sensor that is not calibrated has a gain, which the fit finds."""
-    assert doubts((U, Q, LINK), signals() * np.array([1, 1, 1.6])) == []
+@pytest.mark.parametrize("values", [signals(), signals() * (1, 1, 1.6), NOISE], ids=["right", "gain", "noise"])
+def test_right_channels_raise_no_doubt(values: np.ndarray) -> None:
+    """Nor those of a sensor with a gain, which the fit finds, nor noise of a joint at rest."""
+    assert doubts((U, Q, LINK), values) == []
 
 
 def test_a_ratio_of_another_gear_is_named() -> None:
@@ -210,12 +208,6 @@ def test_a_joint_does_not_leave_its_limits() -> None:
     robot = replace(ROBOT, bodies=(replace(ROBOT.bodies[0], joints=(joint,)),))
     assert doubts((U, Q), signals()[:, :2], robot) == []
     assert doubts((U, Q), signals()[:, :2] * np.array([1, 57.3]), robot) == [(1, "unit")]
-
-
-def test_noise_alone_raises_no_doubt() -> None:
-    """Of a joint at rest neither sign nor unit can be seen."""
-    values = np.random.default_rng(5).standard_normal((5000, 3))
-    assert doubts((U, Q, LINK), values) == []
 
 
 def test_a_velocity_is_no_position() -> None:

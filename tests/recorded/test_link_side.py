@@ -89,8 +89,5 @@ def test_a_signal_that_was_logged_twice_is_named(tmp_path: Path, log: dict[str, 
     assert len(_same_signal_notes(tmp_path, log | {"i2": 7.0 - 2.5 * log["i1"]}, "i2")) == 1
     own = log["i1"] + 1e-3 * log["i2"]
     assert _same_signal_notes(tmp_path, log | {"i2": own}, "i2") == []
-
-
-def test_signals_that_do_not_move_are_left_to_other_checks(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
-    """Two dead currents are equal, and no copy of each other."""
+    # Two dead currents are equal, and no copy of each other.
     assert _same_signal_notes(tmp_path, log | {"i2": np.full_like(log["i1"], 3.0)}, "i2") == []

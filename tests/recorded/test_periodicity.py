@@ -83,18 +83,6 @@ def test_no_period_of_a_motion_that_does_not_repeat_is_accepted_for_noise(kind: 
         assert not [each for each in found if each.is_as_stated and each.correlation < 0.95]
 
 
-def test_a_clock_that_runs_a_thousandth_wrong_shows_in_the_period() -> None:
-    """Logged at a rate 0.1 % off, the period is 500.5 samples: neither 500 nor 501 repeat it."""
-    lines, rng = np.arange(2, 120), np.random.default_rng(2)
-    U = np.exp(2j * np.pi * rng.random(len(lines)))
-    t = np.arange(20000) / 500.5
-    x = sum((u * np.exp(2j * np.pi * k * t)).real for k, u in zip(lines, U, strict=True))
-    for stated in (500, 501):
-        found = repetition(np.asarray(x)[:, None], stated)
-        assert not found.is_as_stated
-        assert found.best_samples == pytest.approx(500.5, abs=0.02)
-
-
 AXIS = Robot("axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-2)),), inertia=1.0),))
 LINES = np.arange(3, 60)
 
@@ -104,17 +92,6 @@ def _log_of_period(T: float, n: int, seed: int = 0) -> dict[str, np.ndarray]:
     U = orthogonal_set(np.ones((len(LINES), 4)), np.random.default_rng(seed))[0]
     x = (np.exp(2j * np.pi * np.outer(np.arange(n) / T, LINES)) @ U).real
     return dict(zip(("i1", "i2", "phi", "w2"), x.T, strict=True))
-
-
-def test_a_period_of_a_fraction_of_samples_has_the_lines_of_its_own_frequencies(tmp_path: Path) -> None:
-    """200.3 samples: 200 of them at a lower rate, with all power on the lines, as far as interpolation goes."""
-    save_csv(tmp_path / "log.csv", _log_of_period(200.3, 1202))
-    record = measured(tmp_path, study_of("log.csv", period_samples=200.3))
-    assert (record.period_samples, record.n_periods) == (200, 6)
-    assert record.rate_hz == pytest.approx(RATE * 200 / 200.3, rel=1e-12)
-    u = record.u[:, 0].reshape(-1, 200)
-    assert np.abs(u[1:-1] - u[2]).max() < 1e-3 * np.ptp(u)
-    assert any("200.3 samples is brought to 200" in note for note in said(record.notes))
 
 
 def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(tmp_path: Path) -> None:
@@ -171,19 +148,6 @@ def test_a_period_that_is_not_stated_is_advised_of(tmp_path: Path) -> None:
     (note,) = said(measured(tmp_path, study_of("log.csv", period_samples=None)).notes)
     assert "the torques repeat every 200 samples" in note
     assert said(measured(tmp_path, study_of("log.csv", period_samples=None, period="none")).notes) == ()
-
-
-def test_a_missing_sample_of_a_record_without_a_period_is_interpolated(tmp_path: Path) -> None:
-    """It lies on the cubic through its neighbours."""
-    t = np.arange(800)
-    log = {name: np.sin(0.05 * t + i) + 0.3 * np.sin(0.031 * t) for i, name in enumerate(("i1", "i2", "phi", "w2"))}
-    holed = {name: x.copy() for name, x in log.items()}
-    holed["w2"][100] = np.nan
-    save_csv(tmp_path / "log.csv", holed)
-    none = {"period_samples": None, "period": "none"}
-    record = measured(tmp_path, study_of("log.csv", **none))
-    np.testing.assert_allclose(record.y[:, 1], 0.1 * log["w2"], atol=1e-5)
-    assert record.repairs == {"missing samples interpolated": 1}
 
 
 def test_logs_without_a_period_are_aligned_by_their_noise(tmp_path: Path) -> None:
@@ -244,16 +208,6 @@ def test_no_log_and_no_period_raises(kind: str, n: int, lag: int, sign: int, see
         assert np.isfinite([found.correlation, found.best_correlation, found.best_samples]).all()
         assert max(abs(found.correlation), found.best_correlation) < 1.01
         assert 0 <= found.best_samples < n
-
-
-@pytest.mark.parametrize("lag", [320, 420, 430, 720, 730, 804, 1000, 1250])
-def test_a_slow_motion_does_not_repeat_after_any_lag(lag: int) -> None:
-    """Ten seconds of eight sines without a common period: no advice, no acceptance, no traceback."""
-    t, rng = np.arange(2501) / 2501, np.random.default_rng(1)
-    x = sum(np.sin(2 * np.pi * (k + 0.37 * rng.random()) * t + 6 * rng.random()) for k in range(1, 9))
-    found = repetition(np.asarray(x)[:, None], lag)
-    assert not found.is_as_stated
-    assert found.best_samples == 0
 
 
 @pytest.mark.parametrize("period", [{"period": "find"}, *({"period_samples": n} for n in (320, 804, 1749, 2010, 5000))])

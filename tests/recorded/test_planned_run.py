@@ -81,12 +81,6 @@ def test_a_wrong_log_is_named(fault: str, planned: PlannedRun, clean: Log) -> No
     assert all(word in message for word in words), message
 
 
-def test_the_log_of_another_run_is_named(planned: PlannedRun) -> None:
-    """Its excitation is that of the second experiment of the realisation."""
-    rig = SimulatedRig(robot(), EXPERIMENT.with_truth(dict(TRUTH)), planned.plan, 3)
-    assert "not the planned one" in said(planned, rig.log(planned.plan.experiments[1]))
-
-
 @pytest.mark.parametrize("mass", [12.0, 25.0])
 def test_another_payload_is_seen(planned: PlannedRun, mass: float) -> None:
     """By the torques that hold it, on a robot whose springs are unknown."""

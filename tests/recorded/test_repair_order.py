@@ -1,24 +1,32 @@
-"""Logs with the faults of a real robot, from the file to the response: what is mended equals the clean one."""
+"""Logs with the faults of a real robot, and channels of several files and rates: as exact as the clean log."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from plants.axis_logs import (
+    CHANNELS,
     CLEAN,
     LINES,
     RATE,
     N,
     P,
     error_of,
+    log,
+    measure,
     record_of,
+    spec_of,
+    write_log,
 )
 from plants.notes import said
+from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
+from elastid.experiment.specs.recorded import FileSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 
@@ -79,3 +87,64 @@ def test_a_slow_carrier_is_no_analysed_line(tmp_path: Path) -> None:
     record = record_of(tmp_path, CLEAN | {"u": CLEAN["u"] + size[0] * carrier, "y": CLEAN["y"] + size[1] * carrier})
     response = estimate([record], EstimatorSpec(quantity="position"))
     np.testing.assert_allclose(response.freq_hz, LINES * RATE / N)
+
+
+AT_ONCE = np.random.default_rng(7)
+
+
+@pytest.mark.parametrize("ppm", [40.0, -120.0])
+def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm: float, tmp_path: Path) -> None:
+    """y and r by a second logger: 40 ppm turn a line at 100 Hz by 9 degrees in six seconds."""
+    other = log(np.arange(P * N) * (1 + 1e-6 * ppm) - 12.3, noise=1e-4)
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
+    write_log(tmp_path / "encoder.h5", {"r": other["r"], "y": other["y"]})
+    channels = (*CHANNELS[:2], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
+    record = measure(tmp_path, spec_of(channels=channels, files=(FileSpec("log.h5", "home", also=("encoder.h5",)),)))
+    clock = next(note for note in said(record.notes) if "clocks of encoder.h5 and log.h5 differ" in note)
+    assert abs(float(clock.split("by ")[1].split()[0]) + ppm) < 2
+    assert error_of(record) < 2 * error_of(record_of(tmp_path, CLEAN))
+
+
+def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_anywhere(tmp_path: Path) -> None:
+    """The generator's file: r is repeated, in step with u, and the response is that of the log itself."""
+    signals = log(np.arange(P * N) + 211, noise=1e-4)
+    write_log(tmp_path / "log.h5", {"u": signals["u"], "y": signals["y"]})
+    write_log(tmp_path / "sent.h5", {"r": log(np.arange(N))["r"]})
+    channels = (replace(CHANNELS[0], file=2), *CHANNELS[1:])
+    record = measure(tmp_path, spec_of(channels=channels, files=(FileSpec("log.h5", "home", also=("sent.h5",)),)))
+    assert record.r is not None
+    assert record.n_periods == P
+    np.testing.assert_allclose(record.r[:, 0], log(np.arange(P * N) + 211)["r"], atol=1e-9)
+    assert "sent.h5 lags log.h5 by 211.000 samples" in said(record.notes)[0]
+
+
+def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
+    """No r in the second file, or another one."""
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
+    write_log(tmp_path / "encoder.h5", {"r": AT_ONCE.normal(size=P * N), "y": CLEAN["y"]})
+    files = (FileSpec("log.h5", "home", also=("encoder.h5",)),)
+    y = replace(CHANNELS[2], file=2)
+    with refused("records/period-mismatch", place="encoder.h5"):
+        measure(tmp_path, spec_of(channels=(*CHANNELS[:2], y), files=files))
+    with refused("records/period-mismatch", place="encoder.h5", holds="motor 1"):
+        measure(tmp_path, spec_of(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
+
+
+def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
+    """The encoder at four times the rate of the torques; a rate without a whole number of samples is refused."""
+    fast = log(np.arange(4 * P * N) / 4)["y"]
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    channels = (*CHANNELS[:2], replace(CHANNELS[2], rate_hz=4 * RATE))
+    record = measure(tmp_path, spec_of(channels=channels))
+    assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
+    assert record.repairs == {"channels brought to another rate": 1}
+    assert error_of(record) < 2 * error_of(record_of(tmp_path, CLEAN))
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    files = (FileSpec("log.h5", "home", samples=(N // 2, N // 2 + 4 * N)),)
+    part = measure(tmp_path, spec_of(channels=channels, files=files))
+    assert part.n_periods == 4
+    assert error_of(part) < 2 * error_of(record_of(tmp_path, CLEAN))
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    slow = replace(CHANNELS[2], rate_hz=333.3)
+    with refused("records/period-mismatch", holds=("333.3 Hz", "1 s")):
+        measure(tmp_path, spec_of(channels=(*CHANNELS[:2], slow)))

@@ -159,6 +159,9 @@ def test_the_transient_of_each_start_is_left_out(tmp_path: Path) -> None:
 def test_another_excitation_is_refused_with_both_files(second: np.ndarray, words: str, tmp_path: Path) -> None:
     with refused("records/disagree", holds=words):
         record_of(tmp_path, [run(4 * N, 1), second])
+    other = np.tile(multisine(3)[: N - 20], 4)[:, None] * [1.0, 0.3]
+    with refused("records/disagree", holds=("240", "220", "100")):
+        record_of(tmp_path, [run(4 * N, 1), other], period_samples=None, period="find")
 
 
 def test_files_without_a_period_in_common_are_refused_before_they_are_read(tmp_path: Path) -> None:
@@ -168,12 +171,6 @@ def test_files_without_a_period_in_common_are_refused_before_they_are_read(tmp_p
     files = (FileSpec("log_0.csv", "bench"), FileSpec("log_1.csv", "bench", period_samples=N // 2))
     with refused("study/recorded", place="file log_1.csv"):
         study(tmp_path, logs, files=files)
-
-
-def test_periods_that_are_found_must_agree(tmp_path: Path) -> None:
-    other = np.tile(multisine(3)[: N - 20], 4)[:, None] * [1.0, 0.3]
-    with refused("records/disagree", holds=("240", "220", "100")):
-        record_of(tmp_path, [run(4 * N, 1), other], period_samples=None, period="find")
 
 
 def test_a_clean_pair_of_logs_is_never_refused(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The content of a report: its notes in order and each once."""
+"""The content of a report: its notes in order and each once; rows and questions of friction."""
 
 from __future__ import annotations
 
@@ -7,13 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.friction_study import friction_content
 from plants.report_values import fit_result, pair, report_content
+from plants.taken_friction import LEVELS, STDS, taken_friction
 
 from elastid.base.errors import Note
+from elastid.base.statistics import QUANTILE_95
+from elastid.friction_study.result import FrictionResult
+from elastid.nonlinear.friction import friction_rows
 from elastid.nonlinear.gear_result import ARCMIN, ARCSEC, GearNumber, GearResult, GearSheet
 from elastid.report.content import gear_table, parameter_rows
 from elastid.report.figures.fit import hysteresis
 from elastid.report.page.page import html
+from elastid.validation.twin import TORQUE, TwinFindings, TwinRun, TwinSignal
 
 LOGS = tuple(Note("late-log", f"{20 + i} samples late", f"log {i}") for i in range(108))
 REMARK = Note("fit/profile", "k_1 has an interval by profile", severity="information")
@@ -81,3 +87,40 @@ def test_the_figure_draws_the_loop_and_what_is_beyond_its_spring() -> None:
     assert np.max(torsion[0].get_ydata()) == pytest.approx(300 / 2e5 * ARCMIN)
     assert max(np.max(np.abs(np.asarray(line.get_ydata()))) for line in lower.lines) < 1e-9
     assert math.isclose(ARCSEC, 60 * ARCMIN)
+
+
+def test_sliding_friction_is_the_sum_of_its_levels_with_their_covariance() -> None:
+    """F_c 4.5 Nm; a motor that keeps its friction has no level."""
+    taken, kept = friction_rows(taken_friction())
+    std = math.hypot(*STDS)
+    assert (taken.level, taken.std) == (sum(LEVELS), pytest.approx(std))
+    assert taken.interval == pytest.approx((4.5 - QUANTILE_95 * std, 4.5 + QUANTILE_95 * std))
+    assert (taken.unit, taken.kept_share) == ("N*m", 0.0321)
+    assert (kept.place, kept.unit, kept.level, kept.interval) == ("motor 2", "N", None, None)
+
+
+def test_numbers_are_good_where_the_least_known_of_them_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coulomb friction to 5 % is; to 28 %, as where logs of several temperatures are taken for one, it is named."""
+    content = friction_content()
+    number = next(each for each in content.result.numbers if each.symbol == "F_c")
+    said = []
+    for width in (0.05, 0.28):
+        ends = {"low": number.value * (1 - width), "high": number.value * (1 + width)}
+        monkeypatch.setattr(FrictionResult, "numbers", (replace(number, **ends),))
+        said.append(replace(content, result=replace(content.result, status="identified")).questions[0][1][0])
+    assert said == ["Yes.", f"Not all of them: {number.name} is known to ±28 % alone."]
+
+
+@pytest.mark.parametrize(("error", "first"), [(0.02, "Yes, as far"), (0.15, "Yes, though")])
+def test_numbers_are_good_as_far_as_a_twin_with_them_moves_as_its_log(error: float, first: str) -> None:
+    """One whose torque is 15 % off, or that is lost, is said in the first sentence."""
+    t = np.arange(500) / 100
+    torque = np.sin(2 * np.pi * t)
+    signal = TwinSignal(TORQUE, "motor 1", "N*m", torque, torque + error * np.cos(2 * np.pi * t))
+    run = TwinRun("log a", "torque", 0.5, 5.0, 100.0, (signal,))
+    content = replace(friction_content(), twin=TwinFindings((), (run,)))
+    said = content.questions[0][1][0]
+    assert said.startswith(first)
+    assert ("is off in the torque of motor 1 by 15 %" in said) == (error > 0.1)
+    lost = replace(content, twin=TwinFindings((), (replace(run, signals=(), lost="it falls"),)))
+    assert lost.questions[0][1][0].startswith("Yes, though a robot with them is lost")

@@ -5,14 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid.fit.intervals import Profile
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.store.checkpoint import Checkpoint
 from elastid.validation.agreement import Fold
 from elastid.validation.comparison import Refit
 
 START = LocalOptimum(np.array([0.1, np.pi]), np.array([1 / 3, -1e-300]), np.inf, 7, False, "none")
-PROFILE = Profile("k_1", (-np.inf, 0.3))
 REFIT = Refit("failed", "why", 3, np.inf, 2, {"a": Fold("a", 1 / 7, np.nan, 3.0)})
 
 
@@ -20,14 +18,14 @@ REFIT = Refit("failed", "why", 3, np.inf, 2, {"a": Fold("a", 1 / 7, np.nan, 3.0)
 def kept(tmp_path: Path) -> Checkpoint:
     """A folder with one of each."""
     there = Checkpoint(tmp_path / "parts", "one")
-    there.update({"start-0": START, "profile-I_a/b": PROFILE, "refit-0": REFIT})
+    there.update({"start-0": START, "start-a/b": START, "refit-0": REFIT})
     return there
 
 
 def test_parts_come_back_to_the_last_bit(kept: Checkpoint) -> None:
     """Numbers without end, infinite and undefined ones, names with a slash."""
-    assert set(kept) == {"start-0", "profile-I_a/b", "refit-0"}
-    for name, value in (("start-0", START), ("profile-I_a/b", PROFILE), ("refit-0", REFIT)):
+    assert set(kept) == {"start-0", "start-a/b", "refit-0"}
+    for name, value in (("start-0", START), ("start-a/b", START), ("refit-0", REFIT)):
         assert repr(kept[name]) == repr(value)
     np.testing.assert_array_equal(kept["start-0"].x, START.x)
     assert kept.words == "3 finished parts"
@@ -51,7 +49,7 @@ def test_parts_under_another_key_or_damaged_are_not_there(kept: Checkpoint) -> N
         assert "start-0" not in kept
     kept["start-0"] = START
     del kept["refit-0"]
-    assert sorted(kept) == ["profile-I_a/b", "start-0"]
+    assert sorted(kept) == ["start-0", "start-a/b"]
     with pytest.raises(KeyError):
         del kept["refit-0"]
 

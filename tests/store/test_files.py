@@ -94,7 +94,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("name", ["summary.json", "figures/a.png", "references/a.csv"])
 def test_every_flipped_bit_of_a_text_is_noticed(folder: Path, name: str) -> None:
-    """In a figure and in a reference, too."""
+    """In a figure and in a reference, too, and `inspect` refuses it."""
     content = (folder / name).read_bytes()
     assert changed_texts(folder, NAMES) == ()
     for bit in range(8 * len(content)):
@@ -102,6 +102,8 @@ def test_every_flipped_bit_of_a_text_is_noticed(folder: Path, name: str) -> None
         spoilt[bit // 8] ^= 1 << bit % 8
         (folder / name).write_bytes(spoilt)
         assert changed_texts(folder, NAMES) == (name,)
+    with refused("files/damaged"):
+        described(folder / name)
 
 
 def test_a_damaged_list_never_vouches_for_a_damaged_text(folder: Path) -> None:

@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 from plants.artefacts import (
@@ -21,6 +22,25 @@ from elastid.store.results import (
     write_fit,
 )
 from elastid.validation.comparison import ComparedModel, Comparison, Trial
+
+
+def test_readers_of_hdf5_alone_find_the_parts_of_each_deviation(tmp_path):
+    """One number that was asked for, whose variance is by noise to 0.64 and by the file to 0.36."""
+    fit = some_fit()
+    asked, doubted = fit.parameters.free
+    moved = tuple(replace(p, tolerated=True) if p.name == doubted.name else p for p in fit.parameters)
+    covariance = 1e-4 * np.array([[1.0, 0.6], [0.6, 1.0]])
+    shares = {"repeated": np.array([0.64, 1.0]), "lasting": np.array([0.36, 0.0])}
+    write_fit(
+        tmp_path / "fit.h5", replace(fit, parameters=type(fit.parameters)(moved), covariance=covariance, **shares)
+    )
+    with h5py.File(tmp_path / "fit.h5") as file:
+        table = {name: column[0] for name, column in file["numbers"].items()}
+    std = 0.01 * (fit.values[asked.name] if asked.log else 1.0)
+    assert table["name"].decode() == asked.name
+    parts = [table[name] for name in ("std", "std_by_noise", "std_by_file")]
+    assert parts == pytest.approx([std, 0.8 * std, 0.6 * std])
+
 
 PAIRS = np.array([[1.0, math.inf], [math.nan, math.nan]])
 LINEAR = LinearModel(

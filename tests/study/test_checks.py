@@ -74,7 +74,6 @@ def test_a_contradiction_is_reported_once_at_its_key(study: Path, overrides: lis
         (f"{SIMULATED}.model={{formulation: minimal, independent: [joint 9]}}", "model/variant"),
         (f"{SIMULATED}.outputs=[nowhere]", "robot/unknown-name"),
         (f"{SIMULATED}.saturation=true", "experiment/simulated"),
-        (f"{SIMULATED}.truth={{k_1: -60}}", "experiment/simulated"),
         (f"{SIMULATED}.carrier={{amplitude: 0.1, cycles: 5}}", "experiment/simulated"),
         ("excitation.band_hz=[4.5, 5.5]", "excitation/power"),
         ("excitation.phases=schroeder", "excitation/lines"),

@@ -1,12 +1,16 @@
-"""CSV tables: a study reads the responses, and the parameters are those of the fit."""
+"""CSV, python-control and MATLAB: what is exported has the response of the linear model and the numbers of the fit."""
 
 import csv
+import importlib.util
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.fitted_models import close, fitted_model, responses_of
+from plants.fitted_models import DELAY, close, fitted_model, responses_of
+from scipy.io import loadmat
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
@@ -14,7 +18,9 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.modes import modes
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Covariance
+from elastid.targets.control import write_control
 from elastid.targets.csv import write_csv
+from elastid.targets.matlab import write_matlab
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -70,3 +76,59 @@ def test_csv_responses_have_their_standard_deviations(tmp_path: Path) -> None:
         for j, u in enumerate(first.inputs):
             std = [float(row[f"std_{y}_{u}"]) for row in table]
             assert std == pytest.approx(np.sqrt(variance[:, i, j]).tolist())
+
+
+def test_python_control_reads_the_response_back(model: FittedRobot, tmp_path: Path) -> None:
+    """State space by the loader, times the delay; within 1e-7 without loops, 1e-6 with them."""
+    _, script = write_control(tmp_path, model)
+    specification = importlib.util.spec_from_file_location("load_model", script)
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    systems, delays = module.load()
+    for i, name in enumerate(("one", "two")):
+        assert tuple(systems[name].input_labels) == model.linear[i].inputs
+        assert delays[name] == pytest.approx(0.0 if model.robot.loops else DELAY)
+        f = model.measured[i].freq_hz
+        G = np.moveaxis(np.asarray(systems[name](2j * np.pi * f, squeeze=False)), 2, 0)
+        delayed = G * np.exp(-2j * np.pi * f * delays[name])[:, None, None]
+        assert close(delayed, responses_of(model, i), 1e-6 if model.robot.loops else 1e-7)
+        late = module.load(pade=4)[0][name]
+        slow = f < 30
+        G = np.moveaxis(np.asarray(late(2j * np.pi * f[slow], squeeze=False)), 2, 0)
+        assert close(G, responses_of(model, i)[slow], 1e-6)
+        assert np.array_equal(np.moveaxis(module.measured()[name].frdata, 2, 0), model.measured[i].G)
+
+
+def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedRobot, tmp_path: Path) -> None:
+    """ss within 1e-9 without loops, 1e-8 with them; the fields of an idfrd to the last digits."""
+    data, script = write_matlab(tmp_path, model)
+    content = loadmat(data, squeeze_me=False, struct_as_record=True)
+    for i in range(2):
+        system = content["model"][i, 0]
+        A, B, C, D = (np.asarray(system[name], float) for name in "ABCD")
+        s = 2j * np.pi * model.measured[i].freq_hz[:, None, None]
+        G = C @ np.linalg.solve(s * np.eye(len(A)) - A, B.astype(complex)) + D
+        delayed = G * np.exp(-s * system["InputDelay"].item())
+        assert close(delayed, responses_of(model, i), 1e-8 if model.robot.loops else 1e-9)
+        for kind, expected in (("fitted", responses_of(model, i)), ("measured", model.measured[i].G)):
+            assert close(np.moveaxis(content[kind][i, 0]["ResponseData"], 2, 0), expected, 1e-14)
+    for row in content["parameters"][:, 0]:
+        name = row["name"].item()
+        assert row["value"].item() == model.result.values[name]
+        assert row["std"].item() == pytest.approx(model.result.std.get(name, np.nan), nan_ok=True)
+    assert "idfrd(" in script.read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
+def test_the_script_runs_in_octave(model: FittedRobot, tmp_path: Path) -> None:
+    """And its response is the linear model's."""
+    _, script = write_matlab(tmp_path, model)
+    f = float(model.measured[0].freq_hz[7])
+    lines = f"""run('{script}'); G = response{{1}}({f!r}); printf('%.17g %.17g\\n', [real(G(:)).'; imag(G(:)).']);"""
+    done = subprocess.run(["octave-cli", "-q", "--eval", lines], capture_output=True, text=True, check=True)
+    pairs = np.array(done.stdout.split(), float).reshape(-1, 2)
+    G = (pairs[:, 0] + 1j * pairs[:, 1]).reshape(responses_of(model)[7].T.shape).T
+    assert close(G[None], responses_of(model)[7:8], 1e-8)

@@ -1,4 +1,4 @@
-"""MuJoCo, given what is exported to it, has the response of the linear model."""
+"""MuJoCo, and another library by URDF, given what is exported to them, have the linear model."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants.fitted_models import close, responses_of
+from plants.fitted_models import close, fitted_model, responses_of
 from plants.refusals import refused
 from scipy.linalg import null_space
 
@@ -16,6 +16,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.robot import Anchor, CoilSpring, Compensator, Friction, Joint
 from elastid.robot.simplified import with_joints
 from elastid.targets.mujoco import write_mujoco
+from elastid.targets.urdf import write_urdf
 
 
 def slopes(f: Callable[[FloatArray], FloatArray], n: int, step: float = 1e-3) -> FloatArray:
@@ -152,3 +153,48 @@ def test_coulomb_friction_that_was_found_is_frictionloss(serial_model: FittedRob
     hinge = engine.joint(f"motor {first.name}")
     assert engine.dof_frictionloss[hinge.dofadr[0]] == pytest.approx(0.1 * abs(first.motor.ratio))
     assert engine.tendon_frictionloss == pytest.approx(np.full(len(found.flexible), 7.0))
+
+
+def test_pinocchio_has_the_same_mass_matrix_and_gravity(serial_model: FittedRobot, tmp_path: Path) -> None:
+    """Of the driven joints, in any posture, without rotors; elastic joints are rigid."""
+    pinocchio = pytest.importorskip("pinocchio", reason="pinocchio is not installed (group oracles)")
+    (path,) = write_urdf(tmp_path, serial_model)
+    loaded = pinocchio.buildModelFromUrdf(str(path))
+    model, robot = serial_model.model, serial_model.robot
+    moving = [joint for joint in robot.joints if joint.motor is not None or joint.is_passive]
+    of = [loaded.joints[loaded.getJointId(joint.name)].idx_v for joint in moving]
+    rows = [model.index(f"joint {joint.name}") for joint in moving]
+    loaded.gravity.linear = np.array(robot.gravity)
+    data = loaded.createData()
+    theta = np.array(model.theta)
+    theta[[i for i, name in enumerate(model.parameters) if name.startswith("k_")]] = 0.0
+    for seed in range(3):
+        angles = np.random.default_rng(seed).uniform(-1, 1, len(moving))
+        q = np.zeros(model.n_q)
+        q[rows] = angles
+        there = pinocchio.neutral(loaded)
+        for joint, angle in zip(moving, angles, strict=True):
+            of_joint = loaded.joints[loaded.getJointId(joint.name)]
+            turn = [np.cos(angle), np.sin(angle)] if of_joint.nq == 2 else [angle]
+            there[of_joint.idx_q : of_joint.idx_q + of_joint.nq] = turn
+        M = pinocchio.crba(loaded, data, there)
+        M = np.triu(M) + np.triu(M, 1).T
+        g = pinocchio.computeGeneralizedGravity(loaded, data, there)
+        ours = model.mass(q, theta).full()[np.ix_(rows, rows)]
+        rotors = np.array(
+            [
+                0.0 if joint.is_flexible or joint.motor is None else joint.motor.ratio**2 * joint.motor.inertia
+                for joint in moving
+            ]
+        )
+        assert np.abs(M[np.ix_(of, of)] + np.diag(rotors) - ours).max() < 1e-9 * np.abs(ours).max()
+        gravity = model.potential_gradient(q, theta).full()[rows, 0]
+        assert np.abs(g[of] - gravity).max() < 1e-9 * max(1.0, np.abs(gravity).max())
+
+
+def test_what_a_urdf_cannot_carry_is_said(tmp_path: Path) -> None:
+    """Springs in the head of the file; loops are refused."""
+    (path,) = write_urdf(tmp_path, fitted_model("arm"))
+    assert "Left out: springs of the joints" in path.read_text()
+    with refused("export/not-representable"):
+        write_urdf(tmp_path, fitted_model("linkage_arm minimal"))

@@ -107,7 +107,7 @@ def conclude(run: Run) -> None:
     """
     opened = read_gears(run.path("gears")) if "gears" in run.stages and run.path("gears").exists() else None
     linear = read_fit(run.path("fit"))
-    result = with_gears(linear, opened)
+    result = linear if opened is None else with_gears(linear, opened)
     estimated = run.path("estimate").exists()  # a kept fit does not need it
     friction = read_friction(run.path("estimate")) if estimated else None
     rows = fitted_rows(run.study, result, friction)

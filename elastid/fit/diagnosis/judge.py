@@ -48,9 +48,9 @@ from elastid.fit.diagnosis.hypothesis import (
 )
 from elastid.fit.diagnosis.readings import as_delay
 from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, HeldNumber, ScoreTest, find_load, free_drop
-from elastid.fit.diagnosis.second_source import contradictions
 from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held, inertial, spread_out, thinning
 from elastid.fit.diagnosis.status import (
+    contradictions,
     decisive_index,
     estimate_notes,
     find_disagreement,
@@ -251,7 +251,8 @@ def single_occam(usual: float, variance: float, step: float, tau2: float) -> flo
 def modification_indices(evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, ...]:
     """Causes that lower V by more than chance: the likeliest and what explains more with it, then each alone."""
     indices = ranked(scores.test, scores)
-    for search in (h.search for h in evidence.hypotheses if h.search is not None):
+    # What linear steps do not show is looked for where residuals are more than the noise.
+    for search in (h.search for h in evidence.hypotheses if h.search is not None and evidence.is_unexplained):
         indices = search(indices, evidence, scores)
     if not indices:
         return ()

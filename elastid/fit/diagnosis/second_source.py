@@ -19,7 +19,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import FitError, Note
+from elastid.base.errors import FitError
 from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
@@ -39,8 +39,6 @@ _UNKNOWN = (
     "no single cause explains it: check place, direction, sign, unit and std of what is farthest off, the angles, and "
     "whether the motors were as stated; a gear with friction or backlash is another spring to small motions"
 )
-_KEPT = "the numbers are those of the motors' responses alone"
-_BOTH = ", and their intervals contain those of both together"
 # r (n,) and its slopes (n, n_z) at x (n_x,) along a root of C, with a factor 1 + c, None without one, by parts.
 Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float | None], Iterable[tuple[FloatArray, FloatArray]]]
 
@@ -209,15 +207,3 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
     for motors in ways:
         if any(G.motors != motors for G in responses):
             yield tuple(replace(G, motors=motors, loop=None) for G in responses), f"the motors were {motors}"
-
-
-def contradictions(result: Result) -> tuple[Note, ...]:
-    """Warnings where load tests, or responses at the tool, contradict the responses of the motors."""
-    notes = []
-    if result.static is not None and result.static.disagrees:
-        text = f"static load tests contradict the responses: {result.static.words}; {result.static.cause}"
-        notes.append(Note("fit/loads", f"{text}; {_KEPT}{_BOTH}"))
-    if result.tool is not None and result.tool.disagrees:
-        text = f"responses at the tool contradict those of the motors: {result.tool.words}; {result.tool.cause}"
-        notes.append(Note("fit/tool", f"{text}; {_KEPT}{'' if result.tool.is_misread else _BOTH}"))
-    return tuple(notes)

@@ -45,6 +45,7 @@ from elastid.fit.solve.solvers import ROUGH, trust_region
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
 from elastid.robot import Body, Joint, Robot, Spring, gain_name
@@ -207,7 +208,7 @@ def evaluate_held(
     model, theta = held.at(fitted, part.kernel.model, x)
     known = {DELAY, *model.gains, *(element.name for element in model.chain), *model.slopes}
     kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))
-    G, dG = kernel.evaluate(theta)
+    G, dG = Columns(kernel).evaluate(theta)
     by_name = dict(zip(kernel.wanted, dG, strict=True))
     chain, numbers = fitted.jacobian(x, part.configuration), dict(by_name)
     free = np.zeros((chain.shape[1], *G.shape), complex)
@@ -392,7 +393,7 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
     """Every configuration at x (n_x,), with derivatives to the free parameters alone."""
     evaluated = []
     for part in (part for part in fit.parts if part.n_residuals):
-        G, slopes = part.kernel.evaluate(fit.theta(part, x))
+        G, slopes = part.normal.columns.evaluate(fit.theta(part, x))
         chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
         evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
     return evaluated

@@ -31,7 +31,6 @@ from elastid.base.errors import Note
 from elastid.base.names import matching, posture_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, phrase
-from elastid.fit.diagnosis.second_source import contradictions
 from elastid.fit.result import (
     DISTORTED,
     DOUBTED,
@@ -346,6 +345,22 @@ def _search(result: Result) -> Iterator[Note]:
             f"{math.sqrt(starts[1].cost / max(starts[0].cost, 1e-300)):.4g} times as large: there may be a better "
             "optimum; raise fit.starts or lower fit.start_factor",
         )
+
+
+_KEPT = "the numbers are those of the motors' responses alone"
+_BOTH = ", and their intervals contain those of both together"
+
+
+def contradictions(result: Result) -> tuple[Note, ...]:
+    """Warnings where load tests, or responses at the tool, contradict the responses of the motors."""
+    notes = []
+    if result.static is not None and result.static.disagrees:
+        text = f"static load tests contradict the responses: {result.static.words}; {result.static.cause}"
+        notes.append(Note("fit/loads", f"{text}; {_KEPT}{_BOTH}"))
+    if result.tool is not None and result.tool.disagrees:
+        text = f"responses at the tool contradict those of the motors: {result.tool.words}; {result.tool.cause}"
+        notes.append(Note("fit/tool", f"{text}; {_KEPT}{'' if result.tool.is_misread else _BOTH}"))
+    return tuple(notes)
 
 
 def listed(names: tuple[str, ...], chosen: BoolArray) -> str:

@@ -41,7 +41,7 @@ def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: 
     """The indices with the best variant, and with a load that was fitted, where nothing explains all."""
     explained = max((index.share for index in indices), default=0.0)
     is_explained = explained > LIMITS.whole and not any(i.group == SCALE for i in indices)
-    if not evidence.is_unexplained or is_explained:
+    if is_explained:
         return indices
     judged = sorted((_judged(variant, evidence, scores) for variant in _variants(evidence)), key=lambda trial: trial[1])
     # V that the file's own robot reaches from the study's start is no merit of a variant.

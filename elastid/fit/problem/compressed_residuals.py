@@ -32,8 +32,8 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, k
 from elastid.base.kernels import call
 from elastid.base.workers import Kept
 from elastid.fit.problem.least_squares import ResidualKind
-from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Whitening
+from elastid.frf.matrices import adjoint
 from elastid.linear.response.derivatives import Columns, Sensitivity
 
 BATCH = 16
@@ -225,7 +225,7 @@ class CompressedResiduals(Kept):
             weights = form(R)  # of a thousand configurations most of what is worked out
             weights = replace(weights, R=kept_beside(self.whitening.noise.in_file, weights.R))
             left = (mixing @ left[:, :, None])[:, :, 0]
-            q = (hermitian(basis) @ left[:, :, None])[:, :, 0]
+            q = (adjoint(basis) @ left[:, :, None])[:, :, 0]
             left = left - (basis @ q[:, :, None])[:, :, 0]
         else:
             gain, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
@@ -267,8 +267,7 @@ class NormalEquations:
         """V, J^T r (P,) and J^T J (P, P) at theta (n_theta,), P the kernel's wanted parameters.
 
         J^T J is put together from sums over the lines of omega^p U^H U, U the weighted columns, p = 0 ... 4.
-        precision: of these sums alone; single is enough for a step and takes less time. The derivatives of
-        images of held torques, a thousandth of the others at a tenth of the rate, are in J^T r but not in J^T J.
+        precision: of these sums alone; single is enough for a step and takes less time.
         """
         pieces, highest = self.columns.pieces, self.columns.omega_0**self.columns.pieces.power
         # Columns of a size near one, whatever the units of the parameters: single precision does not reach far.
@@ -276,19 +275,17 @@ class NormalEquations:
         np.maximum.at(scale, pieces.base, np.abs(pieces.sigma @ self.columns.size(theta)) * highest)
         scale[scale == 0] = 1.0
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
-        weights, R = [], self.residuals.compressed.R
+        R = self.residuals.compressed.R
         for part in self.columns.at(theta):
             constant, e = self.residuals.at(part.block, part.G)
             sums = R.sums(part, e, scale, precision)
             V, pull, moments = V + (constant + sums.cost), pull + sums.pulled, moments + sums.moments
-            weights.append(sums.weight)
         release(R.R)
         places, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
         A = sign * moments.take(places)
-        of_images = self.columns.pull_images(theta, np.concatenate(weights)) if weights else 0.0
-        return V, pieces.sigma.T @ g - of_images, sigma.T @ A @ sigma
+        return V, pieces.sigma.T @ g, sigma.T @ A @ sigma
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:

@@ -33,6 +33,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.loaded import Ports, acted_on, moved_by
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import held_images
 from elastid.parameters import Parameters
 from elastid.response import Response
 
@@ -48,6 +49,7 @@ Value = TypeVar("Value")
 class Part(Kept):
     """One configuration: measured G (F, n_y, n_u), the kernel of its model, and what its residuals are divided by.
 
+    measured: without the images of held torques, as the model has them where it was linearised.
     gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of
     gain e of a line whose elements err together; None where they count one by one.  compressed: the residuals, where
     they are known of the very same data and weights, from a model linearised elsewhere.
@@ -248,7 +250,7 @@ class ElasticFit:
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
         """Residuals and slopes of one part; mixing: `Part.mixing`, for whoever needs it again."""
-        G, dG = part.kernel.evaluate(self.theta(part, x))
+        G, dG = part.normal.columns.evaluate(self.theta(part, x))
         dr = part.slopes(G, dG, mixing)
         return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
 
@@ -302,8 +304,8 @@ def part_of(
     response: Response, model: LinearModel, weights: Weights, parameters: Parameters, criterion: ResidualKind
 ) -> Part:
     """The part of one configuration; arguments as `elastic_fit`."""
-    kernel = kernel_of(at_measured_places(model, response), parameters, response.freq_hz)
-    used = weights.used
+    model, used = at_measured_places(model, response), weights.used
+    kernel = kernel_of(model, parameters, response.freq_hz)
     if criterion == "log":
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.
         G = kernel.response(kernel.model.theta_ref)
@@ -314,7 +316,8 @@ def part_of(
     whitening = None
     if weights.correlated is not None and criterion == "complex":
         whitening = Whitening(weights.correlated, weights.floor, response.G, weights.sigma)
-    part = Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, whitening)
+    plain = response.G - held_images(model, model.theta_ref, response.freq_hz)
+    part = Part(kernel, frozen(plain, np.complex128), frozen(gain), criterion, whitening)
     return replace(part, compressed=part.normal.residuals)
 
 
@@ -342,7 +345,7 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
 def linear_model(linearisation: Linearisation, response: Response, theta: FloatArray) -> LinearModel:
     """The model at theta (n_theta,), which ends with the delay, with the inputs and outputs of a response."""
     model = linearisation.at(response.configuration, theta[:-1], places_of(response), response.quantity)
-    return at_measured_places(model, response)
+    return replace(at_measured_places(model, response), theta_ref=theta)
 
 
 def places_of(response: Response | LinearModel) -> tuple[str, ...]:

@@ -99,7 +99,7 @@ class Ending:
 def distance(step: FloatArray, ending: Evaluation, dof: int) -> float:
     """Length delta of a step dx (n_x,) in standard deviations of the estimate."""
     information = 0.5 * float(step @ ending.hessian @ step)
-    return float(np.sqrt(max(0.0, information) / max(1.0, ending.cost / max(dof, 1))))
+    return float(np.sqrt(abs(information) / max(1.0, ending.cost / max(dof, 1))))  # rounding may take its sign
 
 
 def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:

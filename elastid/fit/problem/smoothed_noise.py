@@ -40,6 +40,7 @@ from scipy.special import fdtr, gammainc
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, kept_beside
 from elastid.base.statistics import chi_square_limit
 from elastid.base.workers import Kept
+from elastid.frf.matrices import adjoint
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
@@ -247,7 +248,7 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     width = min(_width(n, dof), F)
     L = np.asarray(np.linalg.cholesky(model), np.complex128)
     whiten = np.asarray(np.linalg.inv(L), np.complex128)
-    X = whiten @ S @ hermitian(whiten)
+    X = whiten @ S @ adjoint(whiten)
     level = np.einsum("faa->f", X).real / n
     known = level > 0
     level = np.interp(np.arange(F), np.flatnonzero(known), level[known]) if known.any() else np.ones(F)
@@ -265,7 +266,7 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     rho = 1.0 if width * dof < n else _shrinkage(X, width)
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
     bias = 1 - (1 - rho) * (n**2 - 1) / (n * width * dof)
-    smooth = np.asarray((for_weights / bias)[:, None, None] * (L @ inner @ hermitian(L)))
+    smooth = np.asarray((for_weights / bias)[:, None, None] * (L @ inner @ adjoint(L)))
     return smooth, *_own(S, smooth, rho, width, dof)
 
 
@@ -302,11 +303,6 @@ def _own(S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: flo
     filled = [k * float(np.mean(z)) for k, z in zip(shares, (together, alone), strict=True)]
     whole, diagonal = (np.full(F, z / max(1 - z / dof, 0.1)) for z in filled)
     return whole, diagonal
-
-
-def hermitian(A: ComplexArray) -> ComplexArray:
-    """A^H (..., m, n) of matrices (..., n, m)."""
-    return np.asarray(np.swapaxes(A, -1, -2).conj())
 
 
 def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[FloatArray, FloatArray]:

@@ -42,7 +42,6 @@ from elastid.fit.problem.least_squares import (
     Evaluation,
     LeastSquares,
     LocalOptimum,
-    distance,
     distance_to_optimum,
     held_by_bounds,
     is_far_from_noise,
@@ -201,8 +200,6 @@ SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 # estimate, ROUGH where another solve continues from there, NEAR where that one has another criterion or other lines,
 # and so another optimum.
 FINE, ROUGH, NEAR = 1e-3, 0.1, 3.0
-# Rough ends at this distance from each other, and less, are near one stationary point.
-SAME = 3 * ROUGH
 _SOLVERS: dict[SolverName, Callable[..., Ending]] = {"trust_region": trust_region, "ipopt": ipopt}
 
 
@@ -239,7 +236,6 @@ def solve(
 
 # A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
 MAX_HIT_EXCESS = 0.1
-ROUGH_ITERATIONS = 60
 DAMPING_UNITS = ("N*m*s/rad", "N*s/m")  # of frictions, too
 
 
@@ -268,72 +264,27 @@ def multistart(
     method: SolverName = "trust_region",
     execution: Execution | None = None,
 ) -> tuple[tuple[LocalOptimum, ...], int]:
-    """All starts (starts, n_x) solved, best first, and how many of them reached the best cost of the last problem.
+    """Rough ends of starts (starts, n_x), best first, and how many of them reached the best cost of the last problem.
 
-    Every start is solved roughly; of those that can still reach the best cost one in each place is then solved finely,
-    and the others end where they are, with a message. The same under any execution; for several processes the problems
-    must pickle.
-    Raises FitError where none succeeds.
+    The same under any execution; for several processes the problems must pickle. Raises FitError where none succeeds.
     """
-    execution = execution or Execution()
-    begin = partial(_begin, tuple(problems), method)
-    rough = execution.resumed(begin, list(starts), [f"start-{i}" for i in range(len(starts))])
-    best = min(end.cost for end in rough)
-    if not np.isfinite(best):
-        raise FitError("fit/no-start", f"all {len(rough)} starts failed; the first with: {rough[0].message}")
-    reach = best + _deviation(best, problems[-1])
-    # One that ran out of iterations is continued where it is near enough.
-    hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or (not end.converged and end.cost <= 30 * best)]
-    polish, leader = partial(_polish, problems[-1], method), _leaders(problems[-1], rough, hopeful)
-    leaders = list(dict.fromkeys(leader.values()))
-    polished = execution.quiet.resumed(polish, [rough[i] for i in leaders], [f"polished-{i}" for i in leaders])
-    of_leader = dict(zip(leaders, polished, strict=True))
-    ends = dict(enumerate(rough))
-    for i, first in leader.items():
-        further = of_leader[first].iterations - rough[first].iterations
-        ends[i] = replace(of_leader[first], x_start=rough[i].x_start, iterations=rough[i].iterations + further)
-    for i, end in enumerate(rough):
-        if i not in hopeful and math.isfinite(end.cost):
-            ends[i] = replace(end, message=f"stopped early, far above the best cost; {end.message}")
-    ranked = tuple(sorted((ends[i] for i in range(len(starts))), key=lambda end: end.cost))
+    begin, names = partial(_begin, tuple(problems), method), [f"start-{i}" for i in range(len(starts))]
+    ends = (execution or Execution()).resumed(begin, list(starts), names)
+    ranked = tuple(sorted(ends, key=lambda end: end.cost))
     best = ranked[0].cost
-    hit = best + MAX_HIT_EXCESS * _deviation(best, problems[-1])
+    if not np.isfinite(best):
+        raise FitError("fit/no-start", f"all {len(ends)} starts failed; the first with: {ends[0].message}")
+    # V rises by 1, or by what V is over its degrees of freedom, at one standard deviation from its minimum.
+    hit = best + MAX_HIT_EXCESS * max(1.0, best / max(problems[-1].dof, 1))
     return ranked, sum(end.cost <= hit for end in ranked)
-
-
-def _leaders(problem: LeastSquares, rough: Sequence[LocalOptimum], hopeful: Sequence[int]) -> dict[int, int]:
-    """Lowest start that ended in the same place, of each hopeful one, so that one of them is solved finely."""
-    lowest = min(hopeful, key=lambda i: rough[i].cost)
-    metric, leader = problem.evaluate(rough[lowest].x), dict[int, int]()
-    for i in sorted(hopeful, key=lambda i: rough[i].cost):
-        others = (j for j in leader if leader[j] == j)
-        same = (j for j in others if distance(rough[i].x - rough[j].x, metric, problem.dof) < SAME)
-        leader[i] = next(same, i)
-    return leader
-
-
-def _deviation(cost: float, problem: LeastSquares) -> float:
-    """Rise of V at one standard deviation from its minimum."""
-    return max(1.0, cost / max(problem.dof, 1))
 
 
 def _begin(problems: tuple[LeastSquares, ...], method: SolverName, x_start: FloatArray) -> LocalOptimum:
     x, iterations = x_start, 0
     try:
         for problem in problems:
-            end = solve(problem, x, ROUGH if problem is problems[-1] else NEAR, ROUGH_ITERATIONS, method)
+            end = solve(problem, x, ROUGH if problem is problems[-1] else NEAR, method=method)
             x, iterations = end.x, iterations + end.iterations
     except FitError as error:
         return LocalOptimum(x_start, x, math.inf, iterations, False, str(error))
     return replace(end, x_start=x_start, iterations=iterations)
-
-
-def _polish(problem: LeastSquares, method: SolverName, rough: LocalOptimum) -> LocalOptimum:
-    """A rough end taken to the optimum; far from any noise it stays, since it is near enough."""
-    if is_far_from_noise(rough.cost, problem.dof):
-        return rough
-    try:
-        end = solve(problem, rough.x, FINE, method=method)
-    except FitError as error:
-        return replace(rough, cost=math.inf, converged=False, message=str(error))
-    return replace(end, x_start=rough.x_start, iterations=rough.iterations + end.iterations)

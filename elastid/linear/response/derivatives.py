@@ -12,7 +12,7 @@ lines the columns are held by their factors (`Sensitivity`).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -30,7 +30,6 @@ AnyComplex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 class Sensitivity:
     """One block of lines: s = j omega (F,), G (F, n_e) of the elements, and the columns c W^T E_b X by their factors.
 
-    Images of held torques are in G, and in columns of factors; of the others `Columns.pull_images` has the derivatives.
     omega (F,): over the highest of all lines.  gain (F,): c.
     left (F, n_y, n_1 + r), right (F, n_u, n_1 + r): W^T [y, V] and [y, V]^T X; the bases are
     sign y y^T of rank one, sign (n_1,), and V (S[0] - omega^2 S[1]) V^T, S (2, n_2, r, r) symmetric.
@@ -155,14 +154,9 @@ class Columns:
 
     @cached_property
     def is_symmetric(self) -> bool:
-        """True if G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts, no gains.
-
-        All torques are held in the same way, or none is.
-        """
+        """True if G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts, no gains."""
         model = self.kernel.model
-        is_uniform = model.hold is None or model.hold.is_uniform
-        own = model.tilt.any() or model.moved_outputs or model.gains
-        return is_uniform and np.array_equal(model.B.T, model.C) and not own
+        return np.array_equal(model.B.T, model.C) and not (model.tilt.any() or model.moved_outputs or model.gains)
 
     @cached_property
     def elements(self) -> tuple[IntArray, IntArray]:
@@ -224,7 +218,6 @@ class Columns:
         rows, columns = self.elements
         (_, S), n_u, kernel = self._directions, self.kernel.model.B.shape[1], self.kernel
         places, is_own = rows * n_u + columns, np.array_equal(kernel.output_columns, np.arange(n_u))
-        images, of_images = self._of_factors.evaluate_images(theta) if kernel.above else (None, ())
         for block, s, gain, response, YX, moved in kernel.products(theta, self._asked):
             # The loops leave the lines of an element side by side.
             G = response.transpose(1, 2, 0).reshape(-1, len(s)).take(places, axis=0).T
@@ -237,33 +230,33 @@ class Columns:
                 np.broadcast_to(slope, response.shape)[:, rows, columns] * G
                 for _, slope in kernel.factor_slopes(theta, s)
             ]
-            if images is not None:
-                G = G + images[block][:, rows, columns]
-                factors = [own + part[block][:, rows, columns] for own, part in zip(factors, of_images, strict=True)]
             direct = [*factors, *moved[:, :, rows, columns]]
             unfactored = -np.stack(direct, axis=2) if direct else np.zeros((*G.shape, 0), complex)
             omega = s.imag / self.omega_0
             yield Sensitivity(block, s, omega, gain, G, left, right, self.pieces.sign, S, unfactored, rows, columns)
 
+    def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
+        (rows, columns), pieces, model = self.elements, self.pieces, self.kernel.model
+        G = np.empty((self.kernel.freq_hz.size, len(model.outputs), len(model.inputs)), complex)
+        dG, places = np.empty((len(self.kernel.wanted), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
+        for part in self.at(theta):
+            U = part.columns(np.ones(pieces.base.max(initial=-1) + 1), np.float64)
+            of_elements = np.zeros((len(dG), *part.G.shape), complex)
+            for t, place in enumerate(places):
+                of_elements[place] -= (
+                    pieces.sigma[t, place] * part.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
+                )
+            for values, own in ((G, part.G), (dG, of_elements)):
+                values[..., part.block, rows, columns] = own
+                if self.is_symmetric:
+                    values[..., part.block, columns, rows] = own
+        return G, dG
+
     @cached_property
     def _asked(self) -> FloatArray:
         """The directions of all bases (n, n_1 + r)."""
         return np.hstack([self.pieces.y, self._directions[0]])
-
-    @cached_property
-    def _of_factors(self) -> Kernel:
-        """The kernel of the factors of the response alone."""
-        return replace(self.kernel, wanted=self.kernel.factors)
-
-    def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
-        """Re sum_fe weight_fe dG_fe (P,) of the images that are not in the columns, weight (F, n_e)."""
-        kernel, pulled = self.kernel, np.zeros(len(self.kernel.wanted))
-        spread = np.zeros((len(weight), len(kernel.model.outputs), len(kernel.model.inputs)), complex)
-        spread[:, *self.elements] = weight
-        for images, above in kernel.above:
-            places = [kernel.wanted.index(name) for name in above.wanted]
-            pulled[places] += above.pull(images.undelayed(theta), images.folding(theta).weight(spread))
-        return pulled
 
 
 @dataclass(frozen=True)

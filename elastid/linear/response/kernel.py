@@ -31,7 +31,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, f
 from elastid.base.kernels import call, is_compiled
 from elastid.base.workers import Kept
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
-from elastid.linear.response.transfer import HoldImages, factor, hold_images
+from elastid.linear.response.transfer import factor
 from elastid.robot import gain_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
@@ -71,9 +71,10 @@ class Sides:
 
 @frozen_value(eq=False)
 class Kernel(Kept):
-    """G and dG of one LinearModel on the lines freq_hz (F,), for the parameters `wanted` (P names).
+    """G of one LinearModel on the lines freq_hz (F,), and that of which its derivatives to `wanted` (P names) are made.
 
-    Prepared once, evaluated at many theta; it pickles. KeyError for a name that the model does not have.
+    Images of held torques are no part of it (`held_images`). Prepared once, evaluated at many theta; it pickles.
+    KeyError for a name that the model does not have.
     """
 
     model: LinearModel
@@ -87,73 +88,7 @@ class Kernel(Kept):
 
     def response(self, theta: FloatArray) -> ComplexArray:
         """G (F, n_y, n_u) at theta (n_theta,)."""
-        G = np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
-        for images, above in self.above:
-            G = G + images.folding(theta).images(above.response(images.undelayed(theta)))
-        return G
-
-    def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
-        n_y, n_u = self.model.C.shape[0], self.model.B.shape[1]
-        G = np.empty((self.freq_hz.size, n_y, n_u), complex)
-        dG = np.zeros((len(self.wanted), *G.shape), complex)
-        moving = [self.wanted.index(name) for name in self.moved_outputs]
-        of_outputs, of_inputs = self.model.channel_gains(theta)
-        for block, s, gain, G_block, YX, moved in self.products(theta, np.eye(self.model.n)):
-            G[block] = G_block
-            for place, slope in self.factor_slopes(theta, s):
-                dG[place, block] = slope * G_block
-            left = of_outputs[:, None] * YX[:, self.output_columns]
-            right = (of_inputs[:, None] * YX[:, :n_u]).swapaxes(1, 2)
-            for place, power, matrix in self._slope_matrices:
-                at = np.flatnonzero(matrix.any(axis=0))
-                change = left[:, :, at] @ matrix[np.ix_(at, at)] @ right[:, at]
-                dG[place, block] -= (gain * s**power)[:, None, None] * change
-            dG[moving, block] += moved
-        if self.above:
-            images, slopes = self.evaluate_images(theta)
-            G, dG = G + images, dG + slopes
-        return G, dG
-
-    def evaluate_images(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """The images in G (F, n_y, n_u) and their derivatives (P, F, n_y, n_u) at theta (n_theta,)."""
-        total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
-        slopes, s = np.zeros((len(self.wanted), *total.shape), complex), (2j * np.pi * self.freq_hz).astype(complex)
-        for images, above in self.above:
-            G_above, of_above = above.evaluate(images.undelayed(theta))
-            folding = images.folding(theta)
-            added = folding.images(G_above)
-            total += added
-            slopes[[self.wanted.index(name) for name in above.wanted]] += folding.images(of_above)
-            for element in images.sensors.chain:
-                if element.name in self.wanted:
-                    log_slope = element.log_slope(s, self.model.number(theta, element.name))[:, None, None]
-                    slopes[self.wanted.index(element.name)] += log_slope * added
-            if DELAY in self.wanted:
-                slopes[self.wanted.index(DELAY)] += images.folding(theta, order=1).images(G_above)
-        return total, slopes
-
-    def pull(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
-        """Re sum over lines and elements of weight (F, n_y, n_u) times dG (P,) at theta (n_theta,), 0 of `factors`."""
-        pulled, (n, n_u) = np.zeros(len(self.wanted)), self.model.B.shape
-        gains = np.outer(*self.model.channel_gains(theta))
-        moving = [self.wanted.index(name) for name in self.moved_outputs]
-        between = np.zeros((3, n, n), complex)
-        for block, s, gain, _, YX, moved in self.products(theta, np.eye(n)):
-            along = YX[:, self.output_columns].swapaxes(1, 2) @ (gains * weight[block]) @ YX[:, :n_u]
-            between += np.tensordot(np.stack([gain, gain * s, gain * s**2]), along, axes=1)
-            pulled[moving] += np.sum(weight[block] * moved, axis=(1, 2, 3)).real
-        for place, power, matrix in self._slope_matrices:
-            pulled[place] -= np.vdot(matrix, between[power]).real
-        return pulled
-
-    @cached_property
-    def above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
-        """The images of held torques, and the kernel of the response that they are made of."""
-        return tuple(
-            (images, Kernel(images.plant, images.nodes_hz, tuple(filter(images.moves_plant, self.wanted))))
-            for images in hold_images(self.model, self.freq_hz)
-        )
+        return np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
 
     @cached_property
     def places(self) -> IntArray:
@@ -285,13 +220,6 @@ class Kernel(Kept):
         tilted = np.flatnonzero(T.any(axis=(0, 2)))
         tilts = len(directions) + np.arange(len(tilted))
         return Sides(np.array(extra, np.int64), np.array(columns, np.int64), tilted, tilts)
-
-    @cached_property
-    def _slope_matrices(self) -> tuple[tuple[int, int, FloatArray], ...]:
-        """dZ of the wanted parameters that move it: place among them, power of s, symmetric matrix (n, n)."""
-        slopes = [(place, self.model.slopes.get(name, Slope())) for place, name in enumerate(self.wanted)]
-        parts = [(place, power, A) for place, s in slopes for power, A in enumerate((s.K, s.D, s.M))]
-        return tuple((place, power, matrix) for place, power, matrix in parts if matrix is not None)
 
 
 @dataclass(frozen=True)

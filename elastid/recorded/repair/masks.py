@@ -29,7 +29,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.statistics import STD_OVER_MAD, runs
-from elastid.recorded.repair import Finding, Log, Repaired, expected, flat, in_runs
+from elastid.recorded.repair import Finding, Log, Repaired, blocks, expected, flat, in_runs
 
 MASKED, STOPPED = "samples taken as missing", "stops"
 
@@ -177,15 +177,22 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired
         return Repaired(signals)
     good = np.ones(len(signals), dtype=np.bool_)
     apart = [x - expected(x, L, sign, good, robust=True) for x in signals.T]
-    return without_lone(signals, apart, "the other periods", log)
+    # One sample that is off by no more than periods are from each other adds nothing to their scatter.
+    least = [float(np.median(np.std(blocks(e, L), axis=1))) for e in apart]
+    return without_lone(signals, apart, "the other periods", log, least)
 
 
-def without_lone(signals: FloatArray, apart: Sequence[FloatArray], reference: str, log: Log) -> Repaired:
-    """Signals (n, c), NaN at the spikes of each channel.  apart: e (n,) of each, its distance from a reference."""
+def without_lone(
+    signals: FloatArray, apart: Sequence[FloatArray], reference: str, log: Log, least: Sequence[float] = ()
+) -> Repaired:
+    """Signals (n, c), NaN at the spikes of each channel.
+
+    apart: e (n,) of each, its distance from a reference.  least: of that, of a spike.
+    """
     result, findings = signals.copy(), []
     for c, e in enumerate(apart):
         x = signals[:, c]
-        spikes = _spikes(x, e)
+        spikes = _spikes(x, e, least[c] if least else 0.0)
         if spikes.size == 0:
             continue
         text = f"{log.names[c]}: {spikes.size} of {len(x)} samples differ from {reference}"
@@ -198,15 +205,15 @@ def without_lone(signals: FloatArray, apart: Sequence[FloatArray], reference: st
     return Repaired(result, tuple(findings))
 
 
-def _spikes(x: FloatArray, e: FloatArray) -> IntArray:
-    """Samples (k,) of the spikes."""
+def _spikes(x: FloatArray, e: FloatArray, smallest: float) -> IntArray:
+    """Samples (k,) of the spikes, larger than the smallest that counts."""
     from scipy.ndimage import median_filter
 
     d = np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror"))
     sigma = STD_OVER_MAD * float(np.median(d))
     if sigma == 0:  # most samples agree exactly: from the smaller 99 %
         sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
-    least = max(LIMITS.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x))
+    least = max(LIMITS.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x), smallest)
     parts = d[: len(d) // LIMITS.parts * LIMITS.parts].reshape(LIMITS.parts, -1)
     beyond_usual = LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
     spikes, n = [np.arange(0)], LIMITS.neighbours

@@ -83,9 +83,9 @@ def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = 
 
 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:
-    for i, each in enumerate(content.validation.predictions, start=1):
-        caption = f"{each.words}; band of two standard deviations of the prediction."
-        draw = partial(fit.bode, each.measured, each.predicted, each.std)
+    for i, part in enumerate(content.validation.predictions, start=1):
+        caption = f"{part.words}; band of two standard deviations of the prediction."
+        draw = partial(fit.bode, part.measured, part.predicted, part.std)
         yield Drawing(f"tool-{i}", "why", caption, draw)
     files = [f"frf-{file_name(measured.configuration.name)}" for measured, _ in content.frf]
     models = content.dense or [(modelled, None) for _, modelled in content.frf]
@@ -107,16 +107,16 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
     """The figures of measured responses without a model, to be drawn."""
     yield from friction_drawings(content.friction)
     files = [f"frf-{file_name(response.configuration.name)}" for response in content.responses]
-    for file, response, own, model in zip(files, content.responses, content.modes, content.synthesised, strict=True):
+    for file, response, modes, model in zip(files, content.responses, content.modes, content.synthesised, strict=True):
         name, quality = response.configuration.name, response.quality
         title = fit.configuration_title(response, left_out=False)
-        if len(own.at_hz):
+        if len(modes.at_hz):
             caption = (
                 "poles over the order of the estimator, and singular values of the response (mode indicator "
                 "functions). Poles of noise wander from order to order; vertical lines are those that were taken for "
                 "modes."
             )
-            draw = partial(fit.stabilisation_diagram, own, title)
+            draw = partial(fit.stabilisation_diagram, modes, title)
             yield of_configuration(name, f"{file}-stabilisation", caption, draw)
         yield response_drawing(file, response, model)
         if quality is not None:

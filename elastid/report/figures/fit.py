@@ -54,7 +54,7 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
     marks = [Curve(start, y, "start", style.START, True, looks={"ms": 5, "mfc": "none", "mew": 1})]
     near = (bounds > low) & (bounds < high)
     pairs = zip(bounds, near, strict=True)
-    marks += [Curve(end[own], y[own], "bound", style.WEAK, True, looks=_BAR) for end, own in pairs if own.any()]
+    marks += [Curve(end[rows], y[rows], "bound", style.WEAK, True, looks=_BAR) for end, rows in pairs if rows.any()]
     at_bound = np.array([row.at_bound for row in rows])
     percent = 100 * np.sign(reference)[:, None] * (ratios - 1)  # more is to the right
     half = (percent[:, 2] - percent[:, 1]) / 2
@@ -80,7 +80,7 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
     deviation.set_xscale("symlog", linthresh=typical)  # 0.1 % and 100 % can be read in one figure
     deviation.set_xlim(*ends)
     decades = [10.0**k for k in range(math.ceil(math.log10(typical)), 4) if 10.0**k <= ends[1]]
-    style.set_plain_ticks(deviation.xaxis, [*(-each for each in reversed(decades)), 0.0, *decades])
+    style.set_plain_ticks(deviation.xaxis, [*(-tick for tick in reversed(decades)), 0.0, *decades])
     return figure
 
 
@@ -92,8 +92,8 @@ def _values(values: FloatArray, at_bound: BoolArray) -> list[Curve]:
     y = np.arange(float(len(values)))
     between = np.column_stack([values[:, 1:3], np.full(len(y), np.nan)]).ravel()
     curves = [Curve(between, np.repeat(y, 3), "95 % interval", looks={"lw": 2.2, "alpha": 0.55})]
-    for own, text, ink in ((~at_bound, "estimate", style.MEASURED), (at_bound, "estimate at its bound", style.FITTED)):
-        curves += [Curve(values[own, 0], y[own], text, ink, True, looks={"ms": 4.5})] if own.any() else []
+    for rows, text, ink in ((~at_bound, "estimate", style.MEASURED), (at_bound, "estimate at its bound", style.FITTED)):
+        curves += [Curve(values[rows, 0], y[rows], text, ink, True, looks={"ms": 4.5})] if rows.any() else []
     truth = Curve(values[:, 3], y, "truth", style.TRUTH, True, looks=_BAR)
     return [*curves, *[truth] * bool(np.isfinite(values[:, 3]).any())]
 
@@ -128,10 +128,10 @@ def information(forecast: Forecast) -> Figure:
 
     octaves = [f"{edge:.3g}" for edge in edges]
     all_of = Cells(by_octave, names, octaves, (0.0, max(float(by_octave.max()), 1.0)), text)
-    each = Cells(100 * forecast.share.sum(axis=1), (), forecast.parameters, text=text)
+    cells = Cells(100 * forecast.share.sum(axis=1), (), forecast.parameters, text=text)
     panels = [
         Panel(x="octave above Hz", title="share of all information in %", cells=all_of),
-        Panel(title="share of the information on a parameter in %", cells=each),
+        Panel(title="share of the information on a parameter in %", cells=cells),
     ]
     left = 0.4 + 0.075 * max(map(len, names))
     return style.matrix("Expected information by configuration", [panels], 0.3 * len(names) + 0.5, left=left)
@@ -173,9 +173,9 @@ def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:
     curves = []
     for part in (slice(None, half), slice(half, None)):
         rising = np.argsort(sheet.torque[part])
-        x, own, std = (each[part][rising] for each in (sheet.torque, y, factor * sheet.torsion_std))
-        band = style.about(own, std)
-        curves.append(Curve(x, own, "torsion, to and fro", style.FITTED, band=band, band_label="95 % band"))
+        x, torsion, std = (x_all[part][rising] for x_all in (sheet.torque, y, factor * sheet.torsion_std))
+        band = style.about(torsion, std)
+        curves.append(Curve(x, torsion, "torsion, to and fro", style.FITTED, band=band, band_label="95 % band"))
     return curves
 
 
@@ -222,7 +222,7 @@ def _measured(measured: Response, above: BoolArray, G: ComplexArray) -> tuple[li
     kinds = ((above, "measured", style.MEASURED), (~above, "measured, below 2 sigma", style.WEAK))
     f = measured.freq_hz
     magnitude, phase = (
-        [Curve(f[own], values[own], text, ink, True, looks=looks) for own, text, ink in kinds if own.any()]
+        [Curve(f[rows], values[rows], text, ink, True, looks=looks) for rows, text, ink in kinds if rows.any()]
         for values in (in_db(G), np.degrees(np.angle(G)))
     )
     return magnitude, phase
@@ -261,9 +261,9 @@ def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
     ]
     panels.append(Panel(lost, label, title="1 − multiple coherence", frequency=f, scale="log"))
     values = ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs"))
-    for each, name in values:
-        words = f"singular values of {name}, dB; condition {np.median(each[:, 0] / each[:, -1]):.3g}"
-        panels.append(Panel([Curve(f, in_db(column)) for column in each.T], label, title=words, frequency=f))
+    for sigma, name in values:
+        words = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
+        panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=words, frequency=f))
     return style.matrix(title, style.in_columns(panels), gaps=(0.25, 0.45))
 
 
@@ -286,8 +286,8 @@ def stabilisation_diagram(modes: Modes, title: str) -> Figure:
     """Poles by frequency and order, lines at the modes; below them the singular values of the response."""
     diagram, stable = modes.diagram, "stable in frequency (1 %) and damping (5 %)"
     poles = [
-        Curve(diagram.freq_hz[own], diagram.order[own], text, ink, True)
-        for own, text, ink in ((~diagram.stable, "pole", style.WEAK), (diagram.stable, stable, style.MEASURED))
+        Curve(diagram.freq_hz[rows], diagram.order[rows], text, ink, True)
+        for rows, text, ink in ((~diagram.stable, "pole", style.WEAK), (diagram.stable, stable, style.MEASURED))
     ]
     top = float(diagram.order.max(initial=1))
     looks = {"lw": 0.8, "zorder": 0.8}
@@ -354,7 +354,7 @@ def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
     for i, balance in enumerate(balances):
         for band in (band for band in balance.bands if band.power >= MIN_POWER_SHARE):
             left[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.left)
-    names, columns = [f"{each.place}, {each.log}" for each in balances], [f"{edge:.3g}" for edge in edges]
+    names, columns = [f"{row.place}, {row.log}" for row in balances], [f"{edge:.3g}" for edge in edges]
     panel = Panel(x=label, title="torque left, % of its rms", cells=Cells(left, names, columns))
     tall, left_of = 0.3 * len(balances) + 0.4, 0.4 + 0.075 * max(map(len, names))
     return style.matrix("Torque left by octave", [[panel]], tall, left=left_of)
@@ -365,9 +365,9 @@ def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: 
     robots, days = list(dict.fromkeys(value.robot for value in values)), sorted({value.day for value in values})
     width, curves = 0.6 / max(1, len(days)), []
     for is_marked in (False, True):
-        if own := [value for value in values if (value.robot in marked) == is_marked]:
-            x = np.array([robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in own])
-            y, std = np.array([(value.value, value.std) for value in own]).T
+        if points := [value for value in values if (value.robot in marked) == is_marked]:
+            x = np.array([robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in points])
+            y, std = np.array([(value.value, value.std) for value in points]).T
             text = "differs or drifts" if is_marked else "robot, dates from left to right"
             color, size = style.FITTED if is_marked else style.TOTAL, 2.5 if len(robots) > 12 else 5
             curves.append(Curve(x, y, text, color, True, style.about(y, std), looks={"ms": size}))

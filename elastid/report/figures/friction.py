@@ -58,12 +58,12 @@ class Condition:
 
     def includes(self, law: StaticLaw) -> BoolArray:
         """True of levels (n,) at this condition, as far as the law depends on load and temperature."""
-        levels, own = law.levels, np.ones(law.levels.n_levels, dtype=bool)
+        levels, rows = law.levels, np.ones(law.levels.n_levels, dtype=bool)
         if depends_on(law, "load"):
-            own &= np.abs(levels.load - self.load) <= SAME_LOAD * levels.load.max()
+            rows &= np.abs(levels.load - self.load) <= SAME_LOAD * levels.load.max()
         if depends_on(law, "temperature"):
-            own &= np.abs(levels.temperature - self.temperature) <= SAME_KELVIN
-        return own
+            rows &= np.abs(levels.temperature - self.temperature) <= SAME_KELVIN
+        return rows
 
     def text(self, law: StaticLaw) -> str:
         """Words on the conditions that the law depends on."""
@@ -138,12 +138,12 @@ def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list
         (~on_curve, style.WEAK, "levels at other loads and temperatures", 2),
         (on_curve, color, f"levels, {name}", 4),
     ):
-        own = chosen & (levels.direction == direction)
-        if own.any():
+        rows = chosen & (levels.direction == direction)
+        if rows.any():
             shape = {} if direction >= 0 else {"marker": "s", "ms": 5, "mfc": "none", "mew": 0.9}
-            looks, x, y = {"ms": 3.5, "zorder": order, **shape}, levels.speed[own], levels.torque[own]
-            above.append(Curve(x, y, text, ink, True, style.about(y, levels.std[own]), looks={**looks, "capsize": 2}))
-            below.append(Curve(x, residuals(law)[own], "", ink, True, looks=looks))
+            looks, x, y = {"ms": 3.5, "zorder": order, **shape}, levels.speed[rows], levels.torque[rows]
+            above.append(Curve(x, y, text, ink, True, style.about(y, levels.std[rows]), looks={**looks, "capsize": 2}))
+            below.append(Curve(x, residuals(law)[rows], "", ink, True, looks=looks))
     return above, below
 
 
@@ -181,15 +181,15 @@ def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatA
 
     Where no bristle was taken out, friction is a function of velocity, and x is that, in rad/s (m/s).
     """
-    own = [shape for shape, _ in friction.taken_shapes(place)]
-    bend = max((shape.threshold for shape in own if shape.kind not in ("sign", "stribeck")), default=0.0)
+    shapes = [shape for shape, _ in friction.taken_shapes(place)]
+    bend = max((shape.threshold for shape in shapes if shape.kind not in ("sign", "stribeck")), default=0.0)
     if bend > 0:
         distance = np.linspace(0.0, 4 * bend, POINTS_TAKEN_OUT)  # a stop operator slides after 2 thresholds
         torque, std = friction.reversal(place, distance)
         level, of_level = friction.sliding_level(place)
         x = np.concatenate([[-0.1 * distance[-1], 0.0], distance])
         return x, np.concatenate([[-level, -level], torque]), np.concatenate([[of_level, of_level], std]), True
-    turning = max((shape.threshold for shape in own), default=0.0)
+    turning = max((shape.threshold for shape in shapes), default=0.0)
     # A sign that turns gradually has turned at 3 thresholds; one that turns at once is drawn to 1 mrad/s (mm/s).
     v = np.linspace(-1.0, 1.0, POINTS_TAKEN_OUT) * (5 * turning if turning > 0 else 1e-3)
     return v, *friction.sliding(place, v), False
@@ -203,11 +203,11 @@ def _taken_out(friction: FrictionTakenOut, i: int, known: float | None) -> Panel
     for level in () if known is None else (known, -known):
         ends, looks = 1e3 * x[[0, -1]], {"ls": "--", "lw": 0.9}
         curves.append(Curve(ends, [level, level], "F_c of the robot's file", style.TRUTH, looks=looks))
-    own, of_own = friction.sliding_level(place)
+    F_c, of_own = friction.sliding_level(place)
     length, quantity = ("mm", "force") if unit == "N" else ("mrad", "torque")
     words = f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s"
     unit = style.pretty_unit(unit)
-    title = f"{place}: F_c = {own:.4g} ± {QUANTILE_95 * of_own:.2g} {unit}"
+    title = f"{place}: F_c = {F_c:.4g} ± {QUANTILE_95 * of_own:.2g} {unit}"
     return Panel(curves, words, f"{quantity} in {unit}", title)
 
 

@@ -68,9 +68,9 @@ def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]
         fall = np.exp(-((v / numbers["stribeck_velocity"]) ** 2))
         columns |= {"coulomb": np.sign(v) * (1 - fall), "stiction": np.sign(v) * fall}
     columns |= {"directions.coulomb": np.ones_like(v), "directions.viscous": np.abs(v)}
-    own = [name for name in columns if name in numbers.names]
-    A = np.stack([columns[name] for name in own], axis=1)
-    chosen = [numbers.names.index(name) for name in own]
+    names = [name for name in columns if name in numbers.names]
+    A = np.stack([columns[name] for name in names], axis=1)
+    chosen = [numbers.names.index(name) for name in names]
     covariance = numbers.covariance[np.ix_(chosen, chosen)]
     return A @ numbers.values[chosen], np.sqrt(np.einsum("ni,ij,nj->n", A, covariance, A))
 

@@ -18,7 +18,6 @@ from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator, StrMethodF
 from numpy.typing import ArrayLike
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.escape import figure_label, figure_text
 from elastid.base.statistics import QUANTILE_95
 
 # Okabe and Ito (2008), by role.
@@ -65,8 +64,14 @@ class ShownFigure(Figure):
         return buffer.getvalue()
 
 
-# Text with its dollar signs as they are, not as the start of a formula; and as a label that a legend shows.
-plain, plain_label = figure_text, figure_label
+def plain(text: str) -> str:
+    """A text with its dollar signs as they are, not as the start of a formula."""
+    return text.replace("$", r"\$")
+
+
+def plain_label(text: str) -> str:
+    """A label in a legend, which leaves out those that begin with an underscore."""
+    return f" {plain(text)}" if text.startswith("_") else plain(text)
 
 
 def pretty_unit(unit: str) -> str:
@@ -219,13 +224,13 @@ def matrix(
     figure = ShownFigure(figsize=(width, tall))
     spaces = box | {"wspace": gaps[0], "hspace": gaps[1], "height_ratios": heights}
     axes = figure.subplots(len(rows), max(map(len, rows)), squeeze=False, gridspec_kw=spaces, **options)
-    for row, own in zip(rows, axes, strict=True):
-        for panel, each in zip([*row, *[None] * (len(own) - len(row))], own, strict=True):
-            each.set_axis_off() if panel is None else panel.draw(each)
+    for row, row_axes in zip(rows, axes, strict=True):
+        for panel, ax in zip([*row, *[None] * (len(row_axes) - len(row))], row_axes, strict=True):
+            ax.set_axis_off() if panel is None else panel.draw(ax)
     figure.text(0.125 / width, 1 - 0.125 / tall, plain(title), fontsize=LARGE, fontweight="bold", va="top")
     entries: dict[str, Artist] = {}
-    for each in axes.flat:
-        entries |= dict(zip(*reversed(each.get_legend_handles_labels()), strict=True))
+    for ax in axes.flat:
+        entries |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     if entries:
         place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.06 / width, 1 - 0.33 / tall)}
         place |= {"ncols": columns, "frameon": False, "fontsize": SMALL}

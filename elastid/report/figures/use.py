@@ -32,9 +32,9 @@ def loops_figure(loops: Loops) -> Figure:
 
 def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_compliance") -> Figure:
     """Positions of the frame, each coloured by the quantity there; the softest posture is marked."""
-    own, (x, y, z), soft = workspace[quantity], workspace.position.T, int(workspace.softest[0])
-    unit, factor = SHOWN[own.unit]
-    value = factor * np.where(np.isfinite(own.value), own.value, np.nan)
+    shown, (x, y, z), soft = workspace[quantity], workspace.position.T, int(workspace.softest[0])
+    unit, factor = SHOWN[shown.unit]
+    value = factor * np.where(np.isfinite(shown.value), shown.value, np.nan)
     finite = value[np.isfinite(value)] if np.isfinite(value).any() else np.array([0.0, 1.0])
     wide = finite.min() > 0 and finite.max() > 10 * finite.min()
     norm = (LogNorm if wide else Normalize)(finite.min(), finite.max())
@@ -43,7 +43,7 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
         Panel([Curve(a[[soft]], b[[soft]], color=style.TRUTH, dots=True, looks=mark)], f"{across} in m", f"{up} in m")
         for a, b, across, up in ((x, y, "x", "y"), (np.hypot(x, y), z, "√(x² + y²)", "z"))
     ]
-    figure = style.matrix(f"{workspace.name}, {workspace.frame}: {own.text}", [panels], 3.0)
+    figure = style.matrix(f"{workspace.name}, {workspace.frame}: {shown.text}", [panels], 3.0)
     # The softer ones on top, since they are what is looked for.
     order = np.argsort(np.where(np.isfinite(value), value, -np.inf), kind="stable")
     sides = [*figure.axes]
@@ -51,7 +51,7 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
         dots = axes.scatter(a[order], b[order], c=value[order], s=9, cmap="viridis", norm=norm, linewidths=0)
         axes.set_aspect("equal", adjustable="datalim")
     bar = figure.colorbar(dots, ax=sides, fraction=0.04, pad=0.02)
-    bar.set_label(f"{own.text} in {unit}", fontsize=style.SMALL)
+    bar.set_label(f"{shown.text} in {unit}", fontsize=style.SMALL)
     bar.ax.tick_params(labelsize=style.SMALL)
     return figure
 
@@ -59,10 +59,10 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
 def move_figure(tuned: TunedMove) -> Figure:
     """Errors over time in mm, on a logarithmic scale, and below them the torque of each motor over its limit."""
     t, errors, torques = tuned.time_s, [], []
-    for own, color in zip(tuned.outcomes, (style.WEAK, style.START, style.FITTED), strict=True):
-        band = None if own.low is None or own.high is None else (_in_mm(own.low), _in_mm(own.high))
+    for outcome, color in zip(tuned.outcomes, (style.WEAK, style.START, style.FITTED), strict=True):
+        band = None if outcome.low is None or outcome.high is None else (_in_mm(outcome.low), _in_mm(outcome.high))
         looks, text = {"lw": 1.2}, "95 % of draws"
-        errors.append(Curve(t, _in_mm(own.error), own.name, color, band=band, band_label=text, looks=looks))
+        errors.append(Curve(t, _in_mm(outcome.error), outcome.name, color, band=band, band_label=text, looks=looks))
     limits = tuned.limits[3]
     for i, name in enumerate(tuned.joints):
         limit = limits[i] if np.isfinite(limits[i]) else np.abs(tuned.torque[:, i]).max()

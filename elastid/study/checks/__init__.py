@@ -21,9 +21,7 @@ from elastid.study.checks.experiment import (
     check_structure,
 )
 from elastid.study.checks.fit import check_fit, check_loads
-from elastid.study.checks.friction import check_friction
 from elastid.study.checks.names import check_names
-from elastid.study.checks.recorded import check_recorded, check_responses, check_tool
 from elastid.study.messages import Problem
 from elastid.study.sections import Kind, Study
 from elastid.study.source import KeyPath
@@ -34,12 +32,14 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     experiment = study.experiment
     yield from check_unused(study)
     if study.friction is not None:
+        from elastid.study.checks.friction import check_friction  # brings the reader of logs
+
         yield from check_friction(study, base)
         return
-    if experiment.recorded is not None:
-        yield from check_recorded(study, experiment.recorded, base)
-    if experiment.responses is not None:
-        yield from check_responses(study, experiment.responses, base)
+    if (experiment.recorded, experiment.responses, study.tool, study.validation.tool) != (None,) * 4:
+        from elastid.study.checks.recorded import check_measured  # brings the reader of logs
+
+        yield from check_measured(study, base)
     if study.robot is None:
         yield from check_structure(study)
         return
@@ -52,7 +52,6 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         yield from check_simulated(study, experiment.simulated)
     yield from check_fit(study)
     yield from check_loads(study)
-    yield from check_tool(study, base)
     configurations, left_out = list(experiment.configurations), study.validation.left_out
     yield from check_names(("validation", "left_out"), "configuration", left_out, configurations)
     if configurations and study.design is None and set(left_out) >= set(configurations):

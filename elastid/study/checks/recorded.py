@@ -35,7 +35,21 @@ WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1")
 _RECORDED: KeyPath = ("experiment", "recorded")
 
 
-def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
+def check_measured(study: Study, base: Path) -> Iterator[Problem]:
+    """Problems of the sections that name files of measurements: logs, responses, and responses at the tool."""
+    experiment = study.experiment
+    if experiment.recorded is not None:
+        yield from _check_recorded(study, experiment.recorded, base)
+    if experiment.responses is not None:
+        yield from _check_responses(study, experiment.responses, base)
+    tools: tuple[tuple[KeyPath, ToolSpec | None], ...]
+    tools = (("validation", "tool"), study.validation.tool), (("tool",), study.tool)
+    for section, tool in tools if study.robot is not None else ():
+        if tool is not None:
+            yield from _check_tool(study, tool, base, section)
+
+
+def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
     """Log files exist, no run of the robot is given twice; channels are on the robot; the method suits the period."""
     path = _RECORDED
     yield from check_files(study, recorded.files, path, base)
@@ -62,7 +76,7 @@ def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
             yield Problem((*_RECORDED, "controller", *keys), refused)
 
 
-def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
+def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
     """Files of responses exist, one for each configuration; channels are on the robot."""
     path: KeyPath = ("experiment", "responses")
     yield from check_files(study, responses.files, path, base)
@@ -99,18 +113,13 @@ def check_files(
 
 def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
     if not is_log(place):
-        yield Problem(path, f"no such file (looked for {place})")
-
-
-def check_tool(study: Study, base: Path) -> Iterator[Problem]:
-    """Files of responses at the tool exist, in configurations of the study, with inputs that its frames take."""
-    if study.validation.tool is not None:
-        yield from _check_tool(study, study.validation.tool, base, ("validation", "tool"))
-    if study.tool is not None:
-        yield from _check_tool(study, study.tool, base, ("tool",))
+        neighbours = _neighbours(place)
+        hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
+        yield Problem(path, f"no such file (looked for {place}){hint}")
 
 
 def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
+    """Files exist, in configurations of the study, with inputs that its frames take."""
     path: KeyPath = (*section, "responses")
     for i, file in enumerate(tool.responses.files):
         yield from _check_exists(base / file.path, (*path, "files", i, "path"))
@@ -136,6 +145,13 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
                 f"a {kind} acts at {channel.at}, and the channel holds a {channel.quantity}; it must hold a {kind}"
             )
             yield Problem((*place, "quantity"), message)
+
+
+def _neighbours(place: Path) -> list[str]:
+    try:
+        return sorted(entry.name for entry in place.parent.iterdir() if entry.is_file())
+    except (OSError, ValueError):
+        return []
 
 
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:

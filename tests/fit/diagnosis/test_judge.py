@@ -1,4 +1,4 @@
-"""What a fit held or read wrongly: one step with each number free, or each reading, names it and its size."""
+"""What a fit held or read wrongly is named with its size, by its own list of causes and by those of a user."""
 
 from __future__ import annotations
 
@@ -9,42 +9,49 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from plants.faults import FAULTS, SPEC, drawn, true_case
+from plants.faults import FAULTS, FREQ_HZ, FURTHER, SPEC, Case, drawn, faulty, true_case
+from plants.marks import slow
 
-from elastid.fit.diagnosis.hypothesis import LIMITS
+from elastid.base.arrays import ComplexArray
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES
+from elastid.fit.diagnosis.hypothesis import LIMITS, Hypothesis, Size, hypothesis_of
 from elastid.fit.diagnosis.judge import single_occam
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, Load, ScoreTest, find_load, steps_of
+from elastid.fit.diagnosis.sensitivities import HeldResponse, gear_ratios
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
-from elastid.robot import Tolerances
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.derivatives import Columns
+from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import serial
+from elastid.record import Configuration
+from elastid.robot import Robot, Tolerances
 
 
 @cache
-def fitted(fault: str, seed: int = 0) -> Result:
-    case = FAULTS[fault](true_case())
-    return identify(drawn(case, np.random.default_rng(seed)), case.robot, SPEC)
+def fitted(fault: str) -> Result:
+    case = faulty(fault)
+    return identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
 
 
 @pytest.mark.parametrize(
-    ("fault", "name", "step"),
-    [
-        ("delay left out", "delay", 0.3e-3),
-        ("link mass +5 %", "m_fore", -math.log(1.05)),
-        ("link length", "p_fore_z", -0.03),
-        ("inertia +20 %", "I_fore_*", -math.log(1.2)),
-        ("gear ratio 1 % wrong", "ratio_*", -0.01),
-        ("one sample late", "delay_y_motor_2", 1e-3),
-        ("low pass on all encoders", "low_pass", 1 / (400 * math.pi)),
-    ],
+    "fault",
+    [slow(name) if name in FURTHER else name for name in FAULTS if name not in ("rate 2 % wrong", "missing torsion")],
 )
-def test_a_wrong_number_is_the_first_that_is_named(fault: str, name: str, step: float) -> None:
-    """It explains more than 95 % of the excess, its step is the true one to 5 %, and a warning is about it."""
-    result = fitted(fault)
+def test_a_fault_is_named_first_with_its_size(fault: str) -> None:
+    """It explains most of the excess, its steps are the true ones, and a warning is about it."""
+    result, named = fitted(fault), FAULTS[fault]
     first = result.indices[0]
-    assert (first.name, first.place) == (name, 1)
-    assert first.share > 0.95
-    assert first.steps[0] == pytest.approx(step, rel=0.05)
+    # Within tolerances of the file a reading may be as likely as another.
+    assert named.cause in (first.name, *(first.alike if named.has_tolerances else ()))
+    assert first.place == 1
+    assert first.share > named.share
+    if named.steps:
+        np.testing.assert_allclose(first.steps, np.broadcast_to(named.steps, len(first.steps)), atol=named.within)
     assert "fit/likely-cause" in {note.code for note in result.notes}
+    assert "fit/unlike-responses" not in {note.code for note in result.notes}
 
 
 def test_the_drop_is_that_of_least_squares_with_the_number_free() -> None:
@@ -133,6 +140,7 @@ def test_an_unusual_size_and_more_freedom_lower_the_odds() -> None:
     )
 
 
+@pytest.mark.slow
 def test_causes_are_listed_by_their_odds_against_the_first() -> None:
     """The first has none against itself; those that are nearly as likely are named with it."""
     result = fitted("rate 2 % wrong")
@@ -143,6 +151,7 @@ def test_causes_are_listed_by_their_odds_against_the_first() -> None:
     assert near <= set(result.indices[0].alike)
 
 
+@pytest.mark.slow
 def test_a_mass_beyond_its_tolerance_is_named_though_the_fit_converged() -> None:
     """The fore arm is 30 % lighter than its file: data move it there, and the sentence says so."""
     case = true_case()
@@ -152,3 +161,83 @@ def test_a_mass_beyond_its_tolerance_is_named_though_the_fit_converged() -> None
     first = result.indices[0]
     assert first.name in ("m_fore", "payload_fore")
     assert "fit/likely-cause" in {note.code for note in result.notes}
+
+
+SHARE = 0.04
+FIRST_ON_SECOND = np.array([[0.0, 0.0], [1.0, 0.0]])
+
+
+def crosstalk(response: HeldResponse) -> dict[str, ComplexArray]:
+    """The torque that is logged at motor 2 has a share of motor 1's: G E^-1 with E = 1 + share e_2 e_1^T."""
+    return {"crosstalk_2": -response.G @ FIRST_ON_SECOND}
+
+
+CROSSTALK = Hypothesis(
+    "crosstalk",
+    ("crosstalk",),
+    Size(0.05, 0.5, unit="1"),
+    phrase=lambda index: f"{100 * index.steps[0]:.1f} % of motor 1's torque logged at motor {index.name[-1]}",
+    advice="check the wiring of {where}",
+    columns=crosstalk,
+)
+
+
+def fitted_hypotheses(case: Case, hypotheses: tuple[Hypothesis, ...] = (CROSSTALK, *HYPOTHESES)) -> Result:
+    return identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC, hypotheses=hypotheses)
+
+
+def with_crosstalk(case: Case) -> Case:
+    mixed = np.linalg.inv(np.eye(2) + SHARE * FIRST_ON_SECOND)
+    return replace(case, responses=tuple(replace(response, G=response.G @ mixed) for response in case.responses))
+
+
+def test_an_invented_hypothesis_is_found_first_where_it_is_true() -> None:
+    """With its size to 5 %, nearly all of the excess, and its own words."""
+    result = fitted_hypotheses(with_crosstalk(true_case()))
+    first = result.indices[0]
+    assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)
+    assert first.share > 0.95
+    assert first.steps[0] == pytest.approx(SHARE, rel=0.05)
+    sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
+    assert sentence.startswith("4.0 % of motor 1's torque logged at motor 2 would explain 9")
+    assert sentence.endswith("check the wiring of 2")
+
+
+def test_an_implausible_family_does_not_come_first() -> None:
+    """The same data with crosstalk held for as good as impossible: another cause leads, though it explains less."""
+    doubted = replace(CROSSTALK, plausibility=1e-200)
+    result = fitted_hypotheses(with_crosstalk(true_case()), (doubted, *HYPOTHESES))
+    assert result.indices[0].group != "crosstalk"
+    assert any(index.group == "crosstalk" for index in result.indices)
+
+
+def test_every_number_has_one_hypothesis() -> None:
+    """By the longest beginning of its name; those that no entry knows are numbers of their own."""
+    families = {name: hypothesis_of(name, HYPOTHESES).family for name in ("gain_u_motor_1", "m_fore", "xyz_1")}
+    assert families == {"gain_u_motor_1": "gain", "m_fore": "mass", "xyz_1": "number"}
+    beginnings = [number for hypothesis in HYPOTHESES for number in hypothesis.numbers]
+    assert len(beginnings) == len(set(beginnings))
+
+
+def test_the_slope_to_a_ratio_is_that_between_robots_of_two_ratios() -> None:
+    """Logs are on the link side by the ratio of the file."""
+    step, turns, carried = 1e-4, np.diag([0.0, 1.0]), true_case().truth
+
+    def linear(ratio: float) -> tuple[Robot, LinearModel]:
+        joint = carried.bodies[1].joints[0]
+        motor = replace(joint.motor, inertia=0.1, ratio=5 * ratio)
+        fore = replace(carried.bodies[1], joints=(replace(joint, motor=motor), *carried.bodies[1].joints[1:]))
+        robot = replace(carried, bodies=(carried.bodies[0], fore, *carried.bodies[2:]))
+        model = serial(robot)
+        at = Linearisation.of(model).at(Configuration("c", [0.6, -0.7]), model.theta, robot.motor_locations, "position")
+        return robot, at
+
+    (robot, model), theta = linear(1.0), linear(1.0)[1].theta_ref
+    kernel = Kernel(model, FREQ_HZ, tuple(name for name in model.parameters if name in model.slopes))
+    G, dG = Columns(kernel).evaluate(theta)
+    held = HeldResponse(robot, model, theta, FREQ_HZ, G, dict(zip(kernel.wanted, dG, strict=True)))
+    logs = [(np.eye(2) + sign * step * turns) @ frequency_response(linear(1 + sign * step)[1], theta, FREQ_HZ)
+            @ (np.eye(2) + sign * step * turns) for sign in (1, -1)]  # fmt: skip
+    np.testing.assert_allclose(
+        gear_ratios(held)["ratio_2"], (logs[0] - logs[1]) / (2 * step), rtol=1e-4, atol=1e-4 * np.abs(G).max()
+    )

@@ -62,15 +62,6 @@ def test_covariance_adds_the_information_of_the_loads(responses):
     assert max(reading.by_responses_std for reading in both.static.readings) > 1e-7
 
 
-@pytest.mark.slow
-def test_known_forces_narrow_the_gain_of_the_torque(responses):
-    """A free torque gain next to stiffnesses: forces that are known in N say which is which."""
-    free = FitSpec(parameters={"k_*": ParameterSpec(), "gain_u_motor_1": ParameterSpec()}, starts=1)
-    tests = load_tests(arm(), np.random.default_rng(3), std=2e-6)
-    with_loads = identify(responses, arm(), free, loads=placed_tests(tests, NAMED))
-    assert with_loads.std["gain_u_motor_1"] < fit_parameters(responses, arm(), free).std["gain_u_motor_1"]
-
-
 def test_what_a_test_must_say():
     """Posture once, a load, a direction of dials, an error."""
     good = {"configuration": "c0", "force": (0, 0, -1), "std": 1e-6}

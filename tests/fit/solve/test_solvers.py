@@ -12,7 +12,6 @@ from plants.refusals import refused
 from scipy.optimize import least_squares, lsq_linear
 
 from elastid.base.arrays import FloatArray
-from elastid.base.execution import Execution
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.solve.solvers import FINE, SolverName, multistart, solve, spread
 from elastid.parameters import Parameter, Parameters
@@ -251,17 +250,6 @@ def test_the_hit_rate_counts_the_starts_that_reached_the_best_cost():
     assert [end.cost for end in ranked] == sorted(end.cost for end in ranked)
     assert math.exp(ranked[0].x[0]) == pytest.approx(20)
     assert ranked[3].cost > 10
-
-
-def test_of_starts_that_end_in_one_place_one_is_solved_finely():
-    """Three in the valley of w = 20: one of them is polished, and all three have its end and starts of their own."""
-    starts, kept = np.log([[20.5], [21.0], [19.0], [45.0]]), {}
-    ranked, hits = multistart([wavy()], starts, execution=Execution(checkpoint=kept))
-    assert hits == 3
-    assert len([name for name in kept if name.startswith("polished-")]) == 1
-    assert len({end.x.tobytes() for end in ranked[:3]}) == 1
-    assert sorted(float(end.x_start[0]) for end in ranked[:3]) == sorted(starts[:3, 0].tolist())
-    assert all(end.converged for end in ranked[:3])
 
 
 def test_starts_that_lead_nowhere_are_survived_unless_all_do():

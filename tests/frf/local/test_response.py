@@ -78,38 +78,6 @@ def test_a_rational_response_of_low_order_is_reproduced_to_rounding(order: int) 
     assert np.abs(local_response([record], LPM, LINES).G - G).max() > 1e-2 * np.abs(G).max()
 
 
-@pytest.mark.parametrize(("P", "table"), [(2, -56.0), (4, -83.0)])
-def test_leakage_is_removed_better_than_by_any_peer(P: int, table: float) -> None:
-    """Section 9.2 of the design page, from rest; the setting reproduces its rows for plain means and last periods."""
-    found = study.leakage(P)
-    assert found["mean of all periods"] == pytest.approx({2: -17.0, 4: -23.0}[P], abs=1)
-    assert found["last period only"] == pytest.approx(table, abs=3)
-    noise = -82 - 10 * np.log10(P)
-    assert found["transient removed, then Y / U"] == pytest.approx(noise, abs=2)
-    assert found["local_rational"] < noise - 4 < table
-
-
-@pytest.mark.slow
-def test_noise_that_feedback_brings_into_the_torque_does_no_harm_where_the_reference_is_known() -> None:
-    """From R to [Y; U]: mean of 60 runs on the truth; from U to Y: biased by the noise-to-signal ratio squared."""
-    rng = np.random.default_rng(0)
-    K, one = 0.5 * np.eye(2), np.eye(2)
-    G = _polynomial(2, 2, rng, 1) + 2 * one
-    closed, direct = [], []
-    for _ in range(60):
-        R = _phases(rng, len(LINES), 2)
-        V = 0.5 * (rng.normal(size=R.shape) + 1j * rng.normal(size=R.shape))
-        U = np.linalg.solve(one + K @ G, (R - V @ K)[..., None])
-        Y = (G @ U)[..., 0] + V
-        record = _record(U[..., 0], Y, R, P=1)
-        closed.append(local_response([record], LPM, LINES).G)
-        direct.append(local_response([replace(record, r=None)], LPM, LINES).G)
-    spread = np.std(closed, axis=0) / np.sqrt(60)
-    error = {name: np.mean(runs, axis=0) - G for name, runs in (("closed", closed), ("direct", direct))}
-    assert np.sqrt(np.mean(np.abs(error["closed"] / spread) ** 2)) == pytest.approx(1, abs=0.25)
-    assert np.sqrt(np.mean(np.abs(error["direct"] / spread) ** 2)) > 3
-
-
 def _followed_by(spec: EstimatorSpec, closed: bool, rng: np.random.Generator) -> np.ndarray:
     """A plant of three axes that the local model can follow; in closed loop from R, poles only approximately."""
     if spec.method == "local_polynomial":
@@ -186,22 +154,6 @@ def test_records_of_unequal_length_and_a_drifting_position_give_one_response() -
         omega = 2 * np.pi * response.freq_hz
         errors.append(study.decibels(response.G[:, 0, 0] / -(omega**2), plant.G()))
     assert np.median(errors) < -70
-
-
-@pytest.mark.parametrize("spec", [study.LPM, study.LRM], ids=lambda spec: spec.method)
-@pytest.mark.parametrize("gain", [0.0, 2.0], ids=["open loop", "closed loop"])
-@pytest.mark.parametrize("snr_db", [30.0, 80.0])
-@pytest.mark.slow
-def test_three_repeats_of_a_sweep_from_rest_are_better_than_one_and_their_variance_is_true(
-    snr_db: float, gain: float, spec: EstimatorSpec
-) -> None:
-    """The median error falls by sqrt 3 (20 % of it by chance), mean error^2 / total stays below 2.
-
-    At 80 dB most of the error is that of the models, which transient and response hide from the residual.
-    """
-    found = study.repeats(4, gain, snr_db, spec)
-    assert found[3][0] < 1.2 * found[1][0] / np.sqrt(3)
-    assert max(ratio for _, ratio in found.values()) < 2.0
 
 
 def test_a_model_that_is_sufficient_keeps_its_variance() -> None:

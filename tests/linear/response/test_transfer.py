@@ -11,9 +11,8 @@ from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linear_model import DELAY, LagElement, LinearModel, Slope
+from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.modes import modes
-from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration, HeldTorque
@@ -165,16 +164,3 @@ def test_an_output_behind_a_filter_and_a_torque_that_is_not_held_have_none() -> 
     assert np.max(np.abs(half[:, 0] - without[:, 0])) > 1e-2
     none = frequency_response(replace(model, hold=HeldTorque((0.0,), (True, True))), model.theta_ref, freq_hz)
     np.testing.assert_array_equal(none, without)
-
-
-def test_derivatives_of_images_are_those_of_differences() -> None:
-    """To springs, dampers, rotors, the delay and lags on both sides of the sampling."""
-    chain = (LagElement("torque_lag", (1.0,)), LagElement("sensor_lag", (1.0,)))
-    model, freq_hz = replace(two_masses(30, 3e-4), chain=chain), np.linspace(1, 200, 60)
-    G, dG = Kernel(model, freq_hz, model.parameters).evaluate(model.theta_ref)
-    np.testing.assert_allclose(G, frequency_response(model, model.theta_ref, freq_hz), rtol=1e-10)
-    for place, name in enumerate(model.parameters):
-        step = 1e-5 * model.theta_ref[place] * np.eye(len(model.parameters))[place]
-        ahead, behind = (frequency_response(model, model.theta_ref + side * step, freq_hz) for side in (1, -1))
-        slope = (ahead - behind) / (2 * step[place])
-        assert np.max(np.abs(dG[place] - slope)) < 1e-6 * np.max(np.abs(slope)), name

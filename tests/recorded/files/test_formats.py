@@ -1,4 +1,4 @@
-"""The formats of log files."""
+"""The formats of log files, and channels of a log by name."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from plants.lab_logs import (
     study_of,
     with_names,
     write_csv,
-    write_hdf5,
     write_matlab,
     write_matlab_73,
 )
 from plants.refusals import refused
 from plants.ros_bag import LogArrays, write_bag
 
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files import formats
-from elastid.recorded.files.formats import Format, contents
+from elastid.recorded.files.formats import Format, contents, opened_log, read_channels
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
 
@@ -62,18 +62,6 @@ def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
     ):
         with refused(code, place=place):
             measured(tmp_path, study_of(name, text=text))
-
-
-@pytest.mark.parametrize("write", [write_matlab, write_matlab_73, write_hdf5])
-def test_a_format_is_known_by_its_content_whatever_the_suffix(
-    write: Callable[[Path, dict[str, np.ndarray]], ExperimentSpec], tmp_path: Path, log: dict[str, np.ndarray]
-) -> None:
-    """MATLAB 5, MATLAB 7.3 and HDF5 as .dat."""
-    recorded = write(tmp_path, log).recorded
-    assert recorded is not None
-    path = tmp_path / recorded.files[0].path
-    before = contents(path, recorded.text)
-    assert contents(path.rename(tmp_path / "log.dat"), recorded.text) == before
 
 
 TEXT = TextFormatSpec()
@@ -194,3 +182,67 @@ def test_an_entry_point_that_holds_no_format_is_named(
     (tmp_path / "log.csv").write_text("a,b\n1,2\n3,4\n")
     with refused("install/missing-package", holds=("doubles", name)):
         contents(tmp_path / "log.csv", TEXT)
+
+
+def _read(path: Path, *names: str, column: int | None = None) -> np.ndarray:
+    return read_channels(path, [ChannelSpec("u", "motor 1", name, column) for name in names], TEXT)
+
+
+def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> None:
+    """Time stamps of Parquet, its null, and whole numbers and floats of 32 bits as they are."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    at = np.datetime64("2026-05-01T10:00:00", "ns") + np.arange(4) * np.timedelta64(2_500_000, "ns")
+    table = pa.table(
+        {"t": at, "x": pa.array([1, None, 3, 4]), "f": np.arange(4, dtype=np.float32), "who": ["a", "b", "c", "d"]}
+    )
+    pq.write_table(table, tmp_path / "log.dat")
+    assert contents(tmp_path / "log.dat", TEXT) == dict.fromkeys(("t", "x", "f"), (4,))
+    np.testing.assert_array_equal(
+        _read(tmp_path / "log.dat", "t", "x", "f"), [[0, 1, 0], [0.0025, np.nan, 1], [0.005, 3, 2], [0.0075, 4, 3]]
+    )
+
+
+def test_a_negative_increment_of_tdms_is_no_rate(tmp_path: Path) -> None:
+    """`inspect` showed a signal at -1 Hz."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(tmp_path / "log.tdms") as file:
+        file.write_segment([ChannelObject("g", "torque", np.arange(9.0), {"wf_increment": -1.0})])
+    with opened_log(tmp_path / "log.tdms", TEXT) as log:
+        assert isinstance(log, ArrayLog)
+        assert log.arrays["g/torque"].rate_hz is None
+
+
+def test_times_of_tdms_are_seconds(tmp_path: Path) -> None:
+    """From the first."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    at = np.datetime64("2026-05-01T10:00:00", "us") + np.arange(3) * np.timedelta64(4000, "us")
+    with TdmsWriter(tmp_path / "log.tdms") as writer:
+        writer.write_segment([ChannelObject("a", "t", at), ChannelObject("a", "x", np.array([1, 2, 3]))])
+    np.testing.assert_allclose(_read(tmp_path / "log.tdms", "a/t", "a/x"), [[0, 1], [0.004, 2], [0.008, 3]])
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "message"),
+    [
+        ("rec.psi", None, ("rec.psi", "rec.phi", "rec.cur (2 x 800)")),
+        ("rec.cur", None, ("2 signals", "column: 1 to 2")),
+        ("rec.cur", 3, "column 3"),
+        ("rec.note", None, ("rec.note", "<U5")),
+        ("fs", None, "fs"),
+        ("cells{1}", None, ("800", "50 samples")),
+        ("", None, ()),
+    ],
+)
+def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(
+    name: str, column: int | None, message: str, tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
+    """Missing, a matrix without a column, a wrong column, a text, a scalar, another length, no name at all."""
+    write_matlab(tmp_path, log)
+    u = ChannelSpec("u", "motor 1", "run(1).w")
+    y = ChannelSpec("y", "motor 1", name, column or (None if name else 1), "position")
+    with refused("records/channels", holds=message):
+        measured(tmp_path, study_of("log.mat", (u, y)))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.lab_logs import CHANNELS, measured, save_csv, study_of
+from plants.lab_logs import measured, save_csv, study_of
 from plants.refusals import refused
 
 from elastid.app.inspection import described as inspected
@@ -15,25 +15,6 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.files.text import described_format, guess_format, opened
-
-
-@pytest.mark.parametrize(
-    ("channel", "message"),
-    [
-        (
-            ChannelSpec("y", "motor 1", "phy", quantity="position"),
-            ("phy", "i1"),
-        ),
-        (ChannelSpec("y", "motor 1", column=9, quantity="position"), "column 9"),
-    ],
-)
-def test_a_channel_that_a_text_log_does_not_have_is_named_with_those_it_has(
-    channel: ChannelSpec, message: str, tmp_path: Path, log: dict[str, np.ndarray]
-) -> None:
-    """By heading and by number."""
-    save_csv(tmp_path / "log.csv", log)
-    with refused("records/channels", holds=message):
-        measured(tmp_path, study_of("log.csv", (*CHANNELS[:2], channel)))
 
 
 @pytest.mark.parametrize(

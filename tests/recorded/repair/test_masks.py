@@ -1,4 +1,4 @@
-"""Spikes and channels that hang or drop out are missing samples; steps and limits are told; noise and rest are not."""
+"""Spikes and channels that hang are missing samples, which periods fill; steps and limits are told, rest is not."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from elastid.recorded.repair.masks import (
     without_spikes,
     without_standstill,
 )
+from elastid.recorded.repair.missing import FILLED, filled
 
 
 def test_spikes_are_found_and_nothing_else_is_touched() -> None:
@@ -168,16 +169,6 @@ def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     assert find_steps(np.stack([CLEAN[:, 0], fine], axis=1), N, 1, LOG) == ()
 
 
-@pytest.mark.parametrize("decimals", [1, 2, 3])
-@pytest.mark.parametrize("cycles", [1, 5])
-def test_a_rounded_sine_that_dwells_at_its_maximum_is_not_clipped(decimals: int, cycles: int) -> None:
-    """Four periods of a slow sine, rounded; cut at 90 % of its amplitude it is clipped."""
-    t = np.arange(4000)
-    x = 3.7 * np.sin(2 * np.pi * cycles * t / 1000 + 0.3)
-    log = Log("log", ("x",))
-    assert find_clipping(np.round(x, decimals)[:, None], 1000, log) == ()
-
-
 def test_levels_that_a_torque_was_given_are_no_steps() -> None:
     """A binary sequence, a ternary one and the blows of a hammer; a coarse encoder is one still."""
     rng = np.random.default_rng(0)
@@ -190,3 +181,63 @@ def test_levels_that_a_torque_was_given_are_no_steps() -> None:
     assert find_steps(np.stack([blows, CLEAN[:, 1]], axis=1), 3000, 1, LOG) == ()
     coarse = 0.7 * CLEAN[:, 1].std() * np.round(CLEAN[:, 1] / (0.7 * CLEAN[:, 1].std()))
     assert len(find_steps(np.stack([blows, coarse], axis=1), 3000, 1, LOG)) == 1
+
+
+def test_missing_samples_come_back_exactly_where_nothing_else_is_wrong() -> None:
+    """Single ones, a gap, both ends, with a drift of a hundred times the signal: equal to the signal to 1e-9."""
+    signals = CLEAN + DRIFT
+    signals[[0, 7, 2 * N, P * N - 1], 1] = np.nan
+    signals[3 * N + 100 : 3 * N + 130] = np.nan
+    repaired = filled(signals, N, 1, LOG)
+    np.testing.assert_allclose(repaired.signals, CLEAN + DRIFT, atol=1e-6 * CLEAN.std(axis=0).max())
+    assert counts(repaired.findings) == {FILLED: 30 + 34}
+    assert repaired.left_out == ()
+    assert (
+        "angle: 34 of 3000 samples are missing, the first is sample 0 (0 s)"
+        in [f.text.split(":")[0] + ":" + f.text.split(":")[1] for f in repaired.findings][1]
+    )
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, P * N - 1), st.integers(1, 20)), max_size=12), st.sampled_from([1, -1]))
+def test_what_is_filled_never_touches_what_was_measured(gaps: list[tuple[int, int]], sign: int) -> None:
+    """Good samples stay bit for bit; the result is finite; also half-wave."""
+    signals = CLEAN + NOISE
+    for start, length in gaps:
+        signals[start : start + length, 0] = np.nan
+    good = np.isfinite(signals)
+    repaired = filled(signals, N, sign, LOG)
+    np.testing.assert_array_equal(repaired.signals[good], signals[good])
+    assert np.isfinite(repaired.signals).all()
+    assert counts(repaired.findings).get(FILLED, 0) == np.sum(~good)
+
+
+def test_half_wave_samples_are_filled_with_the_other_sign() -> None:
+    """Odd lines only: the second half of the period is minus the first."""
+    rng = np.random.default_rng(3)
+    lines = np.arange(1, 120, 2)
+    t = np.arange(4 * N // 2)
+    x = (np.exp(2j * np.pi * np.outer(t / N, lines)) @ np.exp(2j * np.pi * rng.random(60))).real[:, None]
+    spoilt = x.copy()
+    spoilt[300:310] = np.nan
+    repaired = filled(spoilt, N // 2, -1, Log("x", ("u",)))
+    np.testing.assert_allclose(repaired.signals, x, atol=1e-8)
+
+
+def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() -> None:
+    """A tenth of a period; a phase that no period has; a third of a channel; one period left."""
+    signals = CLEAN.copy()
+    signals[2 * N + 50 : 2 * N + 101] = np.nan
+    repaired = filled(signals, N, 1, LOG)
+    assert repaired.left_out == (2,)
+    assert "repetitions 3 of 6 lack more than 10%" in repaired.findings[-1].text
+    everywhere = CLEAN.copy()
+    everywhere[40::N, 1] = np.nan
+    with refused("records/missing-samples", holds=("log.csv: angle", "6 of 3000", "sample 40")):
+        filled(everywhere, N, 1, LOG)
+    with refused("records/missing-samples", holds=("angle", "1500 of 3000")):
+        filled(np.where(np.arange(P * N)[:, None] < 1500, np.nan, CLEAN), N, 1, Log("log.csv", ("angle", "torque")))
+    two = CLEAN[: 2 * N].copy()
+    two[100:200] = np.nan
+    with refused("records/missing-samples", place="log.csv", holds=("1 of 2", "10%")):
+        filled(two, N, 1, LOG)

@@ -53,17 +53,6 @@ def test_a_multisine_stops_nowhere_whatever_friction_noise_and_rounding_do(frict
             assert without_stops(x, [0], L, log).findings == ()
 
 
-def test_a_torque_that_rounding_holds_still_is_no_stop() -> None:
-    """Forty samples of the third repetition without the flicker of the others, at the torque that they have."""
-    L, log = 1000, Log("log", ("u", "y"))
-    signals = _with_friction(0.3, 1, L)[0]
-    signals[np.arange(4 * L) % L // 40 == 12] = 1.0
-    flicker = 0.2 * np.random.default_rng(0).choice([-1.0, 1.0], signals.shape)
-    flicker[2 * L + 480 : 2 * L + 520] = 0.0
-    found = without_stops(signals + flicker, [0], L, log)
-    assert found.findings == ()
-
-
 def _with_friction(friction: float, count: int, L: int) -> np.ndarray:
     """Torque and angle (count, 4 L, 2) of motors under position control, each of unit rms."""
     lines, per_sample = np.arange(2, 80), 4

@@ -117,21 +117,6 @@ def test_noise_grows_little_at_the_ends() -> None:
     assert worst < 0.05
 
 
-def test_gaps_and_missing_values_among_uneven_times_stay_missing() -> None:
-    """What lies beside them is exact to 3 %, what is far to 1e-4."""
-    t = np.arange(5000) / 1000 + np.random.default_rng(2).uniform(-4e-5, 4e-5, 5000)
-    left = np.delete(np.arange(5000), np.r_[1000:1010, 3000])
-    signals = waves(t[left], 100.0)
-    signals[2000, 1] = np.nan
-    repaired = on_grid(t[left], signals, 1000.0, LOG)
-    missing = np.flatnonzero(np.isnan(repaired.signals[:, 0]))
-    assert missing.tolist() == [*range(1000, 1010), 3000]
-    assert repaired.findings[1].count == 11
-    error = np.abs(repaired.signals - waves(np.arange(len(repaired.signals)) / 1000 + t[0], 100.0))
-    assert np.nanmax(error[100:-100]) < 3e-2 * signals[:, 0].std()
-    assert np.nanmax(error[1100:1900]) < 1e-4 * signals[:, 0].std()
-
-
 @pytest.mark.parametrize(
     ("stamps", "rate_hz"),
     [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import sys
 from collections.abc import Callable
@@ -16,18 +15,17 @@ import pytest
 from plants.lab_logs import RATIO, ROBOT
 from plants.notes import said
 from plants.refusals import refused
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 
 from elastid.app.console import Console
 from elastid.app.inspection import described
 from elastid.app.run import Run, run_all
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import ElastidError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.record import Configuration, Motion
 from elastid.recorded.responses.reading import link_side_response, read_table
-from elastid.response import Covariance, Response, in_quantity
+from elastid.response import Response
 from elastid.store.measured import read_responses
 from elastid.study import load
 
@@ -197,26 +195,6 @@ def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(t
         np.testing.assert_allclose(np.sqrt(response.noise.variance), relative * np.abs(response.G), rtol=1e-10)
 
 
-def test_conversion_of_the_quantity_and_back_is_the_identity_with_its_covariance() -> None:
-    """G (j omega)^2 and its full covariance, then divided again."""
-    rng = np.random.default_rng(0)
-    left, right = (
-        a @ np.swapaxes(a, 1, 2).conj() for a in rng.normal(size=(2, 6, 2, 2)) + 1j * rng.normal(size=(6, 2, 2))
-    )
-    variance = np.einsum("fyy,fuu->fyu", right, left).real
-    places = ("motor 1", "motor 2")
-    a = Response(FREQ_HZ, plant(FREQ_HZ), places, places, "position", HOME, total=Covariance(variance, 3, left, right))
-    b = in_quantity(a, "acceleration")
-    assert a.total is not None
-    assert b.total is not None
-    np.testing.assert_allclose(b.G, a.G * -((2 * np.pi * FREQ_HZ) ** 2)[:, None, None], rtol=1e-13)
-    np.testing.assert_allclose(b.total.full(), a.total.full() * ((2 * np.pi * FREQ_HZ) ** 4)[:, None, None], rtol=1e-13)
-    np.testing.assert_allclose(
-        np.einsum("faa->fa", b.total.full()).real, np.swapaxes(b.total.variance, 1, 2).reshape(6, 4)
-    )
-    np.testing.assert_allclose(in_quantity(b, "position").G, a.G, rtol=1e-13)
-
-
 def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path: Path) -> None:
     """A line at 0 Hz has no acceleration; a NaN would spoil the fit."""
     G = in_file()
@@ -364,21 +342,6 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
         assert old.noise is not None
         assert same.noise is not None
         np.testing.assert_array_equal(old.noise.variance, same.noise.variance)
-
-
-@pytest.mark.slow
-def test_responses_of_the_other_sign_of_time_are_recognised(elsewhere: Path) -> None:
-    """Some programs write exp(-j omega t): one response alone does not show it, but no mechanism has such damping."""
-    for name in ("a", "b"):
-        file = loadmat(elsewhere.with_name(f"{name}.mat"), simplify_cells=True)["G"]
-        savemat(
-            elsewhere.with_name(f"{name}.mat"), {"G": file | {"ResponseData": file["ResponseData"].conj()[None, None]}}
-        )
-    folder = elsewhere.parent / "run"
-    with contextlib.suppress(ElastidError):
-        run_all(Run(load(elsewhere), folder, 1, Console(-1)))
-    said = " ".join(json.loads((folder / "summary.json").read_text())["warnings"])
-    assert "all phases negated would explain 99 %" in said
 
 
 @pytest.mark.parametrize("factor", [1e250, 1e-250])

@@ -1,4 +1,4 @@
-"""Levels, law and what it leaves of them, over speed, load and temperature."""
+"""Levels, law and what it leaves of them, over speed, load and temperature; a motion with its regression."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.spec import LawSpec
 from elastid.report.figures.friction import Condition, curve_of, friction_curve, friction_taken_out, residuals
+from elastid.report.figures.friction_records import friction_motion
 
 
 def test_the_curve_has_every_level_and_the_law_of_each_direction() -> None:
@@ -86,3 +87,12 @@ def test_the_law_of_the_robot_file_stands_beside_the_curve() -> None:
     drawn = [line.get_ydata()[0] for line in with_law.get_lines() if line.get_label() == label]
     np.testing.assert_allclose(drawn, (4.0, -4.0))
     assert label not in lines_of(friction_taken_out(taken_friction()).axes[0])
+
+
+def test_a_motion_shows_friction_without_inertia() -> None:
+    """20 N and 200 N s/m under 400 N of inertia."""
+    found = study.motion()
+    curve = friction_motion(found).axes[0]
+    v, friction = next(line for line in curve.get_lines() if line.get_marker() == "o").get_data()
+    fast = np.abs(v) > 0.3
+    np.testing.assert_allclose(friction[fast], (20 * np.sign(v) + 200 * v)[fast], atol=2.0)

@@ -1,4 +1,4 @@
-"""The page and its files: complete, self-contained."""
+"""The page and its files: complete, self-contained; that of a friction study."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from plants import friction_study as study
 from plants.report_values import TRUTH, bars_of, pair, report_content
 from plants.taken_friction import LEFT, taken_friction
 
@@ -26,6 +27,7 @@ from elastid.report.page.page import (
     html_of_responses,
     write_report,
 )
+from elastid.report.page.page_of_friction import html_of_friction
 from elastid.validation.agreement import validate
 from elastid.validation.fleet import FleetValue
 
@@ -166,3 +168,26 @@ def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
     assert "F_c" not in text
     assert "friction" not in {drawing.name for drawing in drawings(report_content(friction=refused))}
     assert "friction" in {drawing.name for drawing in drawings(report_content(friction=friction))}
+
+
+@pytest.fixture(scope="module")
+def friction_page() -> str:
+    return html_of_friction(study.friction_content(), [])
+
+
+def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth(friction_page: str) -> None:
+    rows = re.findall(r"<tr( class=\"marked\")?>(<td>F.*?|<td>f_.*?)</tr>", friction_page)
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for _, row in rows]
+    assert cells[0] == [
+        "Fc_melbow",
+        "a meaning",
+        "F_c",
+        "9.0000",
+        "9.020",
+        "0.030",
+        "8.960 … 9.080",
+        "N*m",
+        "10 levels",
+    ]
+    assert [bool(marked) for marked, _ in rows] == [False, True, False]
+    assert "no speed below nu_s / 3" in friction_page

@@ -76,6 +76,7 @@ def test_every_key_is_read_in_si(study: Path) -> None:
         ("friction.warm_up.test_every=3 h", "tests must come within the warm-up"),
         ("experiment.simulated.truth.Fc_m2=1", "no parameter of the robot is called 'Fc_m2'; did you mean 'Fc_m1'?"),
         ("experiment.simulated.truth.Fc_m1=1 N", "unit 'N' measures N, not N*m"),
+        ("experiment.simulated.truth.Fc_m1=40", "no robot has this number: friction: stiction (F_s) is 31 N*m, below"),
         ("validation={left_out: [upright]}", "validation.left_out: no stage of a study of kind friction uses it"),
     ],
 )
