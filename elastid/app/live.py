@@ -73,7 +73,7 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
     session = Session.of(run, goals, simulate, robot_time)
     with logged_in(run.folder, run.jobs, run.console), lasting_workers():
         plans, reached, words = session.work()
-        study = session.folder.write_study(session.data, plans)
+        study = session.write_study(plans)
         run.console.say(f"live: {words}")
     finished = replace(run, loaded=load(study))
     run_all(finished)
@@ -86,12 +86,14 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
 class Session:
     """A live identification: run: of the study that was asked for, in the folder of the results.
 
-    simulate: by the study's rig.  budget_s: robot time that may be used.
+    path: its folder live.  outputs: places in its logs.  simulate: by the study's rig.  budget_s: robot time that may
+    be used.
     """
 
     run: Run
     goal: Goal
-    folder: LiveFolder
+    path: Path
+    outputs: tuple[str, ...]
     problem: DesignProblem
     simulate: bool
     budget_s: float
@@ -107,7 +109,6 @@ class Session:
             robot = replace(robot, tolerances=EXACT if simulate else usual)
         goal = read_goal(goals, choose(study.fit, robot).free_names)
         outputs = study.experiment.as_simulated().outputs or robot.motor_locations
-        folder = LiveFolder(run.folder / "live", robot, outputs)
         candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)
         # Friction, before any log shows it: in one realisation, relative to |G|.
         distortion = study.design.distortion if study.design else 0.03 * float(coulomb_levels(robot).any())
@@ -117,12 +118,8 @@ class Session:
             robot, study.excitation, experiment, study.seeded_fit, study.estimator.quantity, study.seed, design,
             model=study.model, friction=study.estimator.friction,
         )  # fmt: skip
-        return cls(run, goal, folder, problem, simulate, robot_time or planned_time_s(run))
-
-    @property
-    def data(self) -> dict[str, Any]:
-        """Keys of the study that was asked for."""
-        return study_data(self.run.loaded.path, self.run.loaded.overrides)
+        budget_s = robot_time or planned_time_s(run)
+        return cls(run, goal, run.folder / "live", outputs, problem, simulate, budget_s)
 
     @cached_property
     def stamp(self) -> Stamp:
@@ -132,8 +129,8 @@ class Session:
 
     def work(self) -> tuple[list[Plan], bool, str]:
         """The plans that were carried out, True where the goal is reached, and how it ended."""
-        self.folder.path.mkdir(parents=True, exist_ok=True)
-        remove_leftovers(self.folder.path)
+        self.path.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(self.path)
         plans: list[Plan] = []
         result: Result | None = None
         while True:
@@ -178,7 +175,7 @@ class Session:
         assert design is not None
         if not plans:
             return design
-        measured = read_responses(self.folder.plan(len(plans)).with_suffix("") / "frf.h5")
+        measured = read_responses(self.plan(len(plans)).with_suffix("") / "frf.h5")
         shown = [(q.stochastic, q.excited.amplitude) for q in (G.quality for G in measured) if q is not None]
         shares = [np.median((by_distortion / size) ** 2) for by_distortion, size in shown if by_distortion is not None]
         level = math.sqrt(np.mean(shares)) if shares else design.distortion
@@ -187,7 +184,7 @@ class Session:
     def _planned(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
         """The next plan, as it was written or now; a sentence where no further one leads to the goal."""
         step = len(plans) + 1
-        path, problem = self.folder.plan(step), self._at(result)
+        path, problem = self.plan(step), self._at(result)
         if path.is_file():
             stamp = read_stamp(path)
             if stamp is None or stamp.inputs != self.stamp.inputs:
@@ -216,7 +213,7 @@ class Session:
                 f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
             )
             write_plan(path, plan, self.stamp, peaks=proposal.limit_use)
-        references, movement = self.folder.path / "references", self._movement(plan, problem.robot)
+        references, movement = self.path / "references", self._movement(plan, problem.robot)
         references.mkdir(parents=True, exist_ok=True)
         for run in plan.experiments:
             if not (path := references / f"{run.name}.csv").exists():
@@ -261,9 +258,9 @@ class Session:
 
     def _measured(self, plan: Plan, before: Sequence[Plan], result: Result | None) -> None:
         """Wait for the logs of a plan, or simulate them; DataError for one that contradicts it."""
-        step, problem, logs = len(before) + 1, self._at(result), self.folder.path / "logs"
+        step, problem, logs = len(before) + 1, self._at(result), self.path / "logs"
         logs.mkdir(exist_ok=True)
-        missing = [run for run in plan.experiments if self.folder.log(run) is None]
+        missing = [run for run in plan.experiments if self.log(run) is None]
         if not missing and self._run([*before, plan]).is_current("fit"):
             return  # they were checked before that
         with self._execution(f"rehearsal of x{step}") as execution:
@@ -275,14 +272,14 @@ class Session:
                 execution.ordered(partial(write_simulated_log, logs, rig), missing)
         elif missing:
             self.run.console.say(
-                f"live: run {self.folder.path / 'references'}/x{step}-*.csv and put the logs of the whole runs into "
-                f"{logs} under the same names; columns: {', '.join(c.channel for c in self.folder.channels)}"
+                f"live: run {self.path / 'references'}/x{step}-*.csv and put the logs of the whole runs into "
+                f"{logs} under the same names; columns: {', '.join(c.channel for c in self.channels)}"
             )
         given, swings = self._movement(plan, problem.robot), problem.simulated.carrier is not None
         for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
             path = self._awaited(run)
             planned = PlannedRun(plan, run, given, rehearsal, problem.robot, swings)
-            if words := contradiction(planned, *self.folder.signals(plan, run)):
+            if words := contradiction(planned, *self.signals(plan, run)):
                 raise DataError(
                     "live/logs",
                     f"{words}. Put the right log in its place and give the same command; all logs before it are kept",
@@ -293,7 +290,7 @@ class Session:
         """The log of a run once it is there, and no longer grows."""
         last = -1
         while True:
-            path = self.folder.log(run)
+            path = self.log(run)
             parts = [] if path is None else [path, *path.iterdir()] if path.is_dir() else [path]
             size = sum(part.stat().st_size for part in parts)
             if path is not None and (self.simulate or size == last):
@@ -303,9 +300,9 @@ class Session:
 
     def _run(self, plans: Sequence[Plan]) -> Run:
         """The run of all logs so far."""
-        study = self.folder.write_study(self.data, plans)
+        study = self.write_study(plans)
         loaded = load(study, ("fit.profile=[]", "fit.bootstrap=0"))
-        return replace(self.run, loaded=loaded, folder=self.folder.plan(len(plans)).with_suffix(""))
+        return replace(self.run, loaded=loaded, folder=self.plan(len(plans)).with_suffix(""))
 
     def _fitted(self, plans: Sequence[Plan]) -> Result:
         """The fit of all logs so far, kept until one of them changes."""
@@ -320,26 +317,6 @@ class Session:
         name = max(used, key=lambda joint: used[joint])
         goal = 100 * self.goal.widths[name]
         return f"{name} is known to {number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
-
-
-def planned_time_s(run: Run) -> float:
-    """Robot time of the plan that the study itself asks for."""
-    study = run.study
-    assert study.excitation is not None
-    n_u, experiment, design = len(study.as_robot().driven), study.experiment, study.design
-    if design is not None and design.robot_time is not None:
-        return float(design.robot_time)
-    count = len(experiment.configurations) + (0 if design is None else design.count or 0)
-    return count * unit_time_s(study.excitation, experiment, n_u, experiment.periods)
-
-
-@dataclass(frozen=True)
-class LiveFolder:
-    """path: of the folder; robot: with the tolerances that its logs are fitted with; outputs: places in the logs."""
-
-    path: Path
-    robot: Robot
-    outputs: tuple[str, ...]
 
     def plan(self, step: int) -> Path:
         """The plan of an experiment, from 1; without its suffix the folder of the results up to this one."""
@@ -358,16 +335,10 @@ class LiveFolder:
     @property
     def channels(self) -> tuple[ChannelSpec, ...]:
         """Channels of all logs: injected torque (r), acting torque (u) and motion (y), link side, SI."""
-        inputs = self.robot.motor_locations
+        inputs = self.problem.robot.motor_locations
         torques = [ChannelSpec(role, at, channel=f"{role} {at}") for role in ("r", "u") for at in inputs]
         motions = [ChannelSpec("y", at, channel=f"y {at}", quantity=logged_quantity(at)) for at in self.outputs]
         return (*torques, *motions)
-
-    def recorded(self, plans: Sequence[Plan]) -> RecordedSpec:
-        """The measured periods of all logs of some plans, which are there."""
-        files = [self._file(plan, run) for plan in plans for run in plan.experiments]
-        period = float(plans[0].period_samples)
-        return RecordedSpec(plans[0].rate_hz, self.channels, tuple(files), period_samples=period, hold="zero-order")
 
     def _file(self, plan: Plan, run: Experiment, whole: bool = False) -> FileSpec:
         log = self.log(run)
@@ -382,21 +353,36 @@ class LiveFolder:
         spec = RecordedSpec(plan.rate_hz, self.channels, (file,))
         path = self.path / file.path
         with naming(path, f"its values cannot be used as a log; look at them with `elastid inspect {path}`"):
-            gathered = gather_channels(spec, file, self.path, self.robot)
+            gathered = gather_channels(spec, file, self.path, self.problem.robot)
         columns = {(c.role, c.at): gathered.signals[:, i] for i, c in enumerate(gathered.channels)}
-        inputs = self.robot.motor_locations
+        inputs = self.problem.robot.motor_locations
         r, u, y = (np.stack([columns[role, at] for at in inputs], axis=1) for role in ("r", "u", "y"))
         return r, u, y
 
-    def write_study(self, data: Mapping[str, Any], plans: Sequence[Plan]) -> Path:
-        """study.yml and robot.yml of the logs of some plans; data: keys of the study that was asked for."""
+    def write_study(self, plans: Sequence[Plan]) -> Path:
+        """study.yml and robot.yml of the measured periods of all logs of some plans, which are there."""
+        data, first = study_data(self.run.loaded.path, self.run.loaded.overrides), plans[0]
+        files = tuple(self._file(plan, run) for plan in plans for run in plan.experiments)
+        period = float(first.period_samples)
+        recorded = RecordedSpec(first.rate_hz, self.channels, files, period_samples=period, hold="zero-order")
         configurations = {c.name: tuple(c.angles.tolist()) for plan in plans for c in plan.configurations}
-        experiment = ExperimentSpec(configurations, recorded=self.recorded(plans))
+        experiment = ExperimentSpec(configurations, recorded=recorded)
         kept = {key: data[key] for key in KEPT if data.get(key) is not None}
         text = yaml_text({**kept, "robot": ROBOT, "experiment": experiment}, ("The logs of a live identification.",))
-        write_text(self.path / ROBOT, yaml_text(self.robot))
+        write_text(self.path / ROBOT, yaml_text(self.problem.robot))
         write_text(self.path / STUDY, text)
         return self.path / STUDY
+
+
+def planned_time_s(run: Run) -> float:
+    """Robot time of the plan that the study itself asks for."""
+    study = run.study
+    assert study.excitation is not None
+    n_u, experiment, design = len(study.as_robot().driven), study.experiment, study.design
+    if design is not None and design.robot_time is not None:
+        return float(design.robot_time)
+    count = len(experiment.configurations) + (0 if design is None else design.count or 0)
+    return count * unit_time_s(study.excitation, experiment, n_u, experiment.periods)
 
 
 def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> None:

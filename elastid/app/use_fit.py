@@ -49,7 +49,7 @@ from elastid.targets.fmu import write_move_fmu
 from elastid.targets.move import write_move
 from elastid.use.closed_loops import PostureFamily
 from elastid.use.draws import draw_robots, estimated_robot
-from elastid.use.loops import Loops, Today, design_loops
+from elastid.use.loops import Loops, design_loops
 from elastid.use.map import Cut, map_workspace
 from elastid.use.moves import read_move
 from elastid.use.postures import grid_postures, random_postures, read_path
@@ -196,9 +196,8 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         simulated = run.study.experiment.simulated
         rig_delay = 0 if simulated is None else simulated.controller.delay_samples
-        known = None if today is None else Today(study_hz or hz, today)
         asked_delay = rig_delay if delay is None else delay
-        loops = design_loops(run.study.name, result, family, asked_delay, draws, run.study.seed, known)
+        loops = design_loops(run.study.name, result, family, asked_delay, draws, run.study.seed, today, study_hz)
         files = {
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
             "loops.yml": lambda path: write_text(path, loops_section(loops)),

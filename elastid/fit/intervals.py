@@ -139,7 +139,7 @@ def profile_ends(
     A_inverse = np.asarray(np.linalg.pinv(best.hessian / 2, hermitian=True))
     places, ends = [problem.parameters.free_names.index(name) for name in names], np.full((len(x), 2), np.nan)
     work = partial(_profile, problem, x, best.cost, A_inverse, variance)
-    ends[places] = (execution or Execution()).ordered(work, places)
+    ends[places] = np.reshape((execution or Execution()).ordered(work, places), (-1, 2))
     return ends
 
 

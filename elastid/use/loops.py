@@ -30,7 +30,7 @@ the phase of the loop: to its gains at low frequencies, to delay, sampling and f
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -401,27 +401,22 @@ class Loops:
         return tuple(state for state in (self.today, self.designed) if state is not None)
 
 
-@dataclass(frozen=True)
-class Today:
-    """The controller that a study states, and its rate, which may be another than that of the loops designed."""
-
-    rate_hz: float
-    spec: ControllerSpec
-
-    def state(self, family: PostureFamily, drawn: Plants | None) -> LoopState:
-        """The controller in all postures; its gains may follow from a bandwidth, which is another in each."""
-        model, theta = family.family.model, family.family.theta
-        sets = [gains_of(model, equilibrium(model, theta, case.configuration).q, self.spec) for case in family.linear]
-        gains = Gains(*(np.array([getattr(tuning, name) for tuning in sets]) for name in ("kp", "kd", "ki")))
-        return assess(TODAY, family, drawn, gains, filters_of(family.axes, self.spec, self.rate_hz))
+def todays_loops(family: PostureFamily, drawn: Plants | None, spec: ControllerSpec) -> LoopState:
+    """A controller in all postures; its gains may follow from a bandwidth, which is another in each."""
+    model, theta = family.family.model, family.family.theta
+    sets = [gains_of(model, equilibrium(model, theta, case.configuration).q, spec) for case in family.linear]
+    gains = Gains(*(np.array([getattr(tuning, name) for tuning in sets]) for name in ("kp", "kd", "ki")))
+    return assess(TODAY, family, drawn, gains, filters_of(family.axes, spec, family.rate_hz))
 
 
 def design_loops(
-    name: str, result: Result, family: PostureFamily, delay_samples: int, draws: int, seed: int, today: Today | None
-) -> Loops:
+    name: str, result: Result, family: PostureFamily, delay_samples: int, draws: int, seed: int,
+    today: ControllerSpec | None = None, today_hz: float | None = None,
+) -> Loops:  # fmt: skip
     """Loops at the rate of a family of the fit; FitError where no gains keep the limit in all its postures.
 
-    delay_samples: of the loops that are designed.  draws: of the fit, with their seed.
+    delay_samples: of the loops that are designed.  draws: of the fit, with their seed.  today: the controller that the
+    study states; today_hz: its rate, where it is another.
     """
 
     def drawn_of(family: PostureFamily) -> Plants | None:
@@ -429,8 +424,8 @@ def design_loops(
 
     state = None
     if today is not None:
-        variant = replace(family, rate_hz=today.rate_hz)
-        state = today.state(variant, drawn_of(variant))
+        variant = replace(family, rate_hz=today_hz or family.rate_hz)
+        state = todays_loops(variant, drawn_of(variant), today)
     drawn, first_hz = drawn_of(family), min(mode.freq_hz for modes in family.modes for mode in modes)
     cascade = robust(family.estimate, drawn, first_hz, delay_samples)
     designed = assess(DESIGNED, family, drawn, cascade.gains, cascade.filters(family.rate_hz))

@@ -223,11 +223,10 @@ def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
     """DataError for the first row (of a table of joints) or angle (of poses) beyond the limits of a driven joint."""
     for row, i in np.argwhere(beyond_limits(robot, angles)).tolist():
         line = table.lines[row] if len(angles) == len(table.lines) else table.lines[-1]
-        name, unit, (low, high) = robot.driven[i].name, robot.driven[i].unit, robot.driven[i].limits.angle
+        joint = robot.driven[i]
         raise DataError(
             "use/unreachable",
-            f"joint {name} at {angles[row, i]:.4g} {unit} is beyond its limits "
-            f"[{low:.4g}, {high:.4g}] {unit}; move the path, or name a column of degrees `{name} deg`",
+            f"{joint.position_refusal(angles[row, i])}; move the path, or name a column of degrees `{joint.name} deg`",
             f"{table.path}:{line}",
         )
 

@@ -27,7 +27,7 @@ session = Session.of(run, ("k_*: 0.05 %",), simulate=True)
 plans, reached, words = session.work()
 
 # What was known after each experiment: half widths of the intervals of the springs, in percent.
-fits = [ei.load(session.folder.plan(step).with_suffix("") / "fit.h5") for step in range(1, len(plans) + 1)]
+fits = [ei.load(session.plan(step).with_suffix("") / "fit.h5") for step in range(1, len(plans) + 1)]
 robot_time_s = np.cumsum([plan.robot_time_s for plan in plans])
 half_widths = {
     name: [100 * (high - low) / 2 / fit.values[name] for fit in fits for low, high in [fit.interval(name)]]

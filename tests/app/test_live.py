@@ -173,7 +173,7 @@ def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_befor
     folder = study.parent / "payload"
     session(study, folder, robot_time=16.0).work()
     finer = session(study, folder, "k_*: 0.05 %", robot_time=100.0)
-    first = read_plan(finer.folder.plan(1))
+    first = read_plan(finer.plan(1))
     second = finer._planned([first], finer._fitted([first]))
     assert isinstance(second, Plan)
     own = replace(finer.problem.experiment, simulated=finer.run.study.experiment.simulated)
@@ -181,7 +181,7 @@ def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_befor
     for robot, is_right in ((heavier, False), (finer.run.study.as_robot(), True)):
         rig = SimulatedRig(robot, own, second, 5)
         for run in second.experiments:
-            write_simulated_log(finer.folder.path / "logs", rig, run)
+            write_simulated_log(finer.path / "logs", rig, run)
         _, reached, words = session(study, folder, "k_*: 0.05 %", robot_time=100.0).work()
         assert reached == is_right, words
         assert ("the logs of x2 contradict those before" in words) == (not is_right)

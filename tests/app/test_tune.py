@@ -35,7 +35,7 @@ def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.Capture
     assert (run / "tune.csv").read_bytes() == first
     for text, says in (
         ("1,2\n0,0\n0.2,up\n", "move.csv:3: 0.2, up: "),
-        ("1,2\n0,0\n9,0\n", "beyond its limits"),
+        ("1,2\n0,0\n9,0\n", "outside its limits"),
     ):
         path.write_text(text, encoding="utf-8")
         assert command("tune", study, *words) == 1

@@ -70,6 +70,9 @@ def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
             f"the window leaves the limits of joint {joint.name}, {limits.angle[0]:.4g} to {limits.angle[1]:.4g} "
             f"{joint.unit}; narrow it",
         )
+    if passes.speeds is not None and passes.speeds[1] > limits.velocity:
+        message = f"joint {joint.name} may move at {limits.velocity:.4g} {joint.unit}/s; lower the highest speed"
+        yield Problem((*_PASSES, "speeds", 1), message)
     if spec.warm_up is not None and (refused := joint.refusal_of(spec.warm_up.speed)):
         yield Problem((*_FRICTION, "warm_up", "speed"), refused)
 

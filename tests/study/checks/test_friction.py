@@ -63,6 +63,7 @@ def test_every_key_is_read_in_si(study: Path) -> None:
         ("friction.joints=[1, 1]", "joints: 1 is given twice; leave one out"),
         ("friction.passes=detect", "passes: detect is for logs (experiment.recorded), whose passes are there"),
         ("friction.passes.speeds=[1, 0.5]", "speeds is [1, 0.5]; give [lowest, highest], both above 0"),
+        ("friction.passes.speeds=[0.1, 9]", "joint 1 may move at 2.094 rad/s; lower the highest speed"),
         ("friction.passes.speeds=[1 mm/s, 1 m/s]", "is given in units of m/s, but joint 1 is a rotation"),
         ("friction.passes.window=[-3, 1]", "the window leaves the limits of joint 1, -1.745 to 1.745 rad; narrow it"),
         ("friction.passes.window=[1, -1]", "window is [1, -1]; give [lower, upper]"),

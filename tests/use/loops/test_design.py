@@ -13,7 +13,7 @@ from plants.refusals import refused
 from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec
 from elastid.record import Configuration
 from elastid.use.closed_loops import LIMIT_DB, PostureFamily, Scene
-from elastid.use.loops import Cascade, Today, design, design_loops, robust, room
+from elastid.use.loops import Cascade, design, design_loops, robust, room, todays_loops
 
 RATE_HZ = 250.0
 
@@ -56,9 +56,9 @@ def test_todays_loops_keep_their_own_rate(family: PostureFamily, monkeypatch: py
     spec = ControllerSpec(kind="cascade", gains=GainsSpec(4.5, tuple((8.0 * family.inertia[0]).tolist())))
     monkeypatch.setattr("elastid.use.loops.robust", lambda *_: start(family))
     slow = replace(family, rate_hz=100.0)
-    loops = design_loops("arm", result(), slow, 1, 0, 1, Today(RATE_HZ, spec))
+    loops = design_loops("arm", result(), slow, 1, 0, 1, spec, RATE_HZ)
     assert loops.today is not None
-    assert loops.today.peak_db == pytest.approx(Today(RATE_HZ, spec).state(family, None).peak_db)
+    assert loops.today.peak_db == pytest.approx(todays_loops(family, None, spec).peak_db)
     assert loops.designed.freq_hz.max() < 50 < loops.today.freq_hz.max()
 
 
