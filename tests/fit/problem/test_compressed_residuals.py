@@ -1,21 +1,28 @@
-"""Normal equations on few columns and on half of a symmetric response: the same numbers as from all elements."""
+"""Normal equations on few columns, on half of a symmetric response, at workers: the numbers of all elements."""
 
 import pickle
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from plants.elastic_arm import arm
 from plants.linkages import linkage
-from plants.three_mass import FREQ, circular, stacked
+from plants.refusals import refused
+from plants.three_mass import FREQ, NO_FLOOR, circular, measured, noise_of, parameters, plant, stacked
 
+import elastid.base.arrays as base_arrays
+import elastid.fit.problem.elastic as chunks
 from elastid.base.arrays import ComplexArray
+from elastid.base.execution import HERE, Execution
 from elastid.base.kernels import is_compiled
+from elastid.base.workers import lasting_workers
 from elastid.fit.assembly import Assembly
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.compressed_residuals import BATCH, Full, LineResiduals, Packed
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, each_at_home, elastic_fit, home_of
 from elastid.fit.problem.least_squares import Evaluation
+from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.response.derivatives import Sensitivity
@@ -25,6 +32,7 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, HeldTorque
 from elastid.response import Covariance
 from elastid.robot import Body, Chain, Frame, Joint, Motor, Placement, Robot, Spring
+from elastid.store.measured import read_responses, write_responses
 
 NAMES = ("k_*", "d_*", "fm_*", "Jm_*", "m_fore", "c_fore_x", "delay", "torque_lag", "sensor_lag")
 TOOL = Frame("tool", "fore", Placement((0.9, 0.0, 0.1), (0.0, 0.3, 0.0)))
@@ -226,3 +234,73 @@ def test_a_linkage_has_the_same_normal_equations_in_c_and_numpy(F, mode, monkeyp
     part = pickle.loads(pickle.dumps(fit.parts[0]))
     here, again = (one.normal.at(fit.theta(fit.parts[0], x)) for one in (fit.parts[0], part))
     assert [np.asarray(one).tobytes() for one in here] == [np.asarray(one).tobytes() for one in again]
+
+
+Q = 18  # five chunks
+
+
+@pytest.fixture
+def responses(tmp_path, monkeypatch):
+    """A plant in many configurations on 49 lines: covariances stay in their file, a smoothed one beside it."""
+    rng, model = np.random.default_rng(0), plant((0, 1, 2))
+    every = []
+    for i in range(Q):
+        bare = measured(model, noise_of("relative", model), rng)
+        root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
+        matrix = root @ root.swapaxes(1, 2) + 0j
+        noise = Covariance(np.einsum("faa->fa", matrix).real[:, :, None], np.inf if i else 30.0, matrix=matrix)
+        whole = replace(bare, noise=noise, configuration=Configuration(f"c{i}", [0.0]))
+        every.append(whole.lines(np.arange(whole.n_lines) % 4 == 0))
+    write_responses(tmp_path / "frf.h5", every)
+    monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", 1000)
+    monkeypatch.setattr(base_arrays, "MIN_LARGE_FILE", 0)
+    monkeypatch.setattr(chunks, "MIN_LINES", 0)
+    return read_responses(tmp_path / "frf.h5")
+
+
+def fit_at(responses, stiffer: float = 1.0):
+    model = plant((0, 1, 2))
+    models = [replace(model, K=stiffer * model.K, configuration=G.configuration) for G in responses]
+    weighed = [weigh(response, NO_FLOOR) for response in responses]
+    return elastic_fit(responses, models, weighed, parameters(), "complex")
+
+
+def same(first, second, x) -> bool:
+    return pickle.dumps(first.evaluate(x)) == pickle.dumps(second.evaluate(x))
+
+
+def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses):
+    """At two points, in both precisions, and after the models have moved on; of fewer configurations, too."""
+    here, x = fit_at(responses), parameters().x
+    there = replace(here, home=home_of(responses, Execution(2)))
+    assert there.home.jobs == 2
+    with lasting_workers():
+        assert same(here, there, x)
+        assert here.rough(x + 0.1).hessian.tobytes() == there.rough(x + 0.1).hessian.tobytes()
+        moved = fit_at(responses, 1.1)
+        followed = replace(moved.with_residuals_of(here), home=there.home)
+        assert same(moved, followed, x + 0.1)
+        assert same(here, there, x)
+        assert same(replace(moved, parts=moved.parts[:3]), replace(followed, parts=followed.parts[:3]), x)
+
+
+def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(responses):
+    """The smoothed covariance as well; of a response that cannot be weighed the first in order is named."""
+    here, there = (each_at_home(partial(weigh, spec=NO_FLOOR), responses, home) for home in (HERE, Execution(2)))
+    for one, other, response in zip(here, there, responses, strict=True):
+        assert other.noise.is_of(response)
+        assert (other.noise.smooth is other.noise.measured) == (one.noise.smooth is one.noise.measured)
+        for name in ("sigma", "scale", "factor"):
+            assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+        assert one.noise.smooth.matrix.tobytes() == other.noise.smooth.matrix.tobytes()
+        assert isinstance(other.noise.smooth.matrix, base_arrays.FileArray)
+    bare = [replace(response, noise=None) for response in responses]
+    with refused("fit/weights", place="configuration c0"):
+        list(each_at_home(partial(weigh, spec=NO_FLOOR), bare, Execution(2)))
+
+
+def test_one_process_or_few_lines_keep_configurations_here(responses, monkeypatch):
+    """The work of others is then worth less than what it takes to ask them."""
+    assert home_of(responses, Execution(1)) == HERE
+    monkeypatch.setattr(chunks, "MIN_LINES", 20_000)
+    assert home_of(responses, Execution(2)) == HERE
