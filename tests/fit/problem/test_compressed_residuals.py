@@ -13,7 +13,7 @@ from plants.three_mass import FREQ, NO_FLOOR, circular, measured, noise_of, para
 
 import elastid.base.arrays as base_arrays
 import elastid.fit.problem.elastic as chunks
-from elastid.base.arrays import ComplexArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.execution import HERE, Execution
 from elastid.base.kernels import is_compiled
 from elastid.base.workers import lasting_workers
@@ -45,6 +45,24 @@ def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("elastid.linear.response.kernel.is_compiled", lambda: request.param)
 
 
+def correlated(rng: np.random.Generator, std: FloatArray) -> Covariance:
+    """Errors of all pairs of elements (F, n_y, n_u) of about this standard deviation."""
+    F, n_y, n_u = std.shape
+    root = circular(rng, (F, n_y * n_u, 3 * n_y * n_u)) * std.transpose(0, 2, 1).reshape(F, -1, 1)
+    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]
+    return Covariance(np.einsum("faa->fa", C).real.reshape(F, n_u, n_y).transpose(0, 2, 1), np.inf, matrix=C)
+
+
+def assert_sums_of_all_elements(fit: ElasticFit, x: FloatArray) -> None:
+    """Cost, gradient and normal matrix are those of the stacked residuals."""
+    here, (r, J) = fit.evaluate(x), stacked(fit, x)
+    scale = 2 * np.linalg.norm(J, axis=0)
+    assert here.cost == pytest.approx(r @ r, rel=1e-10)
+    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
+    expected = 2 * J.T @ J / np.outer(scale, scale)
+    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
+
+
 @pytest.mark.usefixtures("loops")
 @pytest.mark.parametrize("covariance", ["diagonal", "auto"])
 @pytest.mark.parametrize("criterion", ["complex", "log"])
@@ -69,12 +87,8 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     held = HeldTorque((200.0,) * 2, tuple(place != "accelerometer tool x" for place in outputs))
     linear = replace(linear, hold=held)
     exact = to_response(linear, np.append(model.theta, 1e-4), FREQ[::2])
-    F, n_y, n_u = exact.G.shape
     std = 0.02 * np.abs(exact.G) + 1e-4 * np.abs(exact.G).max(axis=0)
-    root = circular(rng, (F, n_y * n_u, 2 * n_y * n_u)) * std.transpose(0, 2, 1).reshape(F, -1, 1)
-    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]
-    known = Covariance(np.einsum("faa->fa", C).real.reshape(F, n_u, n_y).transpose(0, 2, 1), np.inf, matrix=C)
-    response = replace(exact, G=exact.G + std * circular(rng, std.shape), noise=known)
+    response = replace(exact, G=exact.G + std * circular(rng, std.shape), noise=correlated(rng, std))
     spec = FitSpec(
         criterion=criterion,
         parameters={name: ParameterSpec() for name in NAMES},
@@ -89,12 +103,7 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     parameters = choose(spec, robot)
     fit = Assembly.of([response], robot, spec, parameters).at(parameters.x, criterion)
     x = parameters.x + 0.02 * rng.standard_normal(len(parameters.x)) * (parameters.x > 0)
-    here, (r, J) = fit.evaluate(x), stacked(fit, x)
-    scale = 2 * np.linalg.norm(J, axis=0)
-    assert here.cost == pytest.approx(r @ r, rel=1e-10)
-    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
-    expected = 2 * J.T @ J / np.outer(scale, scale)
-    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
+    assert_sums_of_all_elements(fit, x)
     assert fit.parts[0].normal.columns.is_symmetric == (outputs == ("motor 1", "motor 2"))
 
 
@@ -126,11 +135,7 @@ def test_a_mass_without_gravity_acts_along_three_directions():
     parameters = choose(spec, robot)
     fit = Assembly.of([response], robot, spec, parameters).at(parameters.x, "complex")
     x = parameters.x + 0.02 * rng.standard_normal(len(parameters.x))
-    here, (r, J) = fit.evaluate(x), stacked(fit, x)
-    scale = 2 * np.linalg.norm(J, axis=0)
-    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
-    expected = 2 * J.T @ J / np.outer(scale, scale)
-    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
+    assert_sums_of_all_elements(fit, x)
     part = next(fit.parts[0].normal.columns.at(fit.theta(fit.parts[0], x)))
     assert part.S.shape == (2, 1, 3, 3)
 
@@ -203,11 +208,7 @@ def test_a_linkage_has_the_same_normal_equations_in_c_and_numpy(F, mode, monkeyp
     built = formulate(robot, model)
     linear = linearise(built, Configuration("c1", (0.3, 0.5)), built.theta, built.inputs, "acceleration")
     exact = to_response(linear, linear.theta_ref, np.linspace(2, 60, F))
-    n_e = exact.G[0].size
-    root = circular(rng, (F, n_e, 3 * n_e)) * (0.02 * np.abs(exact.G)).transpose(0, 2, 1).reshape(F, -1, 1)
-    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]
-    variance = np.einsum("faa->fa", C).real.reshape(F, *exact.G.shape[:0:-1]).transpose(0, 2, 1)
-    noise = Covariance(variance, np.inf, matrix=C)
+    noise = correlated(rng, 0.02 * np.abs(exact.G))
     measured = replace(exact, G=exact.G * (1 + 0.02 * circular(rng, exact.G.shape)), noise=noise)
     spec = FitSpec(
         parameters={name: ParameterSpec() for name in ("k_2", "d_*", "k_b2", "m_upper", "fm_*")},
