@@ -1,10 +1,12 @@
-"""Every script runs: examples give their number, benches and studies end with JSON, quoted ratios are the last."""
+"""Every script runs: examples give their number, benches and studies end with JSON; budget and licences refuse."""
 
 import ast
 import json
 import re
+import runpy
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -172,3 +174,57 @@ def test_every_quoted_ratio_is_that_of_the_last_run(script: str) -> None:
         digits = len(number.partition(".")[2])
         assert float(number) == round(LAST_RUN[script][key], digits), key
     assert not re.search(r"\d", QUOTE.sub("", paragraph)), "a number without a source"
+
+
+MODULE = '''"""One module."""
+LIMIT = 2 * 3.0
+class RoomLimits:
+    most: int = 4
+    name: str = "no number"
+def f(x):
+    """A docstring of many words, which is not counted."""
+    return "a text of words without an end", "A sentence has five words.", f"{x} is more than {x} of it"
+'''
+
+
+def test_a_number_beyond_the_budget_fails_until_it_falls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By what, where and how much; lowering takes the numbers that fell and leaves the others."""
+    main = runpy.run_path(str(SCRIPTS / "budget.py"))["main"]
+    for room in ("elastid", "tests", "scripts"):
+        (tmp_path / room).mkdir()
+    (tmp_path / "elastid" / "__init__.pyi").write_text("from elastid.robot import Robot as Robot\n")
+    (tmp_path / "elastid" / "module.py").write_text(MODULE)
+    path = tmp_path / "scripts" / "budget.toml"
+    path.write_text("[elastid]\nlines = 7\nthresholds = 9\n")
+    assert main(["--lower"], tmp_path) == 1
+    assert "elastid: lines: 8, 1 more than the budget of 7" in capsys.readouterr().out
+    lowered = tomllib.loads(path.read_text())["elastid"]
+    assert lowered.pop("nodes") > 30
+    assert lowered == {"lines": 7, "files": 1, "thresholds": 2, "sentences": 2, "commands": 0, "names": 1}
+    path.write_text(path.read_text().replace("lines = 7", "lines = 8"))
+    assert main([], tmp_path) == 0
+
+
+LICENCES = runpy.run_path(str(SCRIPTS / "licences.py"))
+
+
+@pytest.mark.parametrize(
+    ("licence", "is_allowed"),
+    [
+        ("GPL-3.0-or-later", False),
+        ("GNU Affero General Public License v3", False),
+        ("CC-BY-NC-4.0", False),
+        ("LGPL-3.0-only", True),
+        ("GNU Lesser General Public License v3 or later (LGPLv3+)", True),
+        ("BSD-3-Clause AND MIT", True),
+    ],
+)
+def test_licences_that_bind_a_user_are_refused(licence: str, is_allowed: bool) -> None:
+    assert (LICENCES["FORBIDDEN"].search(licence) is None) == is_allowed
+
+
+def test_what_is_installed_passes(capsys: pytest.CaptureFixture[str]) -> None:
+    """CasADi's LGPL is among the licences."""
+    assert LICENCES["main"]() == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if line.startswith("casadi ") and "Lesser" in line]

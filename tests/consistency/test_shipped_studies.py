@@ -1,20 +1,34 @@
 """Every study that is shipped runs from end to end and finds what is known about its object."""
 
+import csv
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from plants.measured import BENCH, measured, with_records
+from plants.measured import BENCH, DATA, measured, with_records
+from plants.notes import said
 
 from elastid.app import cli
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.identify import identify
+from elastid.fit.result import Result
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import EXACT, formulate
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.response import Covariance, Response
+from elastid.robot import Robot
 from elastid.store.measured import read_responses
 from elastid.store.results import read_fit
-from elastid.study import load
+from elastid.study import load, load_robot
 from elastid.validation.agreement import resonances
 
 ROOT = Path(__file__).parents[2]
@@ -23,9 +37,9 @@ BENCH_STUDY, ARM_STUDY = CONFIGS / "real" / "motor_bench.yml", CONFIGS / "real" 
 SHIPPED = sorted([*CONFIGS.glob("*.yml"), *CONFIGS.glob("real/*.yml")])
 
 
-def run(study: Path, folder: Path, *options: str) -> dict[str, Any]:
+def run(study: Path, folder: Path, *options: str, commands: Sequence[str] = ()) -> dict[str, Any]:
     """`elastid run`, and the summary it leaves."""
-    assert cli.run_command(["run", str(with_records(study)), "--run", str(folder), "-q", *options]) == 0
+    assert cli.run_command(["run", str(with_records(study)), *commands, "--run", str(folder), "-q", *options]) == 0
     summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return summary
 
@@ -144,3 +158,142 @@ def test_every_shipped_robot_has_a_linear_model(robot: Path, tmp_path: Path) -> 
         "acceleration",
     )
     assert np.linalg.eigvalsh(model.M)[0] > 0
+
+
+SPREAD = ((0.0, 0.0), (0.5, -0.1), (-0.4, 0.4), (0.2, 0.9), (0.6, -0.2), (-0.3, -0.8))
+FREE = ("k_2", "k_3", "k_rod", "d_3", "d_rod")
+
+
+def planar() -> Robot:
+    return load_robot(CONFIGS / "robots" / "linkage_arm.yml")
+
+
+@cache
+def exact_responses(angles: tuple[tuple[float, float], ...], highest: float) -> list[Response]:
+    """As many lines in all, whatever the number of configurations."""
+    model = formulate(planar())
+    linearisation, lines, responses = Linearisation.of(model), np.linspace(3, highest, 300 // len(angles)), []
+    for i, at in enumerate(angles):
+        linear = linearisation.at(Configuration(f"c{i}", np.array(at)), model.theta, model.inputs, "acceleration")
+        responses.append(to_response(linear, linear.theta_ref, lines))
+    return responses
+
+
+def fitted(angles, seed: int = 0, spec: ModelSpec = EXACT, highest: float = 30.0, free: Sequence[str] = FREE) -> Result:
+    """A fit of the planar arm's springs from responses of the exact model with 3 % noise, from a start 40 % off."""
+    robot, random, responses = planar(), np.random.default_rng(seed), []
+    for exact in exact_responses(angles, highest):
+        level = 0.03 * np.abs(exact.G)
+        noise = random.standard_normal((2, *level.shape)) / np.sqrt(2)
+        total = Covariance(level**2, 100.0)
+        responses.append(replace(exact, G=exact.G + level * (noise[0] + 1j * noise[1]), total=total))
+    start = robot.with_parameters({name: 1.4 * dict(robot.parameters())[name][0] for name in free})
+    parameters = {name: ParameterSpec() for name in free}
+    weights = WeightSpec(floor=0.01)  # of noise alone a single posture would know more
+    return identify(responses, start, FitSpec(parameters=parameters, starts=1, weights=weights), model=spec)
+
+
+def relative(result: Result, name: str) -> float:
+    """Standard deviation of a logarithmic parameter."""
+    i = result.parameters.free_names.index(name)
+    return float(np.sqrt(result.covariance[i, i]))
+
+
+@pytest.mark.slow
+def test_a_single_posture_is_said_to_confuse_gear_and_rod():
+    """Below the third mode k_3 and k_rod are one spring there; with the angle spread they are two."""
+    one = fitted(SPREAD[:1])
+    assert any("k_3 and k_rod cannot be distinguished" in word for word in said(one.notes))
+    names = one.parameters.free_names
+    assert one.correlation[names.index("k_3"), names.index("k_rod")] < -0.98
+    six = fitted(SPREAD)
+    assert not any("k_3 and k_rod" in word for word in said(six.notes))
+    for name in ("k_3", "k_rod"):
+        assert relative(six, name) < 0.3 * relative(one, name)
+
+
+UP_TO_FIT = ("design", "measure", "estimate", "fit")
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(
+    ("study", "seed", "commands"),
+    [
+        pytest.param("linkage_arm.yml", 2, [], marks=pytest.mark.slow),
+        pytest.param("irb4400_linkage.yml", 1, UP_TO_FIT, marks=pytest.mark.slow),
+    ],
+)
+def test_shipped_linkages_are_identified_from_the_simulated_rig(
+    study: str, seed: int, commands: Sequence[str], tmp_path: Path
+):
+    """Gears, rod and bending within 3 standard deviations and 5 % of the truth, with friction, noise and gravity."""
+    summary = run(CONFIGS / study, tmp_path / "run", "--set", f"seed={seed}", commands=commands)
+    found = {name: p for name, p in summary["parameters"].items() if name.startswith("k_")}
+    assert {"k_2", "k_3", "k_rod", "k_b2"} <= set(found)
+    for name, p in found.items():
+        assert abs(p["value"] / p["truth"] - 1) < 0.05, name
+        assert abs(p["value"] - p["truth"]) < 3 * p["std"], name
+
+
+EMPS_STUDY = CONFIGS / "real" / "emps_response.yml"
+# Motor current in A to the angles of motor and load: the bench of configs/real/motor_bench.yml, nothing known of it.
+BENCH_AS_STRUCTURE = f"""
+name: bench
+experiment:
+  configurations: {{bench: []}}
+  recorded:
+    rate_hz: 2500
+    period: 1 s
+    channels:
+      - {{role: u, at: current, channel: iq_adx, quantity: current, unit: A}}
+      - {{role: y, at: motor, channel: theta_mx, quantity: position, unit: rad}}
+      - {{role: y, at: load, channel: theta_my, quantity: position, unit: rad, sign: -1}}
+    files:
+      - {{path: {json.dumps(str(DATA / BENCH))}, configuration: bench}}
+report: {{formats: []}}
+"""
+
+
+def ran(study: Path, folder: Path, *overrides: str) -> Response:
+    """The response of `elastid run`."""
+    options = [part for override in ("report.formats=[]", *overrides) for part in ("--set", override)]
+    assert cli.run_command(["run", str(with_records(study)), "--run", str(folder), "-q", *options]) == 0
+    (response,) = read_responses(folder / "frf.h5")
+    return response
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [(), ("experiment.recorded.period=none", "estimator.method=h1")],
+    ids=["as-shipped", "as-one-transient"],
+)
+def test_the_mass_of_the_axis_is_in_the_response_of_the_shipped_study(
+    overrides: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Force over acceleration above 2 Hz is the published 95.11 kg within 5 %."""
+    response = ran(EMPS_STUDY, tmp_path / "run", *overrides)
+    assert (response.inputs, response.outputs, response.unit) == (("drive",), ("carriage",), "(m/s^2)/(N)")
+    high = response.freq_hz > 2.0
+    assert high.sum() > 30
+    assert np.median(1 / response.G[high, 0, 0].real) == pytest.approx(95.11, rel=0.05)
+
+
+def test_the_shipped_study_of_the_axis_says_where_its_record_can_be_had() -> None:
+    """Its head has repository, commit and path; with another file in its place it is a study of responses."""
+    head = EMPS_STUDY.read_text(encoding="utf-8").partition("\nname:")[0]
+    for part in ("github.com/forgi86/sysid-neural-continuous", "956aa7ecd7", "examples/EMPS/data/DATA_EMPS.mat"):
+        assert part in head
+    assert load(EMPS_STUDY, (f"experiment.recorded.files.0.path={Path(__file__)}",)).study.kind == "frf"
+
+
+def test_the_bench_as_a_structure_has_its_resonance_and_antiresonance(tmp_path: Path) -> None:
+    """Without a robot, per ampere: 54 Hz in the dip of the motor, 76 Hz in the peak of both, within 3 %."""
+    (tmp_path / "study.yml").write_text(BENCH_AS_STRUCTURE)
+    response = ran(tmp_path / "study.yml", tmp_path / "run")
+    assert response.unit == "(rad/s^2)/(A)"
+    motor, load_side = response.G[:, 0, 0], response.G[:, 1, 0]
+    assert min(resonances(response.freq_hz, motor, sign=-1), key=lambda f: abs(f - 54)) == pytest.approx(54, rel=0.03)
+    for side in (motor, load_side):
+        assert min(resonances(response.freq_hz, side), key=lambda f: abs(f - 76)) == pytest.approx(76, rel=0.03)
+    rows = list(csv.DictReader((tmp_path / "run" / "modes.csv").read_text().splitlines()))
+    assert any(abs(float(row["frequency"]) / 76 - 1) < 0.03 for row in rows)

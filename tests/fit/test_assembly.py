@@ -1,4 +1,4 @@
-"""Nonlinear springs from frequency responses: gravity loads them differently from posture to posture."""
+"""Several robots of one type in one fit, and nonlinear springs from one posture to another."""
 
 from __future__ import annotations
 
@@ -7,16 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants import data_sheet_arm
 from plants.marks import SEEDS
 from plants.measured_robots import deviations, responses_of
+from plants.refusals import refused
 
 from elastid.fit.assembly import Assembly, relinearise
+from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.result import Result
+from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, TieSpec, WeightSpec
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import EXACT
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+from elastid.validation.comparison import ComparedVariant, RefitTask, refit
 
 FREQ = np.linspace(2, 60, 60)
 # Joint 1 carries 850, 760, 290, 40, 990 Nm: from nearly its stiffness without load to five times as much.
@@ -90,3 +97,98 @@ def test_a_search_that_ends_where_the_robot_tips_over_comes_back_to_where_it_sta
     assert "the robot cannot stand: configuration c1: joint 1 tips over" in end.message
     assembly.at(end.x, "complex")  # StudyError where the robot does not stand
     np.testing.assert_allclose(end.x, (soft + start) / 2)
+
+
+A = data_sheet_arm.arm()
+B = data_sheet_arm.arm().with_parameters({"k_1": 3.6e4, "fm_1": 3e-2, "fm_2": 5e-3})
+ROBOTS = {"A": ("a1", "a2", "a3"), "B": ("b1", "b2", "b3")}
+
+
+def measure_one(
+    robot: Robot, name: str, seed: int, postures: tuple[tuple[float, float], ...] = data_sheet_arm.POSTURES
+) -> list[Response]:
+    """Responses in each posture with 2 % noise of known variance."""
+    named = {f"{name}{i + 1}": angles for i, angles in enumerate(postures)}
+    return responses_of(robot, named, np.random.default_rng(seed), data_sheet_arm.FREQ)
+
+
+def both(seed: int, one: Robot = A, other: Robot = B) -> list[Response]:
+    """Two robots, measured in the same postures."""
+    return [*measure_one(one, "a", 2 * seed), *measure_one(other, "b", 2 * seed + 1)]
+
+
+SPEC = FitSpec(
+    starts=2,
+    robots=ROBOTS,
+    parameters={
+        "k_1": ParameterSpec(per="robot"),
+        "k_2": ParameterSpec(),
+        "d_*": ParameterSpec(),
+        "fm_*": ParameterSpec(per="robot"),
+    },
+)
+TRUTH = {"k_1@A": 3e4, "k_1@B": 3.6e4, "k_2": 2e4, "fm_1@A": 1e-2, "fm_1@B": 3e-2, "fm_2@A": 1e-2, "fm_2@B": 5e-3}
+
+
+def off(result: Result, name: str, truth: float) -> float:
+    i = result.parameters.free_names.index(name)
+    return float(abs(result.x[i] - math.log(truth)) / math.sqrt(result.covariance[i, i]))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
+    """Each robot's stiffness and friction by its name, what they share once, all within the claimed intervals."""
+    result = identify(
+        both(seed), data_sheet_arm.arm().with_parameters({"k_1": 2.5e4, "k_2": 2.5e4}), replace(SPEC, seed=seed)
+    )
+    assert result.status == "converged"
+    assert set(result.parameters.free_names) == {*TRUTH, "d_1", "d_2"}
+    assert max(off(result, name, truth) for name, truth in TRUTH.items()) < 3.5
+    assert not {"fit/responses", "fit/unlike-responses"} & {note.code for note in result.notes}
+    place = result.parameters.index("k_1")
+    assert result.parameters.expand(result.x, "b3")[place] == result.values["k_1@B"]
+    # A third robot of the type, of which nothing was fitted: the mean of those that were.
+    assert result.parameters.expand(result.x, "c1")[place] == pytest.approx(
+        math.sqrt(result.values["k_1@A"] * result.values["k_1@B"])
+    )
+
+
+def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
+    """What is found for robot B from b1 and b2 predicts b3; without any of B's, the mean of the others does."""
+    data = both(0)
+    result = identify([G for G in data if G.configuration.name != "b3"], data_sheet_arm.arm(), SPEC)
+    (predicted,) = FittedRobot.of(result, data_sheet_arm.arm(), data[-1:]).responses
+    assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
+    own = ComparedVariant("own", data_sheet_arm.arm(), SPEC, EXACT)
+    fold = refit(data, RefitTask(own, ("b3",)))
+    assert fold.left_out["b3"].misfit < 1.2
+    without = refit(data, RefitTask(own, ROBOTS["B"]))
+    assert without.left_out["b1"].misfit > 10
+
+
+def test_robots_must_be_named_once_and_at_all() -> None:
+    with refused("fit/parameters", place="fit.parameters.k_1.per"):
+        choose(replace(SPEC, robots={}), data_sheet_arm.arm(), ["a1"])
+    with pytest.raises(ValueError, match="robots: configuration a1 is given to A, B"):
+        FitSpec(robots={"A": ("a1",), "B": ("a1",)})
+
+
+def test_an_export_is_of_one_robot_each() -> None:
+    """The linear models of robot B have its numbers: their response is that of the fit, and A's are another's."""
+    data = both(0)
+    ratio = {"beta": RatioSpec(start=2e-3)}
+    tied = SPEC.parameters | {"d_*": ParameterSpec(tie=TieSpec("k_*", by="beta"))}
+    result = identify(data, data_sheet_arm.arm(), replace(SPEC, parameters=tied, ratios=ratio, starts=1))
+    models = models_by_group(result, data_sheet_arm.arm(), data)
+    assert {name: tuple(G.configuration.name for G in of.measured) for name, of in models.items()} == ROBOTS
+    for name, model in models.items():
+        assert model.robot.parameters()["k_1"][0] == result.values[f"k_1@{name}"]
+        names = [p.name for p in model.parameters]
+        assert f"fm_1@{name}" in names
+        assert not {"k_1", "fm_1", f"fm_1@{'BA'['AB'.index(name)]}"} & set(names)
+        for linear, fitted in zip(
+            model.linear, FittedRobot.of(result, data_sheet_arm.arm(), model.measured).responses, strict=True
+        ):
+            np.testing.assert_allclose(
+                frequency_response(linear, model.theta, data_sheet_arm.FREQ), fitted.G, rtol=1e-9
+            )

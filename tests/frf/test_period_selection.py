@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.measured import with_records
 from plants.notes import said
 from plants.refusals import refused
 from plants.steady_record import AUTO, LINES, N, periods_of, steady_record
@@ -14,6 +16,10 @@ from elastid.frf import period_selection
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
+from elastid.recorded.rig import RecordedRig
+from elastid.study import load
+
+BENCH_STUDY = Path(__file__).parents[2] / "configs" / "real" / "motor_bench.yml"
 
 
 def _kept(record: Record, spec: EstimatorSpec = AUTO) -> tuple[list[int], tuple[str, ...]]:
@@ -100,6 +106,14 @@ def test_good_periods_are_almost_never_left_out(n_lines: int) -> None:
         found = trusted(periods_of(record, LINES[:n_lines], "acceleration"), AUTO)
         lost += len(found.periods) < record.n_periods
     assert lost <= 4
+
+
+def test_the_bad_periods_of_a_real_bench_are_left_out_and_no_other() -> None:
+    """The first of 20, and the 7th and 14th of those after it."""
+    study = load(with_records(BENCH_STUDY)).study
+    rig = RecordedRig(study.robot, study.experiment, BENCH_STUDY.parent)
+    periods = periods_of(rig.measure(rig.experiments[0]), np.arange(11, 251), "acceleration")
+    assert set(range(20)) - {*trusted(periods, EstimatorSpec()).periods.tolist()} == {0, 7, 14}
 
 
 def test_periods_of_a_slow_wander_are_kept() -> None:

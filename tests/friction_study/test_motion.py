@@ -12,10 +12,18 @@ from plants.measured import EMPS, measured
 from plants.refusals import refused
 from scipy.io import loadmat
 
+from elastid.base.arrays import FloatArray
 from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, distinct_speeds
 
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
+
+
+def three_sines(t: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Angle, velocity and acceleration (3, n) of a motion of three sines."""
+    a, f, p = np.transpose([(0.6, 0.25, 0.3), (0.25, 0.7, 1.0), (0.08, 1.9, 2.0)])
+    w, phase = 2 * np.pi * f, p + rng.uniform(0, 6, 3)
+    return np.array([a * w**k @ np.sin(np.outer(w, t) + (phase + k * np.pi / 2)[:, None]) for k in range(3)])
 
 
 def swing(
@@ -24,15 +32,11 @@ def swing(
     """An axis under gravity in a motion of three sines, with torque noise that is correlated over 0.1 s."""
     rng, rate = np.random.default_rng(seed), 500.0
     t = np.arange(round(seconds * rate)) / rate
-    waves = [(0.6, 0.25, 0.3), (0.25, 0.7, 1.0), (0.08, 1.9, 2.0)]
-    phases = [(a, 2 * np.pi * f, p + rng.uniform(0, 6)) for a, f, p in waves]
-    q = sum(a * np.sin(w * t + p) for a, w, p in phases)
-    v = sum(a * w * np.cos(w * t + p) for a, w, p in phases)
-    acceleration = sum(-a * w**2 * np.sin(w * t + p) for a, w, p in phases)
+    q, v, acceleration = three_sines(t, rng)
     slow = np.convolve(rng.standard_normal(len(t)), np.exp(-np.arange(200) / 50), "same") / 5
     friction = (F_C + VISCOUS * np.abs(v)) * np.sign(v) + uneven * np.abs(v)
     u = J * acceleration + friction + gravity * (COS * np.cos(q) + SIN * np.sin(q)) + noise * slow
-    q = np.round(np.asarray(q) / 2e-5) * 2e-5
+    q = np.round(q / 2e-5) * 2e-5
     return Motion("joint 1", rate, q, u, turns_against_gravity=True)
 
 
@@ -216,16 +220,12 @@ def warming(seed: int = 0, slope: float = 0.0, decay: float = 20.0, share: float
     """An axis at 25 to 45 degC in 60 s: F_c + slope (T - 35), f (1 + share (e^{-(T - 35) / decay} - 1))."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(60 * RATE)) / RATE
-    waves = [(0.6, 0.25, 0.3), (0.25, 0.7, 1.0), (0.08, 1.9, 2.0)]
-    phases = [(a, 2 * np.pi * f, p + rng.uniform(0, 6)) for a, f, p in waves]
-    q = sum(a * np.sin(w * t + p) for a, w, p in phases)
-    v = sum(a * w * np.cos(w * t + p) for a, w, p in phases)
-    acceleration = sum(-a * w**2 * np.sin(w * t + p) for a, w, p in phases)
+    q, v, acceleration = three_sines(t, rng)
     warmth = 45 - (45 - degc) * np.exp(-t / 25)
     theta = warmth - 35
     u = J * acceleration + (F_C + slope * theta) * np.sign(v)
     u = u + VISCOUS * (1 + share * np.expm1(-theta / decay)) * v + 0.3 * rng.standard_normal(len(t))
-    return Motion("joint 1", RATE, np.round(np.asarray(q) / 2e-5) * 2e-5, u, temperature=warmth)
+    return Motion("joint 1", RATE, np.round(q / 2e-5) * 2e-5, u, temperature=warmth)
 
 
 def held(fit: MotionFriction, part: str) -> str:

@@ -1,21 +1,28 @@
-"""Normal equations on few columns and on half of a symmetric response: the same numbers as from all elements."""
+"""Normal equations on few columns, on half of a symmetric response, at workers: the numbers of all elements."""
 
 import pickle
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from plants.elastic_arm import arm
 from plants.linkages import linkage
-from plants.three_mass import FREQ, circular, stacked
+from plants.refusals import refused
+from plants.three_mass import FREQ, NO_FLOOR, circular, measured, noise_of, parameters, plant, stacked
 
-from elastid.base.arrays import ComplexArray
+import elastid.base.arrays as base_arrays
+import elastid.fit.problem.elastic as chunks
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.execution import HERE, Execution
 from elastid.base.kernels import is_compiled
+from elastid.base.workers import lasting_workers
 from elastid.fit.assembly import Assembly
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.compressed_residuals import BATCH, Full, LineResiduals, Packed
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, each_at_home, elastic_fit, home_of
 from elastid.fit.problem.least_squares import Evaluation
+from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.response.derivatives import Sensitivity
@@ -25,6 +32,7 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, HeldTorque
 from elastid.response import Covariance
 from elastid.robot import Body, Chain, Frame, Joint, Motor, Placement, Robot, Spring
+from elastid.store.measured import read_responses, write_responses
 
 NAMES = ("k_*", "d_*", "fm_*", "Jm_*", "m_fore", "c_fore_x", "delay", "torque_lag", "sensor_lag")
 TOOL = Frame("tool", "fore", Placement((0.9, 0.0, 0.1), (0.0, 0.3, 0.0)))
@@ -35,6 +43,24 @@ needs_compiler = pytest.mark.skipif(not is_compiled(), reason="the kernels in C 
 def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Loops that are compiled, however few lines there are, and none."""
     monkeypatch.setattr("elastid.linear.response.kernel.is_compiled", lambda: request.param)
+
+
+def correlated(rng: np.random.Generator, std: FloatArray) -> Covariance:
+    """Errors of all pairs of elements (F, n_y, n_u) of about this standard deviation."""
+    F, n_y, n_u = std.shape
+    root = circular(rng, (F, n_y * n_u, 3 * n_y * n_u)) * std.transpose(0, 2, 1).reshape(F, -1, 1)
+    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]
+    return Covariance(np.einsum("faa->fa", C).real.reshape(F, n_u, n_y).transpose(0, 2, 1), np.inf, matrix=C)
+
+
+def assert_sums_of_all_elements(fit: ElasticFit, x: FloatArray) -> None:
+    """Cost, gradient and normal matrix are those of the stacked residuals."""
+    here, (r, J) = fit.evaluate(x), stacked(fit, x)
+    scale = 2 * np.linalg.norm(J, axis=0)
+    assert here.cost == pytest.approx(r @ r, rel=1e-10)
+    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
+    expected = 2 * J.T @ J / np.outer(scale, scale)
+    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
 
 
 @pytest.mark.usefixtures("loops")
@@ -61,12 +87,8 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     held = HeldTorque((200.0,) * 2, tuple(place != "accelerometer tool x" for place in outputs))
     linear = replace(linear, hold=held)
     exact = to_response(linear, np.append(model.theta, 1e-4), FREQ[::2])
-    F, n_y, n_u = exact.G.shape
     std = 0.02 * np.abs(exact.G) + 1e-4 * np.abs(exact.G).max(axis=0)
-    root = circular(rng, (F, n_y * n_u, 2 * n_y * n_u)) * std.transpose(0, 2, 1).reshape(F, -1, 1)
-    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]
-    known = Covariance(np.einsum("faa->fa", C).real.reshape(F, n_u, n_y).transpose(0, 2, 1), np.inf, matrix=C)
-    response = replace(exact, G=exact.G + std * circular(rng, std.shape), noise=known)
+    response = replace(exact, G=exact.G + std * circular(rng, std.shape), noise=correlated(rng, std))
     spec = FitSpec(
         criterion=criterion,
         parameters={name: ParameterSpec() for name in NAMES},
@@ -81,12 +103,7 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     parameters = choose(spec, robot)
     fit = Assembly.of([response], robot, spec, parameters).at(parameters.x, criterion)
     x = parameters.x + 0.02 * rng.standard_normal(len(parameters.x)) * (parameters.x > 0)
-    here, (r, J) = fit.evaluate(x), stacked(fit, x)
-    scale = 2 * np.linalg.norm(J, axis=0)
-    assert here.cost == pytest.approx(r @ r, rel=1e-10)
-    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
-    expected = 2 * J.T @ J / np.outer(scale, scale)
-    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
+    assert_sums_of_all_elements(fit, x)
     assert fit.parts[0].normal.columns.is_symmetric == (outputs == ("motor 1", "motor 2"))
 
 
@@ -118,11 +135,7 @@ def test_a_mass_without_gravity_acts_along_three_directions():
     parameters = choose(spec, robot)
     fit = Assembly.of([response], robot, spec, parameters).at(parameters.x, "complex")
     x = parameters.x + 0.02 * rng.standard_normal(len(parameters.x))
-    here, (r, J) = fit.evaluate(x), stacked(fit, x)
-    scale = 2 * np.linalg.norm(J, axis=0)
-    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
-    expected = 2 * J.T @ J / np.outer(scale, scale)
-    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
+    assert_sums_of_all_elements(fit, x)
     part = next(fit.parts[0].normal.columns.at(fit.parts[0].theta(fit.parameters, x)))
     assert part.S.shape == (2, 1, 3, 3)
 
@@ -193,11 +206,7 @@ def test_a_linkage_has_the_same_normal_equations_in_c_and_numpy(F, mode, monkeyp
     built = formulate(robot, model)
     linear = linearise(built, Configuration("c1", (0.3, 0.5)), built.theta, built.inputs, "acceleration")
     exact = to_response(linear, linear.theta_ref, np.linspace(2, 60, F))
-    n_e = exact.G[0].size
-    root = circular(rng, (F, n_e, 3 * n_e)) * (0.02 * np.abs(exact.G)).transpose(0, 2, 1).reshape(F, -1, 1)
-    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]
-    variance = np.einsum("faa->fa", C).real.reshape(F, *exact.G.shape[:0:-1]).transpose(0, 2, 1)
-    noise = Covariance(variance, np.inf, matrix=C)
+    noise = correlated(rng, 0.02 * np.abs(exact.G))
     measured = replace(exact, G=exact.G * (1 + 0.02 * circular(rng, exact.G.shape)), noise=noise)
     spec = FitSpec(
         parameters={name: ParameterSpec() for name in ("k_2", "d_*", "k_b2", "m_upper", "fm_*")},
@@ -224,3 +233,73 @@ def test_a_linkage_has_the_same_normal_equations_in_c_and_numpy(F, mode, monkeyp
     part = pickle.loads(pickle.dumps(fit.parts[0]))
     here, again = (one.normal.at(fit.parts[0].theta(fit.parameters, x)) for one in (fit.parts[0], part))
     assert [np.asarray(one).tobytes() for one in here] == [np.asarray(one).tobytes() for one in again]
+
+
+Q = 18  # five chunks
+
+
+@pytest.fixture
+def responses(tmp_path, monkeypatch):
+    """A plant in many configurations on 49 lines: covariances stay in their file, a smoothed one beside it."""
+    rng, model = np.random.default_rng(0), plant((0, 1, 2))
+    every = []
+    for i in range(Q):
+        bare = measured(model, noise_of("relative", model), rng)
+        root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
+        matrix = root @ root.swapaxes(1, 2) + 0j
+        noise = Covariance(np.einsum("faa->fa", matrix).real[:, :, None], np.inf if i else 30.0, matrix=matrix)
+        whole = replace(bare, noise=noise, configuration=Configuration(f"c{i}", [0.0]))
+        every.append(whole.lines(np.arange(whole.n_lines) % 4 == 0))
+    write_responses(tmp_path / "frf.h5", every)
+    monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", 1000)
+    monkeypatch.setattr(base_arrays, "MIN_LARGE_FILE", 0)
+    monkeypatch.setattr(chunks, "MIN_LINES", 0)
+    return read_responses(tmp_path / "frf.h5")
+
+
+def fit_at(responses, stiffer: float = 1.0):
+    model = plant((0, 1, 2))
+    models = [replace(model, K=stiffer * model.K, configuration=G.configuration) for G in responses]
+    weighed = [weigh(response, NO_FLOOR) for response in responses]
+    return elastic_fit(responses, models, weighed, parameters(), "complex")
+
+
+def same(first, second, x) -> bool:
+    return pickle.dumps(first.evaluate(x)) == pickle.dumps(second.evaluate(x))
+
+
+def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses):
+    """At two points, and after the models have moved on; of fewer configurations, too."""
+    here, x = fit_at(responses), parameters().x
+    there = replace(here, home=home_of(responses, Execution(2)))
+    assert there.home.jobs == 2
+    with lasting_workers():
+        assert same(here, there, x)
+        assert here.evaluate(x + 0.1).hessian.tobytes() == there.evaluate(x + 0.1).hessian.tobytes()
+        moved = fit_at(responses, 1.1)
+        followed = replace(moved.with_residuals_of(here), home=there.home)
+        assert same(moved, followed, x + 0.1)
+        assert same(here, there, x)
+        assert same(replace(moved, parts=moved.parts[:3]), replace(followed, parts=followed.parts[:3]), x)
+
+
+def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(responses):
+    """The smoothed covariance as well; of a response that cannot be weighed the first in order is named."""
+    here, there = (each_at_home(partial(weigh, spec=NO_FLOOR), responses, home) for home in (HERE, Execution(2)))
+    for one, other, response in zip(here, there, responses, strict=True):
+        assert other.noise.is_of(response)
+        assert (other.noise.smooth is other.noise.measured) == (one.noise.smooth is one.noise.measured)
+        for name in ("sigma", "scale", "factor"):
+            assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+        assert one.noise.smooth.matrix.tobytes() == other.noise.smooth.matrix.tobytes()
+        assert isinstance(other.noise.smooth.matrix, base_arrays.FileArray)
+    bare = [replace(response, noise=None) for response in responses]
+    with refused("fit/weights", place="configuration c0"):
+        list(each_at_home(partial(weigh, spec=NO_FLOOR), bare, Execution(2)))
+
+
+def test_one_process_or_few_lines_keep_configurations_here(responses, monkeypatch):
+    """The work of others is then worth less than what it takes to ask them."""
+    assert home_of(responses, Execution(1)) == HERE
+    monkeypatch.setattr(chunks, "MIN_LINES", 20_000)
+    assert home_of(responses, Execution(2)) == HERE
