@@ -33,6 +33,18 @@ def test_a_few_dozen_intervals_hold_the_truth_as_often_as_chance_allows(study: M
     assert 0.99 < min(found["stated_over_bound"]) <= max(found["stated_over_bound"]) < 1.15
 
 
+@pytest.mark.slow
+def test_of_a_thousand_intervals_93_to_97_percent_hold_the_truth(study: ModuleType) -> None:
+    """Of the three-mass axis, all parameters alike; the estimates scatter by the Cramer-Rao bound."""
+    plant = study.three_mass()
+    found = study.calibrated(study.DataSets(plant, 2), 1000, 1, plant.parameters.free_names)
+    assert (found["sets"], found["failed"]) == (1000, 0)
+    assert 0.93 < found["coverage"] < 0.97
+    np.testing.assert_allclose(found["coverage_by_parameter"], 0.95, atol=0.03)
+    np.testing.assert_allclose(found["scatter_over_bound"], 1, atol=0.1)
+    np.testing.assert_allclose(found["stated_over_bound"], 1, atol=0.1)
+
+
 def test_clean_logs_of_both_generators_raise_no_alarm(study: ModuleType) -> None:
     """Read, estimated, and the first of them fitted."""
     for number in (0, 1):

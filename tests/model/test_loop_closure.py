@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from plants.linkages import LEVER, LOWER, linkage
 from plants.refusals import refused
 
@@ -116,6 +118,22 @@ def test_constrained_equals_minimal_equals_saddle_point(name: str):
         assert far(response(robot, MINIMAL, at), G) < 1e-10
         assert far(saddle_point(formulate(robot, CONSTRAINED), at), G) < 1e-10
         np.testing.assert_allclose(G, np.swapaxes(G, 1, 2), rtol=0, atol=1e-10 * np.abs(G).max())
+
+
+@settings(max_examples=8, deadline=None)
+@example(crank=0.34375, length=0.875, stiffness=8.0, angles=(0.75, 0.375), spatial=False)  # its last step is 2.6e-9 rad
+@given(
+    crank=st.floats(0.25, 0.35),
+    length=st.floats(0.85, 0.95),
+    stiffness=st.floats(6, 8.5),
+    angles=st.tuples(st.floats(-0.8, 0.8), st.floats(-0.4, 0.4)),
+    spatial=st.booleans(),
+)
+def test_formulations_agree_on_any_four_bar(crank, length, stiffness, angles, spatial):
+    """Whatever the lengths and the rod."""
+    robot = linkage(Rod(length, 5.0, 0.45, 0.4, 10**stiffness, 1e3), crank=crank, bends=True, spatial=spatial)
+    at = Configuration("c", ((0.3,) if spatial else ()) + (angles[0], angles[0] + angles[1]))
+    assert far(response(robot, MINIMAL, at), response(robot, CONSTRAINED, at)) < 1e-10
 
 
 def test_stiffness_is_the_derivative_of_the_forces():

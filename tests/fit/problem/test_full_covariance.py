@@ -133,6 +133,22 @@ def test_factors_multiply_the_weights_where_all_that_is_given_matches():
     assert np.all(ratio[FREQ >= 30] == 0)
 
 
+def test_unequal_factors_keep_honest_intervals():
+    """Weights that are not inverse variances cost efficiency, which the sandwich states: 95 % within 1.96."""
+    model, rng = plant((0, 2)), np.random.default_rng(6)
+    std = noise_of("relative", model)
+    spec = FitSpec(weights=WeightSpec(floor=0.0, factors=(FactorSpec(30.0, band_hz=(2.0, 6.0)),)))
+    inside = []
+    for _ in range(60):
+        response = measured(model, std, rng)
+        weights = weigh(response, spec)
+        fit = elastic_fit([response], [model], [weights], parameters(), "complex")
+        end = solve(fit.problem, parameters().x)
+        std_x = np.sqrt(np.diag(estimate_uncertainty(fit, [response], [weights], end.x).covariance))
+        inside.append(np.abs(end.x - parameters().x) < 1.96 * std_x)
+    assert np.mean(inside) > 0.9
+
+
 def test_a_robust_loss_shrugs_off_outliers():
     """One line in twenty is off by half of G: least squares goes astray, the robust estimate stays ten times nearer."""
     model, rng = plant((0, 2)), np.random.default_rng(7)
