@@ -201,10 +201,9 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
         columns, theta, known = part.normal.columns, part.theta(fit.parameters, x), with_R.normal.residuals.compressed
         pieces, T = columns.pieces, part.chain(fit.parameters, x)
-        scale = np.ones(pieces.base.max() + 1)
         for block in columns.at(theta):
             R = known.R.R[block.block]
-            V = R @ block.columns(scale, np.float64)
+            V = R @ block.columns
             powers = block.s[:, None] ** np.arange(3)
             dr = (V[:, :, pieces.base] * powers[:, None, pieces.power]) @ (pieces.sigma @ T)
             residuals.append(as_real(left(R, known.q[block.block], block.G)).ravel())

@@ -100,15 +100,14 @@ class Packed:
         n_b, n_e = n_1 + n_2 + part.whole.shape[2], len(part.outputs)
         sign = np.ones(n_b)
         sign[:n_1] = part.sign
-        cost, weight = np.zeros(1), np.empty((n_e, F), complex)
-        pulled, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
+        cost, pulled, moments = np.zeros(1), np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
         between = np.zeros((3, r, r), complex)
         sizes = F, n_y, n_u, n_1, n_2, r, n_b - n_1 - n_2, n_e, self.R.shape[1] == n_e
         right = None if part.is_alike else part.right.T
         columns = part.left.T, right, part.gain, part.S, part.whole.T, part.outputs, part.inputs
         residuals = (None if values is None else values.T for values in e)
-        weights = self.R[part.block.start // BATCH :], part.omega, sign, sign
-        call("sums_double", *sizes, *columns, *residuals, *weights, cost, weight, pulled, between, moments)
+        weights = self.R[part.block.start // BATCH :], part.omega, sign
+        call("sums", *sizes, *columns, *residuals, *weights, cost, pulled, between, moments)
         pulled[:, n_1 : n_1 + n_2] = part.pulled_by(between)
         return LineSums(float(cost[0]), pulled, moments)
 
