@@ -230,11 +230,9 @@ def test_wrong_sets_of_responses_are_named(data):
 
 def test_a_configuration_of_another_robot_is_named(data):
     """The same axes, but twice as soft: the fit cannot follow both, and says which one stands apart."""
-    rng = np.random.default_rng(3)
-    others = [measure(bench(), name, rng) for name in ("c4", "c5")]
-    foreign = measure(bench(k=60.0), "c6", rng)
-    result = identify([*data, *others, foreign], bench(), FitSpec(starts=3))
-    assert ("fit/unlike-responses", "configuration c6") in [(note.code, note.place) for note in result.notes]
+    foreign = measure(bench(k=60.0), "c4", np.random.default_rng(3))
+    result = identify([*data, foreign], bench(), FitSpec(starts=1))
+    assert ("fit/unlike-responses", "configuration c4") in [(note.code, note.place) for note in result.notes]
 
 
 def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):
