@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.local_plants import SweptAxis
 from plants.noise_record import H1, MIX, RATE, noise_record
 from plants.notes import said
+from plants.random_plants import SweptAxis
 from plants.refusals import refused
 from scipy.signal import coherence, csd, lfilter
 

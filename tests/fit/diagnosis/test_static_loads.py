@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants import predicted_arm as planar
-from plants.data_sheet_arm import arm, measure
-from plants.loaded_arm import NAMED, load_tests
+from plants.data_sheet_arm import NAMED, arm, load_tests, measure
 from plants.measured_robots import responses_of
 from plants.refusals import refused
 from plants.two_mass import circular

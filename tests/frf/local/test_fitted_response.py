@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants import local_plants as study
+from plants import random_plants as study
 from plants.noise_record import noise_record, truth
 from plants.random_plants import N, record_of
 from scipy.stats import kstest

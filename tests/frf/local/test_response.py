@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants import local_plants as study
+from plants import random_plants as study
 from plants.noise_record import noise_record
 from plants.random_plants import periods_of, record_of, two_modes
 from plants.refusals import refused
