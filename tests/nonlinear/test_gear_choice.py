@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.gear_levels import SPEC, find_gear_effects, linear_fit
+from plants.geared_arms import parallel_linkage
+from plants.two_mass_gear import LINES, Gear, records, robot
 
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
@@ -24,10 +27,6 @@ from elastid.record import Configuration, Record
 from elastid.response import Response
 from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot, Spring
 from elastid.robot.simplified import with_joints
-from tests.nonlinear.test_gear_levels import SPEC, linear_fit
-from tests.plants.gear_levels import find_gear_effects
-from tests.plants.geared_arms import parallel_linkage
-from tests.plants.two_mass_gear import LINES, Gear, records, robot
 
 
 def found(gear: Gear, substeps: int = 6) -> tuple[Levels, dict[str, float]]:

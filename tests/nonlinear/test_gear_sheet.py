@@ -6,14 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.gear_levels import SPEC, linear_fit
 from plants.two_mass_gear import LINES, Gear, records, robot
 
-from elastid.fit.identify import identify
 from elastid.fit.load_tests import StaticAgreement
 from elastid.fit.result import Result
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.frf.estimate import estimate
-from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_levels import Levels
 from elastid.nonlinear.gear_result import (
@@ -30,11 +27,10 @@ from elastid.parameters import Parameter, Parameters
 from elastid.robot.simplified import stiffened
 
 K, PEAK = 2e5, 600.0
-SPEC = EstimatorSpec(friction="none", transient_periods=0)
 PARAMETERS = Parameters((Parameter("k_1", K, "N*m/rad", log=True), Parameter("d_1", 60.0, "N*m*s/rad", log=True)))
 
 
-def linear_fit(x: np.ndarray) -> Result:
+def plain_fit(x: np.ndarray) -> Result:
     """Of two parameters, without anything else."""
     none = np.zeros(2, bool)
     return Result(PARAMETERS, x, 1e-6 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
@@ -50,7 +46,7 @@ def sheet(
     known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 0.0, 0.0, (), (), scale_std)
     groups = {(effect,): size for effect, size in (bounds or {}).items()}
     gear = JointLevels(known, robot(Gear()), "1", PEAK)
-    return sheet_of(gear, linear_fit(x + np.array([np.log(1.1), 0.0])), groups)
+    return sheet_of(gear, plain_fit(x + np.array([np.log(1.1), 0.0])), groups)
 
 
 def test_stiffness_by_range_is_the_secant_of_the_spring() -> None:
@@ -123,7 +119,7 @@ def opened(after: float) -> GearResult:
 
 def test_a_misfit_is_explained_by_effects_that_leave_little_of_it() -> None:
     """V beyond the noise falls with the square of what is left; else the fit stays a misfit and says so."""
-    misfit = replace(linear_fit(PARAMETERS.x), status="misfit", cost=101.0, cost_dof=50.0, verdicts=("bad",))
+    misfit = replace(plain_fit(PARAMETERS.x), status="misfit", cost=101.0, cost_dof=50.0, verdicts=("bad",))
     good = with_gears(misfit, opened(0.02))
     assert (good.status, good.verdicts) == ("converged", ())
     assert good.cost == pytest.approx(1 + 100 * 0.1**2)
@@ -137,17 +133,14 @@ def test_a_misfit_is_explained_by_effects_that_leave_little_of_it() -> None:
 def test_effects_of_gears_explain_no_contradiction_by_load_tests() -> None:
     """Static tests do not go into the search: what they contradict stays contradicted."""
     static = StaticAgreement(cause="the base tilts")
-    misfit = replace(linear_fit(PARAMETERS.x), status="misfit", cost_dof=50.0, static=static)
+    misfit = replace(plain_fit(PARAMETERS.x), status="misfit", cost_dof=50.0, static=static)
     assert with_gears(misfit, opened(0.02)).status == "misfit"
 
 
 def laid_open(gear: Gear, seed: int = 1, experiments: int = 4) -> tuple[Result, GearResult]:
     """The linear fit of the plant's records, and its gear."""
     measured = records(gear, seed=seed, experiments=experiments)
-    response = estimate(measured, SPEC, LINES)
-    wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
-    spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0), starts=1)
-    linear = identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
+    response, linear = linear_fit(gear, measured)
     return linear, open_gears([measured], [response], linear, robot(gear), SPEC, GearsSpec(), planned=LINES)
 
 
@@ -180,6 +173,6 @@ def test_lost_motion_is_the_way_between_the_flanks() -> None:
 
 def test_a_robot_without_a_spring_in_any_gear_keeps_its_fit() -> None:
     rigid = stiffened(robot(Gear()), ["1"])
-    found = open_gears([], [], linear_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
+    found = open_gears([], [], plain_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
     assert found.refused
     assert found.sheets == ()
