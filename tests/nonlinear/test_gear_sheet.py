@@ -56,11 +56,8 @@ def test_stiffness_by_range_is_the_secant_of_the_spring() -> None:
     found = sheet({GearEffect("cubic", "1"): k_3})
     for i in range(3):
         number = found.number(f"K{i + 1}_1")
-        assert number is not None
         assert number.value == pytest.approx(PEAK / 3 / (ends[i + 1] - ends[i]), rel=5e-3)
     k, stiffening = found.number("k_1"), found.number("h_1")
-    assert k is not None
-    assert stiffening is not None
     assert (k.value, k.std, k.linear) == (pytest.approx(K), pytest.approx(1e-3 * K), pytest.approx(1.1 * K))
     assert k.value * k.factor == pytest.approx(K / ARCMIN)
     assert stiffening.value == pytest.approx(k_3 * ends[3] ** 2 / K, rel=1e-3)
@@ -71,8 +68,6 @@ def test_hysteresis_is_the_loop_of_a_maker_s_test() -> None:
     """An element of 5 Nm that slides all the way: 5 Nm to either side, 2 x 5 Nm / k wide where the torque is 0."""
     found = sheet({GearEffect("stop", "1", 1e-4): 5.0})
     torque, width = found.number("H_1"), found.number("Hw_1")
-    assert torque is not None
-    assert width is not None
     assert (torque.value, torque.std) == (pytest.approx(5.0), pytest.approx(0.05))
     assert width.value == pytest.approx(2 * 5.0 / K)
     crossings = [
@@ -90,7 +85,6 @@ def test_a_transmission_error_has_amplitude_and_phase() -> None:
     """3 sin + 4 cos is 5 sin with a phase of atan2(4, 3); std 1 % of each, across and along."""
     found = sheet({GearEffect("error sine", "1", 2.0): 3e-5, GearEffect("error cosine", "1", 2.0): 4e-5})
     number = found.number("e2_1")
-    assert number is not None
     assert (number.value, number.order) == (pytest.approx(5e-5), 2.0)
     assert number.phase == pytest.approx(np.arctan2(4, 3))
     assert number.std == pytest.approx(0.01 * np.hypot(9, 16) / 5 * 1e-5)
@@ -104,8 +98,6 @@ def test_what_was_not_seen_has_the_largest_bound_of_its_shapes() -> None:
     bounds |= {GearEffect("stop", "1", 1e-4): 0.3, GearEffect("bristle", "1", 6e-3): 1.0}
     found = sheet({}, bounds=bounds)
     friction, torque = found.number("Fc_m1"), found.number("H_1")
-    assert friction is not None
-    assert torque is not None
     assert not friction.is_seen
     assert friction.bound == 0.6
     assert torque.bound == pytest.approx(1.0 * PEAK / K / 6e-3)
@@ -160,12 +152,9 @@ def test_a_clean_gear_has_bounds_alone() -> None:
 def test_lost_motion_is_the_way_between_the_flanks() -> None:
     """Twice the half width of a free gap; of one that is only softer its missing part. Unseen, a bound."""
     free, soft = (sheet({GearEffect("gap", "1", 2e-4): f}).number("lost_1") for f in (K, 0.5 * K))
-    assert free is not None
-    assert soft is not None
     assert (free.value, soft.value) == (pytest.approx(4e-4), pytest.approx(2e-4))
     assert soft.std == pytest.approx(2e-4 * np.sqrt(0.01**2 + 1e-3**2 + 0.02**2))
     bound = sheet({}, bounds={GearEffect("gap", "1", 2e-4): 0.1 * K}).number("lost_1")
-    assert bound is not None
     assert bound.bound == pytest.approx(4e-5)
     assert sheet({}, bounds={GearEffect("gap", "1", 2e-4): 1e3 * K}).number("lost_1") is None  # it is never crossed
     assert sheet({GearEffect("gap", "1", 2e-4): K}).number("k_1").meaning == "stiffness beyond the gap"

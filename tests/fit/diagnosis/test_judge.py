@@ -107,7 +107,6 @@ def searched(mass: float) -> tuple[Load | None, float]:
 def test_a_point_mass_is_found_with_its_place_and_changes_mass_and_centre_as_statics_says() -> None:
     """The new centre is that of both masses."""
     load, drop = searched(LOAD)
-    assert load is not None
     assert load.mass == pytest.approx(LOAD, rel=1e-3)
     np.testing.assert_allclose(load.place, PLACE - CENTRE, atol=1e-3)
     assert load.drop == pytest.approx(drop, rel=1e-4)

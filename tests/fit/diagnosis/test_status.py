@@ -44,7 +44,6 @@ def test_one_line_beyond_the_noise_is_no_misfit() -> None:
     case = true_case()
     data = drawn(case, np.random.default_rng(0))
     first = data[0]
-    assert first.total is not None
     one = np.zeros(first.G.shape)
     one[30, 0, 0] = 100.0
     spoilt = (replace(first, G=first.G + one * np.sqrt(first.total.variance)), *data[1:])

@@ -55,7 +55,6 @@ def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed
 
 def at_stated_rate(response: Response, e: float) -> Response:
     """As it is read from logs of positions whose rate is e times the stated one."""
-    assert response.total is not None
     total = Covariance(response.total.variance / e**4, response.total.dof)
     return replace(response, freq_hz=response.freq_hz / e, G=response.G / e**2, total=total)
 
