@@ -1,7 +1,5 @@
 """The automatic choice of an estimator: by stated errors, whichever of the candidates is the better one."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The mean frequency response and its covariances against closed forms and Monte Carlo."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Bias of a mean response by Coulomb friction: against the mean of many simulated records of a mass that rubs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

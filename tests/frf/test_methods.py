@@ -1,7 +1,5 @@
 """Estimators of a response against theory and Monte Carlo; fewer experiments than motors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

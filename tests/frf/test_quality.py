@@ -1,7 +1,5 @@
 """Coherence, notes on inputs, nonlinear levels and forms of covariances: against theory and Monte Carlo."""
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace

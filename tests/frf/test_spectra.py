@@ -1,7 +1,5 @@
 """Spectra period by period: derivatives, amplitudes, drift, half waves; lines found excited, whatever their shape."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

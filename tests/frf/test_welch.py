@@ -1,7 +1,5 @@
 """Records without a period: Welch's H1 against SciPy, closed forms and Monte Carlo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

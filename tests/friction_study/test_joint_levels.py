@@ -1,7 +1,5 @@
 """Levels by logs: the gain of a drive by a payload, and run-downs of a rotor, by integrators of their own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

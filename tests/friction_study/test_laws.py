@@ -1,7 +1,5 @@
 """The law that levels determine, what they cannot determine, and the robot's file that holds it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import casadi as ca

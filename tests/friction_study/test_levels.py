@@ -3,8 +3,6 @@
 Passes under several loads have gravity of their own and one curve of friction.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

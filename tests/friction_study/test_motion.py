@@ -1,7 +1,5 @@
 """Inertia and friction of one axis from any motion."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

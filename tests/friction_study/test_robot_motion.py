@@ -1,7 +1,5 @@
 """Friction of joints that move together, beside a rigid body whose numbers are not known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

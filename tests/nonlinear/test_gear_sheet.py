@@ -1,7 +1,5 @@
 """Sheets of gears: makers' numbers of levels by closed forms, and gears of an outside plant laid open."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

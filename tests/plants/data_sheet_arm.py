@@ -1,7 +1,5 @@
 """Two links with elastic gears, robots off their file as data sheets are; responses and static load tests of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

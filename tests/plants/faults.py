@@ -5,8 +5,6 @@ returns a wrong one; `drawn` adds noise last, of a known covariance, and `FAULTS
 that a fit is to name.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Records of the passes of a plan under a law that is known, without a loop: the joint follows its reference."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

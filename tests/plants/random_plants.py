@@ -1,7 +1,5 @@
 """Records of random matrices with noise, of static nonlinearities and of plants whose responses are known exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -16,11 +14,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 1000.0, 1024
-
-
 ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
-
-
 ODD = np.arange(21, 301, 2)
 
 

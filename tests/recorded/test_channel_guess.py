@@ -1,7 +1,5 @@
 """Channels by name, unit, neighbours and the motion of their joint; and silence where evidence is weak."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

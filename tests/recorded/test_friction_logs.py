@@ -1,7 +1,5 @@
 """Logs of a friction study: a record of each joint that moves, and energy and passes of warm-ups."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A log that is too large for memory is measured in pieces: the same record, or all of it at once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Logs with the faults of a real robot, and channels of several files and rates: as exact as the clean log."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -24,14 +22,8 @@ from elastid.recorded.rig import RecordedRig
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 N, P, RATE = 500, 6, 500.0
-
-
 LINES = np.arange(3, 100)
-
-
 ROBOT = Robot("one axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-2)),), inertia=1.0),))
-
-
 CHANNELS = (
     ChannelSpec("r", "motor 1", "r"),
     ChannelSpec("u", "motor 1", "u"),

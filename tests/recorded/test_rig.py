@@ -1,7 +1,5 @@
 """The recorded rig: any file format, faults of a log in one message, held torques and known disturbances."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

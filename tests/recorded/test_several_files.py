@@ -1,7 +1,5 @@
 """One excitation in several files: the estimate of one long log. A stranger's HDF5 file reads no other file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

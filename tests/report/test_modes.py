@@ -1,7 +1,5 @@
 """Names of springs, energies of modes by configuration."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a fit held or read wrongly is named with its size, by its own list of causes and by those of a user."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """A fit whose model is wrong does not end as converged, a fit whose model is true does; bounds are named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

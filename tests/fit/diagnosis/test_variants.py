@@ -1,7 +1,5 @@
 """Robots mounted, read or sprung otherwise than their files have them: found by a fit, not by a held number."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.resources import files

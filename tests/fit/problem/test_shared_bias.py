@@ -1,7 +1,5 @@
 """Systematic errors of known size: estimated with the parameters, or covered by their intervals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Windows and fits of local methods; their coherence, levels and singular values against closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Local polynomial and local rational responses against exact data, analytic plants, chi-square and Monte Carlo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Time stamps: grids that they lie on, and signals at instants that lie on none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Frequency responses of other programs: one analytic plant through every format, universal files' units, refusals."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable
