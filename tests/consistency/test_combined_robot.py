@@ -1,7 +1,5 @@
 """A robot with everything at once: slides, riding and coupled motors, nonlinear springs, gas, payload, lags, points."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Friction from passes, from multisine records and from an elastic fit is one friction, on the same simulated robot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Keys, options and commands that messages of elastid name exist."""
 
-from __future__ import annotations
-
 import ast
 import re
 from functools import cache

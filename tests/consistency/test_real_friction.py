@@ -1,7 +1,5 @@
 """Friction of real axes, from records that were made for something else."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The documentation: built without a warning, tutorials followed from an empty folder, programs of theory run."""
 
-from __future__ import annotations
-
 import doctest
 import importlib.util
 import json

@@ -1,7 +1,5 @@
 """Several robots of one type in one fit, and nonlinear springs from one posture to another."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

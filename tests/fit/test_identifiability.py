@@ -1,7 +1,5 @@
 """Gains of channels are found with the springs, or by a payload, or named where nothing fixes their scale."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Geometry identified: where an arm bends and where springs and rods end, together with their stiffness."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

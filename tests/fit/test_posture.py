@@ -1,7 +1,5 @@
 """A fitted robot in postures that were not measured."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

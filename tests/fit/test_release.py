@@ -1,7 +1,5 @@
 """Robots that are not as their file says: intervals hold both noise and the file's tolerances."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Exchanged channels are named; scales, signs and strong coupling are no exchange."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

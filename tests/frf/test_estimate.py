@@ -1,7 +1,5 @@
 """The mean frequency response and its covariances against closed forms and Monte Carlo."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -133,9 +131,7 @@ def _monte_carlo(
         response = estimate(records, ALL_PERIODS, lines)
         error = (response.G - G).transpose(0, 2, 1).reshape(len(lines), -1)  # column-major vec
         true.append(np.mean(error[:, :, None] * error[:, None, :].conj(), axis=0))
-        assert response.noise is not None
         noise.append(np.mean(response.noise.full(), axis=0))
-        assert response.total is not None
         total.append(np.mean(response.total.full(), axis=0))
     return np.mean(true, axis=0), np.mean(noise, axis=0), np.mean(total, axis=0)
 
@@ -162,7 +158,6 @@ def test_covariance_is_complex_where_the_inputs_are_correlated() -> None:
         response = estimate(records, ALL_PERIODS, lines)
         error = (response.G - G).transpose(0, 2, 1).reshape(len(lines), -1)
         true.append(np.mean(error[:, :, None] * error[:, None, :].conj(), axis=0))
-        assert response.noise is not None
         estimated.append(np.mean(response.noise.full(), axis=0))
     expected = np.mean(true, axis=0)
     assert np.max(np.abs(expected.imag)) > 0.3 * np.max(expected.real)
@@ -182,14 +177,11 @@ def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_
     rng, lines = np.random.default_rng(0), np.arange(5, 50)
     records = _experiments(_plant(45, 3, 1), lines, 2, rng, noise=(rng, np.zeros((1, 1)), np.eye(3)))
     one = estimate(records[:1], ALL_PERIODS, lines)
-    assert one.noise is not None
     assert (one.noise.form, one.noise.dof) == ("kronecker", 1)
     assert np.linalg.matrix_rank(one.noise.full()[20]) == 1
     smooth = smooth_noise(one)
-    assert smooth is not None
     assert np.linalg.eigvalsh(smooth.covariance).min() > 0
     both = estimate(records, ALL_PERIODS, lines)
-    assert both.total is not None
     assert (both.total.form, both.total.dof) == ("kronecker", 1)
 
 
@@ -200,7 +192,6 @@ def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts()
     noise = (rng, np.zeros((2, 2)), 0.1 * np.eye(2))
     records = [_record(lines, U[e], U[e], P=P, experiment=e, noise=noise) for e, P in ((0, 2), (1, 16))]
     response = estimate(records, ALL_PERIODS, lines)
-    assert response.noise is not None
     variance = response.noise.variance.mean(axis=0)
     np.testing.assert_allclose(variance[:, 0] / variance[:, 1], 8, rtol=1e-9)
     np.testing.assert_allclose(variance[:, 0], 4 * 0.01 / 256 / 2, rtol=0.08)
@@ -348,7 +339,6 @@ def test_motion_and_feedback_are_those_of_the_records(velocities: bool, injected
     """
     logs, power = records(velocities)
     found = motor_motion(logs if injected else [replace(log, r=None) for log in logs], response())
-    assert found is not None
     assert found.feedback is not None
     in_band = np.isin(np.rint(found.freq_hz * N / RATE_HZ), EXCITED)
     np.testing.assert_allclose(found.power[in_band].sum(axis=0).real, power, rtol=1e-9)
@@ -364,6 +354,5 @@ def test_torques_that_no_feedback_explains_show_none() -> None:
     rng = np.random.default_rng(0)
     noise = [replace(log, u=1e5 * rng.standard_normal(log.u.shape)) for log in logs]
     found = motor_motion(noise, response())
-    assert found is not None
     assert found.feedback is None
     assert motor_motion([replace(log, outputs=("joint 1", "joint 2")) for log in logs], response()) is None

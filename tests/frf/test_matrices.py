@@ -165,7 +165,6 @@ def test_all_experiments_are_one_block_with_references_where_all_have_them() -> 
     """Noise of the inputs by degrees of freedom: (2 * 1 + 3 * 2) / 5; and a W of each block with U W = 1."""
     data = mean_spectra([[2.0, 2.0], [3.0, 3.0, 3.0]])
     every = data.every
-    assert every.R is not None
     np.testing.assert_array_equal(every.R[:, :, 2:], data.blocks[1].R)
     np.testing.assert_array_equal(every.periods, [2, 2, 3, 3, 3])
     np.testing.assert_allclose(every.input_noise, 1.6)

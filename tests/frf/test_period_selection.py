@@ -1,7 +1,5 @@
 """Periods of a record: transients and outliers are left out, good ones kept."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

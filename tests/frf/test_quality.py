@@ -1,7 +1,5 @@
 """Coherence, notes on inputs, nonlinear levels and forms of covariances: against theory and Monte Carlo."""
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace
@@ -30,7 +28,6 @@ def test_coherence_is_that_of_theory() -> None:
         u = np.tile(synthesise(lines, U, N), (6, 1))
         records.append(record_of(u, u + s * rng.normal(size=u.shape) * np.sqrt(N) / 2, m))
     quality = estimate(records, ALL_PERIODS, lines).quality
-    assert quality is not None
     expected = 1 / (1 + s**2)
     assert quality.coherence.mean() == pytest.approx(expected, abs=0.005)
     np.testing.assert_allclose(quality.multiple_coherence, quality.coherence[:, :, 0], rtol=1e-9)
@@ -48,7 +45,6 @@ def test_singular_values_and_condition_are_those_of_the_matrices() -> None:
         u, y = (np.tile(synthesise(lines, X, N), (2, 1)) for X in (U, U @ G.T))
         records.append(record_of(u, y, 0, e))
     quality = estimate(records, ALL_PERIODS, lines).quality
-    assert quality is not None
     np.testing.assert_allclose(quality.condition, 1, rtol=1e-9)
     np.testing.assert_allclose(quality.singular_values[7], np.linalg.svd(G, compute_uv=False), rtol=1e-9)
 
@@ -124,7 +120,6 @@ def test_the_form_of_a_covariance_follows_from_its_degrees_of_freedom() -> None:
 
     def forms(M: int) -> tuple[str, float]:
         response = estimate([r for r in records if r.realisation < M], ALL_PERIODS, lines)
-        assert response.total is not None
         eigenvalues = np.linalg.eigvalsh(response.total.full())
         assert np.all(eigenvalues[:, 0] > 1e-9 * eigenvalues[:, -1])
         return response.total.form, response.total.dof
@@ -139,8 +134,6 @@ def test_full_and_kronecker_covariance_agree_where_both_are_right() -> None:
     rng = np.random.default_rng(2)
     records, _ = _matrix_records(rng, 24, 2, 2, 0.2, F=150)
     response = estimate(records, ALL_PERIODS, np.arange(10, 160))
-    assert response.total is not None
-    assert response.noise is not None
     assert (response.total.form, response.noise.form) == ("full", "kronecker")
     a, b = response.total.full().mean(axis=0), response.noise.full().mean(axis=0)
     scale = np.sqrt(np.outer(np.diag(b).real, np.diag(b).real))
@@ -175,14 +168,11 @@ def test_a_square_falls_on_even_lines_and_nowhere_else() -> None:
     records = nonlinear(lambda u: u + 0.1 * u**2, ODD, 2)
     response = estimate(records, ALL_PERIODS, ODD)
     quality = response.quality
-    assert quality is not None
     assert quality.odd is None
-    assert quality.even is not None
     np.testing.assert_allclose(quality.even.freq_hz, np.arange(22, 300, 2) * RATE / N)
     spectra = [np.fft.rfft(0.1 * r.u[:N, 0] ** 2)[22:300:2] * 2 / N for r in records]
     np.testing.assert_allclose(quality.even.amplitude[:, 0], np.sqrt(np.mean(np.abs(spectra) ** 2, axis=0)), rtol=1e-9)
     np.testing.assert_allclose(response.G, 1, atol=1e-12)
-    assert quality.stochastic is not None
     assert quality.stochastic.max() < 1e-12
 
 
@@ -192,9 +182,6 @@ def test_a_cube_falls_on_odd_lines_that_were_left_out() -> None:
     lines = np.delete(ODD, [4 * i + rng.integers(4) for i in range(1, len(ODD) // 4 - 1)])
     response = estimate(nonlinear(lambda u: u + 0.05 * u**3, lines, 30), ALL_PERIODS, lines)
     quality = response.quality
-    assert quality is not None
-    assert quality.even is not None
-    assert quality.odd is not None
     assert quality.stochastic is not None
     assert quality.even.amplitude.max() < 1e-12
     assert rms(quality.odd.amplitude) == pytest.approx(rms(quality.stochastic), rel=0.1)
@@ -210,8 +197,6 @@ def test_levels_are_corrected_for_what_the_feedback_makes_of_them() -> None:
     v += synthesise(np.arange(22, 300, 2), np.full((139, 1), 0.01), N)
     y = (0.5 * r + v) / (1 + 0.5 * C)
     response = estimate([record_of(*(np.tile(x, (2, 1)) for x in (r - C * y, y)))], ALL_PERIODS, ODD)
-    assert response.quality is not None
-    assert response.quality.even is not None
     np.testing.assert_allclose(response.quality.even.amplitude, 0.01, rtol=1e-9)
 
 

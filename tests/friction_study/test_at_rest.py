@@ -1,7 +1,5 @@
 """Presliding friction: bristles from responses at rest, Maxwell slip elements from loops."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, lru_cache

@@ -1,7 +1,5 @@
 """Levels by logs: the gain of a drive by a payload, and run-downs of a rotor, by integrators of their own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -69,7 +67,7 @@ def test_mixed_sides_of_a_gear_are_refused(factor: float, tmp_path: Path) -> Non
 RATE_RUN_DOWN, COUNTS = 1000, 65536
 MASS, LEVER, INERTIA_RUN_DOWN = 4.0, 0.05, 2.0
 F_C, F_S, NU_S, VISCOUS = 3.0, 4.2, 2.0, 0.05
-ROBOT_RUN_DOWN = Robot(
+SPINDLE = Robot(
     "spindle",
     (
         Body(
@@ -78,10 +76,7 @@ ROBOT_RUN_DOWN = Robot(
         ),
     ),
 )  # fmt: skip
-CHANNELS = (
-    ChannelSpec("u", "motor 1", "torque"),
-    ChannelSpec("y", "motor 1", "angle", quantity="position"),
-)
+CHANNELS = ChannelSpec("u", "motor 1", "torque"), ChannelSpec("y", "motor 1", "angle", quantity="position")
 
 
 @cache
@@ -99,6 +94,11 @@ def coasting(start: float, drive: float = 0.0) -> np.ndarray:
     return np.concatenate([angles, np.full(RATE_RUN_DOWN, q)])
 
 
+def read_spindle(folder: Path, *files: FileSpec) -> FrictionRecords:
+    spec = ExperimentSpec(recorded=RecordedSpec(float(RATE_RUN_DOWN), CHANNELS, files))
+    return read_friction_logs(SPINDLE, spec, folder, ["1"], {})
+
+
 def identified_run_down(folder: Path, starts: tuple[float, ...], seed: int = 0, drive: float = 0.0) -> FrictionResult:
     rng = np.random.default_rng(seed)
     for i, start in enumerate(starts):
@@ -107,10 +107,9 @@ def identified_run_down(folder: Path, starts: tuple[float, ...], seed: int = 0, 
         rows = "\n".join(f"{drive},{x:.9g}" for x in angle)
         (folder / f"{i}.csv").write_text(f"torque,angle\n{rows}\n")
     files = tuple(FileSpec(f"{i}.csv", purpose="run_down") for i in range(len(starts)))
-    spec = ExperimentSpec(recorded=RecordedSpec(float(RATE_RUN_DOWN), CHANNELS, files))
-    measured = read_friction_logs(ROBOT_RUN_DOWN, spec, folder, ["1"], {})
-    levels = find_joint_levels(ROBOT_RUN_DOWN, ROBOT_RUN_DOWN.driven, measured)
-    return identify_friction(ROBOT_RUN_DOWN, levels, measured, FrictionSpec())
+    measured = read_spindle(folder, *files)
+    levels = find_joint_levels(SPINDLE, SPINDLE.driven, measured)
+    return identify_friction(SPINDLE, levels, measured, FrictionSpec())
 
 
 @pytest.mark.slow
@@ -147,14 +146,9 @@ def test_a_known_torque_that_brakes_is_no_friction(tmp_path: Path) -> None:
 def test_a_motion_one_way_names_the_run_down(tmp_path: Path) -> None:
     """As a motion it is refused; a torque of zeros too."""
     identified_run_down(tmp_path, (40.0,), drive=-1.0)
-    spec = ExperimentSpec(recorded=RecordedSpec(float(RATE_RUN_DOWN), CHANNELS, (FileSpec("0.csv"),)))
     with refused("records/values"):
-        read_friction_logs(ROBOT_RUN_DOWN, spec, tmp_path, ["1"], {})
-    measured = read_friction_logs(
-        ROBOT_RUN_DOWN,
-        ExperimentSpec(recorded=RecordedSpec(float(RATE_RUN_DOWN), CHANNELS, (FileSpec("0.csv", purpose="run_down"),))),
-        tmp_path, ["1"], {},
-    )  # fmt: skip
+        read_spindle(tmp_path, FileSpec("0.csv"))
+    measured = read_spindle(tmp_path, FileSpec("0.csv", purpose="run_down"))
     as_motion = replace(measured, records=tuple(replace(record, purpose="motion") for record in measured.records))
     with refused("friction/no-record", holds="run_down"):
-        find_joint_levels(ROBOT_RUN_DOWN, ROBOT_RUN_DOWN.driven, as_motion)
+        find_joint_levels(SPINDLE, SPINDLE.driven, as_motion)

@@ -1,7 +1,5 @@
 """The law that levels determine, what they cannot determine, and the robot's file that holds it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import casadi as ca
@@ -137,7 +135,6 @@ def test_coulomb_friction_that_falls_with_heat_is_a_number_and_in_the_robots_fil
     value, _, low, high = law.intervals["temperature.coulomb"]
     assert low < -0.05 < high < 0
     file = law.to_friction()
-    assert file.temperature is not None
     assert file.temperature.coulomb == value
     motor = Motor(1e-3, 1.0, law.viscous, friction=file)
     (placed,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))

@@ -1,7 +1,5 @@
 """Regressions of friction jointly with a rigid body, and searches of laws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 Passes under several loads have gravity of their own and one curve of friction.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -193,9 +191,6 @@ def test_the_robots_file_has_the_law_and_its_ranges(found: FrictionResult, tmp_p
     for name in ("Fc_m1", "Fs_m1", "vs_m1", "f_m1"):
         assert numbers[name][0] == pytest.approx(table[name], rel=1e-9)
     motor = load_robot(tmp_path / "robot.yml").driven[0].motor
-    assert motor is not None
-    assert motor.friction is not None
-    assert motor.friction.measured is not None
     assert motor.friction.measured.speed == pytest.approx((0.87, 157.1), rel=0.02)
 
 

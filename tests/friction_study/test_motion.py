@@ -1,7 +1,5 @@
 """Inertia and friction of one axis from any motion."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -247,7 +245,6 @@ def test_friction_that_changes_with_temperature_has_numbers_for_it() -> None:
         assert abs(fit.chosen[name] - value) < 3 * fit.chosen.std(name), name
     assert not held(fit, "temperature")
     by_heat = fit.to_friction().temperature
-    assert by_heat is not None
     assert by_heat.coulomb == fit.chosen["temperature.coulomb"]
     assert by_heat.reference == pytest.approx(T_0)
 

@@ -1,7 +1,5 @@
 """Passes in the log of any motion, and their signals, harmonics and noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Friction of joints that move together, beside a rigid body whose numbers are not known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -78,7 +76,6 @@ def test_base_parameters_of_a_known_robot_lie_within_their_stds() -> None:
     scores = []
     for seed in range(6):
         body = regress_robot_motion(two_axes(), [MotionLog.of(motion(seed), {}, 10.0)])[0]["1"].rigid_body
-        assert body is not None
         scores.append((body.values - body.regrouped @ truth) / body.std)
     assert np.mean(np.abs(scores) < 1.96) >= 0.9
     assert "mcx_2" in body.names

@@ -1,7 +1,5 @@
 """The temperature of a joint from its power, and friction that follows it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Coordinates, sides, places and readings of an ElasticModel, and of one joint; the `model` section."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

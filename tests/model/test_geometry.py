@@ -1,7 +1,5 @@
 """Geometry as named numbers: where bodies, joints, compensators and loops sit, in the linear model and in a fit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 

@@ -1,7 +1,5 @@
 """Positions of points, as expressions too, and their Jacobians: rotation matrices, closed forms, differences."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest

@@ -40,8 +40,6 @@ from elastid.study import load_robot
 
 LINES = np.geomspace(1, 150, 60)
 CONSTRAINED, MINIMAL = ModelSpec("constrained"), ModelSpec("minimal")
-
-
 RIGID_ROD = Rod(LOWER, 6.2, 0.52, 0.64)
 PLANTS = {
     "parallelogram, rigid": linkage(RIGID_ROD),

@@ -1,7 +1,5 @@
 """Gravity compensators in statics and linear model; joints that slide: closed forms, units."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

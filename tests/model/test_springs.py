@@ -1,7 +1,5 @@
 """Nonlinear springs: their laws, what gravity makes of them, and how the linear model follows."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

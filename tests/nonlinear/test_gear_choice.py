@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.refusals import refused
+from plants.gear_levels import SPEC, find_gear_effects, linear_fit
+from plants.geared_arms import parallel_linkage
+from plants.two_mass_gear import LINES, Gear, records, robot
 
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
@@ -25,11 +27,6 @@ from elastid.record import Configuration, Record
 from elastid.response import Response
 from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot, Spring
 from elastid.robot.simplified import with_joints
-from tests.nonlinear.test_gear_levels import SPEC, linear_fit
-from tests.nonlinear.test_spectra import record
-from tests.plants.gear_levels import find_gear_effects
-from tests.plants.geared_arms import parallel_linkage
-from tests.plants.two_mass_gear import LINES, Gear, records, robot
 
 
 def found(gear: Gear, substeps: int = 6) -> tuple[Levels, dict[str, float]]:
@@ -176,12 +173,3 @@ def test_friction_on_both_sides_is_found_on_a_parallel_linkage() -> None:
     for effect, f, std in zip(found.effects, found.levels.tolist(), found.std.tolist(), strict=True):
         level = levels[effect.kind, effect.joint]
         assert abs(f - level) < max(0.03 * level, 3 * std), effect
-
-
-@pytest.mark.slow
-def test_records_without_a_period_are_refused() -> None:
-    response, linear = linear_fit(Gear(), records(Gear(), experiments=2))
-    noise = record()
-    endless = [replace(noise, period_samples=noise.n_samples, is_periodic=False)]
-    with refused("gears/records", place="configuration a"):
-        find_gear_effects([endless], [response], linear, robot(Gear()), SPEC, LINES)

@@ -1,33 +1,19 @@
 """Parameters and levels of a gear of another simulator, from the fit of a linear model."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from plants.gear_levels import SPEC, linear_fit
+from plants.two_mass_gear import LINES, Gear, records, robot
 
-from elastid.fit.identify import identify
 from elastid.fit.result import Result
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.frf.estimate import estimate
-from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_levels import GearData, Levels, find_levels, scale_priors, scales_of, start_levels
 from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response
-from tests.plants.two_mass_gear import LINES, Gear, records, robot
-
-SPEC = EstimatorSpec(friction="none", transient_periods=0)
-
-
-def linear_fit(gear: Gear, measured: tuple[Record, ...]) -> tuple[Response, Result]:
-    """The fit of a linear model from numbers a quarter off."""
-    response = estimate(measured, SPEC, LINES)
-    wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
-    spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0), starts=1)
-    return response, identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
 
 
 @cache

@@ -1,7 +1,5 @@
 """Records and sections from which effects of gears cannot be found: each with the reason."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

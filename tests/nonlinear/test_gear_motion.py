@@ -6,6 +6,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from plants.two_mass_gear import POSTURE, RATE_HZ, SAMPLES, Gear, robot
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.parameter_choice import choose
@@ -16,7 +17,6 @@ from elastid.nonlinear.effects import GearEffect, GearMotion, forces, implicit_l
 from elastid.nonlinear.gear_motion import newton, smoothed_covariance
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.response import Response
-from tests.plants.two_mass_gear import POSTURE, RATE_HZ, SAMPLES, Gear, robot
 
 
 @pytest.mark.parametrize("h", [1.0, 50.0])

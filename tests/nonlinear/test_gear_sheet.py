@@ -1,19 +1,14 @@
 """Sheets of gears: makers' numbers of levels by closed forms, and gears of an outside plant laid open."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.gear_levels import SPEC, linear_fit
 from plants.two_mass_gear import LINES, Gear, records, robot
 
-from elastid.fit.identify import identify
 from elastid.fit.load_tests import StaticAgreement
 from elastid.fit.result import Result
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.frf.estimate import estimate
-from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_levels import Levels
 from elastid.nonlinear.gear_result import (
@@ -30,11 +25,10 @@ from elastid.parameters import Parameter, Parameters
 from elastid.robot.simplified import stiffened
 
 K, PEAK = 2e5, 600.0
-SPEC = EstimatorSpec(friction="none", transient_periods=0)
 PARAMETERS = Parameters((Parameter("k_1", K, "N*m/rad", log=True), Parameter("d_1", 60.0, "N*m*s/rad", log=True)))
 
 
-def linear_fit(x: np.ndarray) -> Result:
+def plain_fit(x: np.ndarray) -> Result:
     """Of two parameters, without anything else."""
     none = np.zeros(2, bool)
     return Result(PARAMETERS, x, 1e-6 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
@@ -50,7 +44,7 @@ def sheet(
     known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 0.0, 0.0, (), (), scale_std)
     groups = {(effect,): size for effect, size in (bounds or {}).items()}
     gear = JointLevels(known, robot(Gear()), "1", PEAK)
-    return sheet_of(gear, linear_fit(x + np.array([np.log(1.1), 0.0])), groups)
+    return sheet_of(gear, plain_fit(x + np.array([np.log(1.1), 0.0])), groups)
 
 
 def test_stiffness_by_range_is_the_secant_of_the_spring() -> None:
@@ -60,11 +54,8 @@ def test_stiffness_by_range_is_the_secant_of_the_spring() -> None:
     found = sheet({GearEffect("cubic", "1"): k_3})
     for i in range(3):
         number = found.number(f"K{i + 1}_1")
-        assert number is not None
         assert number.value == pytest.approx(PEAK / 3 / (ends[i + 1] - ends[i]), rel=5e-3)
     k, stiffening = found.number("k_1"), found.number("h_1")
-    assert k is not None
-    assert stiffening is not None
     assert (k.value, k.std, k.linear) == (pytest.approx(K), pytest.approx(1e-3 * K), pytest.approx(1.1 * K))
     assert k.value * k.factor == pytest.approx(K / ARCMIN)
     assert stiffening.value == pytest.approx(k_3 * ends[3] ** 2 / K, rel=1e-3)
@@ -75,8 +66,6 @@ def test_hysteresis_is_the_loop_of_a_maker_s_test() -> None:
     """An element of 5 Nm that slides all the way: 5 Nm to either side, 2 x 5 Nm / k wide where the torque is 0."""
     found = sheet({GearEffect("stop", "1", 1e-4): 5.0})
     torque, width = found.number("H_1"), found.number("Hw_1")
-    assert torque is not None
-    assert width is not None
     assert (torque.value, torque.std) == (pytest.approx(5.0), pytest.approx(0.05))
     assert width.value == pytest.approx(2 * 5.0 / K)
     crossings = [
@@ -94,7 +83,6 @@ def test_a_transmission_error_has_amplitude_and_phase() -> None:
     """3 sin + 4 cos is 5 sin with a phase of atan2(4, 3); std 1 % of each, across and along."""
     found = sheet({GearEffect("error sine", "1", 2.0): 3e-5, GearEffect("error cosine", "1", 2.0): 4e-5})
     number = found.number("e2_1")
-    assert number is not None
     assert (number.value, number.order) == (pytest.approx(5e-5), 2.0)
     assert number.phase == pytest.approx(np.arctan2(4, 3))
     assert number.std == pytest.approx(0.01 * np.hypot(9, 16) / 5 * 1e-5)
@@ -108,8 +96,6 @@ def test_what_was_not_seen_has_the_largest_bound_of_its_shapes() -> None:
     bounds |= {GearEffect("stop", "1", 1e-4): 0.3, GearEffect("bristle", "1", 6e-3): 1.0}
     found = sheet({}, bounds=bounds)
     friction, torque = found.number("Fc_m1"), found.number("H_1")
-    assert friction is not None
-    assert torque is not None
     assert not friction.is_seen
     assert friction.bound == 0.6
     assert torque.bound == pytest.approx(1.0 * PEAK / K / 6e-3)
@@ -123,7 +109,7 @@ def opened(after: float) -> GearResult:
 
 def test_a_misfit_is_explained_by_effects_that_leave_little_of_it() -> None:
     """V beyond the noise falls with the square of what is left; else the fit stays a misfit and says so."""
-    misfit = replace(linear_fit(PARAMETERS.x), status="misfit", cost=101.0, cost_dof=50.0, verdicts=("bad",))
+    misfit = replace(plain_fit(PARAMETERS.x), status="misfit", cost=101.0, cost_dof=50.0, verdicts=("bad",))
     good = with_gears(misfit, opened(0.02))
     assert (good.status, good.verdicts) == ("converged", ())
     assert good.cost == pytest.approx(1 + 100 * 0.1**2)
@@ -137,17 +123,14 @@ def test_a_misfit_is_explained_by_effects_that_leave_little_of_it() -> None:
 def test_effects_of_gears_explain_no_contradiction_by_load_tests() -> None:
     """Static tests do not go into the search: what they contradict stays contradicted."""
     static = StaticAgreement(cause="the base tilts")
-    misfit = replace(linear_fit(PARAMETERS.x), status="misfit", cost_dof=50.0, static=static)
+    misfit = replace(plain_fit(PARAMETERS.x), status="misfit", cost_dof=50.0, static=static)
     assert with_gears(misfit, opened(0.02)).status == "misfit"
 
 
 def laid_open(gear: Gear, seed: int = 1, experiments: int = 4) -> tuple[Result, GearResult]:
     """The linear fit of the plant's records, and its gear."""
     measured = records(gear, seed=seed, experiments=experiments)
-    response = estimate(measured, SPEC, LINES)
-    wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
-    spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0), starts=1)
-    linear = identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
+    response, linear = linear_fit(gear, measured)
     return linear, open_gears([measured], [response], linear, robot(gear), SPEC, GearsSpec(), planned=LINES)
 
 
@@ -167,12 +150,9 @@ def test_a_clean_gear_has_bounds_alone() -> None:
 def test_lost_motion_is_the_way_between_the_flanks() -> None:
     """Twice the half width of a free gap; of one that is only softer its missing part. Unseen, a bound."""
     free, soft = (sheet({GearEffect("gap", "1", 2e-4): f}).number("lost_1") for f in (K, 0.5 * K))
-    assert free is not None
-    assert soft is not None
     assert (free.value, soft.value) == (pytest.approx(4e-4), pytest.approx(2e-4))
     assert soft.std == pytest.approx(2e-4 * np.sqrt(0.01**2 + 1e-3**2 + 0.02**2))
     bound = sheet({}, bounds={GearEffect("gap", "1", 2e-4): 0.1 * K}).number("lost_1")
-    assert bound is not None
     assert bound.bound == pytest.approx(4e-5)
     assert sheet({}, bounds={GearEffect("gap", "1", 2e-4): 1e3 * K}).number("lost_1") is None  # it is never crossed
     assert sheet({GearEffect("gap", "1", 2e-4): K}).number("k_1").meaning == "stiffness beyond the gap"
@@ -180,6 +160,6 @@ def test_lost_motion_is_the_way_between_the_flanks() -> None:
 
 def test_a_robot_without_a_spring_in_any_gear_keeps_its_fit() -> None:
     rigid = stiffened(robot(Gear()), ["1"])
-    found = open_gears([], [], linear_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
+    found = open_gears([], [], plain_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
     assert found.refused
     assert found.sheets == ()

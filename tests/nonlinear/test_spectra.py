@@ -54,11 +54,11 @@ def test_motion_beyond_half_the_rate_is_folded_into_samples() -> None:
 
 def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
     """White noise of std s has amplitudes of variance 4 s^2 / (N P)."""
-    many = [record(1e-5, name=f"r{i}") for i in range(1)]
-    lines = gather_lines(many, SPEC, np.array([5, 100]))
+    lines = gather_lines([record(1e-5)], SPEC, np.array([5, 100]))
     assert lines.noise[0] == pytest.approx(4 * 1e-5**2 / (N * P), rel=0.5)
 
 
-def test_an_angle_that_was_not_logged_is_named() -> None:
+@pytest.mark.parametrize("changes", [{"outputs": ("joint 1",)}, {"period_samples": P * N, "is_periodic": False}])
+def test_an_angle_that_was_not_logged_and_records_without_a_period_are_refused(changes: dict[str, object]) -> None:
     with refused("gears/records", place="configuration a"):
-        gather_lines([record(outputs=("joint 1",))], SPEC, np.array([5, 9]))
+        gather_lines([record(**changes)], SPEC, np.array([5, 9]))

@@ -1,7 +1,5 @@
 """A study of an arm of two axes with a move, and commands on it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from elastid.app import cli

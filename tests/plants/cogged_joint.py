@@ -5,8 +5,6 @@ J q'' = u - c cos(h N q + phi) - G cos q
 Coulomb friction taking momentum until there is none, under a PD controller with a filtered reference of trapezoids.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

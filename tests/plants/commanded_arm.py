@@ -1,7 +1,5 @@
 """A small arm under gravity whose second link bends in a joint that no motor drives, with limits, and moves of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

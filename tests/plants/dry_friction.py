@@ -1,7 +1,5 @@
 """A simulated rig of two axes, springs in both gears and one in the arm, with dry friction at its motors."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import TypeAlias
 

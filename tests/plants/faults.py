@@ -5,8 +5,6 @@ returns a wrong one; `drawn` adds noise last, of a known covariance, and `FAULTS
 that a fit is to name.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -96,7 +94,6 @@ def rubbing(case: Case, rng: np.random.Generator, level: float = 0.01, dof: floa
         spread = level * np.stack([quiet.G @ W for W in repeated])  # (dof, F, n_y, n_u)
         right = np.einsum("rfau,rfbu->fab", spread, spread.conj()) / (dof * n_u)
         known = quiet.total
-        assert known is not None
         right += np.eye(n_y) * np.mean(known.variance, axis=2)[:, :, None]
         left = np.broadcast_to(np.eye(n_u), (F, n_u, n_u)).astype(complex)
         variance = np.einsum("faa->fa", right).real[:, :, None] * np.ones(n_u)

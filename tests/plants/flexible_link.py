@@ -5,8 +5,6 @@ r"""A motor and a link with two bending modes under a speed controller, and its 
 with the records of band-limited signals: exact whatever the rate.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.signal import chirp
 

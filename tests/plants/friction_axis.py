@@ -1,7 +1,5 @@
 """One elastic axis that lifts an arm, gravity 3 times its friction, and plans of its passes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from elastid.design.friction import design_friction

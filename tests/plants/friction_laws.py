@@ -1,7 +1,5 @@
 """A friction law as functions of numbers, and stepped along a motion."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 

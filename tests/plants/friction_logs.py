@@ -1,7 +1,5 @@
 """Logs of one axis whose friction is known, as lab files: motor side, in A and deg, with a thermometer."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Records of the passes of a plan under a law that is known, without a loop: the joint follows its reference."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +36,6 @@ def records(loaded: LoadedStudy, seed: int = 0) -> tuple[FrictionPlan, FrictionR
     rng = np.random.default_rng(seed)
     found = []
     for motion in plan.motions:
-        assert motion.planned is not None
         path = pass_reference(motion.planned, limits[motion.joint], plan.rate_hz)
         v = np.abs(path.velocity)
         level = truth["Fc_m1"] + (truth["Fs_m1"] - truth["Fc_m1"]) * np.exp(-((v / truth["vs_m1"]) ** 2))

@@ -1,7 +1,5 @@
 """The result of a friction study of two joints, made up: an elbow with everything, a lift with a motion alone."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,10 +1,13 @@
-"""The effects of gears as levels with the parameters beside them, from records and a fit."""
+"""The linear fit of the plant of two masses, and effects of gears as levels beside its parameters."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from elastid.base.arrays import IntArray
+from elastid.fit.identify import identify
 from elastid.fit.result import Result
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
@@ -15,6 +18,17 @@ from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response
 from elastid.robot import Robot
+from plants.two_mass_gear import LINES, Gear, robot
+
+SPEC = EstimatorSpec(friction="none", transient_periods=0)
+
+
+def linear_fit(gear: Gear, measured: Sequence[Record]) -> tuple[Response, Result]:
+    """The response, and the fit of a linear model from numbers a quarter off."""
+    response = estimate(measured, SPEC, LINES)
+    wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
+    spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0), starts=1)
+    return response, identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
 
 
 def find_gear_effects(

@@ -1,7 +1,5 @@
 """A linkage whose links' equations are those of two absolute angles, written out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeAlias
 

@@ -5,17 +5,9 @@ import numpy as np
 from elastid.robot import Body, GearCoupling, Joint, Motor, Placement, Robot, Spring
 
 J = np.array([1.6e-4, 1.8e-4, 4.3e-5])
-
-
 RATIO = np.array([-99.0, 79.2, 60.0])
-
-
 K_SHAFT = np.array([0.9, 0.7, 1.1])
-
-
 D_SHAFT = np.array([2e-3, 1e-3, 3e-3])
-
-
 COUPLINGS = (("5", "4", 12.0), ("6", "4", -8.0), ("6", "5", 25.0))
 
 

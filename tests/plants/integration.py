@@ -1,7 +1,5 @@
 """Robots under held torque and Coulomb friction, integrated step by step: what a closed loop is compared with."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 

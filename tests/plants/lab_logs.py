@@ -1,7 +1,5 @@
 """A log of two axes in every format, and the study that reads it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +17,6 @@ from elastid.recorded.rig import RecordedRig
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 N, P, RATE, RATIO = 200, 4, 100.0, -50.0
-
-
 ROBOT = Robot(
     "two axes",
     (

@@ -1,7 +1,5 @@
 """Two elastic axes with limits, friction and gravity, and the excitation that is to fill the limits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -3,8 +3,6 @@
 No code of elastid: four Runge-Kutta steps of fourth order in each sample of 1 kHz, torque held between samples.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Measured records, which lie beside the project; a test that needs one that is not there is skipped."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

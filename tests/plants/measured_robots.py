@@ -1,7 +1,5 @@
 """Responses of a robot with noise of known variance, and how far a fit ends from it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Two axes under gravity that move together, as logs with friction and correlated noise."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastid.base.arrays import FloatArray

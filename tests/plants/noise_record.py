@@ -1,7 +1,5 @@
 """A record of white noise, without a period, of a resonance of two inputs and two outputs whose response is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

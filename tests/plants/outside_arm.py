@@ -1,7 +1,5 @@
 """An elastic arm of plain numbers and equations of its own, which share nothing with elastid's."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A fitted arm of two elastic joints in a vertical plane, as if a fit had ended there, and its closed form."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -4,8 +4,6 @@ Law and numbers: Bittencourt, Wernholt, Sander-Tavallaey and Brogardh, LiTH-ISY-
 26 Nm and speed in rad/s on the motor's side, load in parts of its rating, 33 to 80 degC.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

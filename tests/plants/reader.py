@@ -1,7 +1,5 @@
 """A reader who follows a page: its commands and programs, one after the other in a folder."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A ROS 2 bag of a log of two joints."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

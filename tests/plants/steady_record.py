@@ -1,7 +1,5 @@
 """A record of one input and one output in steady state, whose motion follows its torque exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastid.excitation.multisine import synthesise
@@ -10,11 +8,7 @@ from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra
 from elastid.record import MOTION_ORDER, Configuration, Motion, Record
 
 RATE, N = 200.0, 400
-
-
 LINES = np.arange(5, 80)
-
-
 AUTO = EstimatorSpec()
 
 

@@ -1,7 +1,5 @@
 """Two links in a vertical plane with both joints elastic, a lone motor, and their simulation."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

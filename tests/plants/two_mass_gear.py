@@ -6,8 +6,6 @@ n = k x + k_2s |x| x + k_3 x^3 in the ranges of a gear's sheet or behind a gap, 
 x = q + e(q) - l.  Runge-Kutta of fourth order.
 """
 
-from __future__ import annotations
-
 from dataclasses import astuple, dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A joint in closed loop whose friction warms up, simulated: what a filter is held against."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as ca

@@ -4,8 +4,6 @@ Heat of friction enters the gear, flows to the housing through a conductance, an
 follows the gear. Integrated by explicit Euler steps of a second, with the mean power of the motion.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

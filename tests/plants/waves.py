@@ -1,7 +1,5 @@
 """A torque and a position with it, periodic, exact between samples too, of a log of six periods."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastid.base.arrays import FloatArray

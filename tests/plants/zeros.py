@@ -1,7 +1,5 @@
 """Antiresonances of one element of a linear model, by python-control."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

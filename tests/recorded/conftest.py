@@ -1,7 +1,5 @@
 """Fixtures of this room."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from plants.lab_logs import N, P

@@ -1,7 +1,5 @@
 """Channels by name, unit, neighbours and the motion of their joint; and silence where evidence is weak."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -53,7 +51,6 @@ def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
     signals = [(f"{name}_{k + 1}", joints[k][i]) for k in range(2) for name, i in (("tau", 3), ("w", 1))]
     signals += [(f"pos_{k + 1}", np.rad2deg(joints[k][0]) * (-1) ** k) for k in range(2)]
     guess = guess_log([(guess_by_name(name, None), x) for name, x in signals[::-1]], RATE)
-    assert guess is not None
     pairs = {joint.torque.name: joint.motion for joint in guess.joints}
     assert {name: motion.name for name, motion in pairs.items()} == {"tau_1": "pos_1", "tau_2": "pos_2"}
     assert pairs["tau_1"].unit == "deg"
@@ -101,7 +98,6 @@ def test_headings_of_drives_are_read(heading: str) -> None:
     signals += [(name, q) for name, (q, *_) in zip(names[1], joints, strict=True)]
     signals += [(f"temp_{k}", 30 + np.round(0.01 * T, 1)) for k in range(3)]
     guess = guess_log([(guess_by_name(name, None), x) for name, x in signals], RATE)
-    assert guess is not None
     assert [each.torque.name for each in guess.joints] == names[0]
     found = [each.motion.name for each in guess.joints] + [each.name for each in guess.further]
     assert found == names[1]

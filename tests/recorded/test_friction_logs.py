@@ -1,7 +1,5 @@
 """Logs of a friction study: a record of each joint that moves, and energy and passes of warm-ups."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,17 +76,15 @@ def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
         read(tmp_path, FileSpec("log.csv"))
 
 
-CHANNELS_WARM_UP_LOGS = (
+WARM_CHANNELS = (
     ChannelSpec("u", "motor 1", "torque"),
     ChannelSpec("y", "motor 1", "angle", quantity="position"),
 )
-THERMOMETER_WARM_UP_LOGS = ChannelSpec("t", "joint 1", "temperature", quantity="temperature")
+HOUSING = ChannelSpec("t", "joint 1", "temperature", quantity="temperature")
 
 
-def read_warm_up_logs(
-    folder: Path, log: WarmLog, file: FileSpec, thermometer: ChannelSpec = THERMOMETER_WARM_UP_LOGS
-) -> WarmUp:
-    spec = ExperimentSpec(recorded=RecordedSpec(log.rate_hz, (*CHANNELS_WARM_UP_LOGS, thermometer), (file,)))
+def read_warm_up(folder: Path, log: WarmLog, file: FileSpec, thermometer: ChannelSpec = HOUSING) -> WarmUp:
+    spec = ExperimentSpec(recorded=RecordedSpec(log.rate_hz, (*WARM_CHANNELS, thermometer), (file,)))
     measured = read_friction_logs(ROBOT, spec, folder, ["1"], {})
     return warm_up_of(measured.warm_ups[0], measured.records)
 
@@ -108,7 +104,7 @@ def folder(log: WarmLog, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def warm_up(folder: Path, log: WarmLog) -> WarmUp:
     """The log read once."""
-    return read_warm_up_logs(folder, log, FileSpec("warm.csv", purpose="warm_up"))
+    return read_warm_up(folder, log, FileSpec("warm.csv", purpose="warm_up"))
 
 
 def test_the_energy_of_a_log_is_kept_in_few_steps(warm_up: WarmUp, log: WarmLog) -> None:
@@ -130,7 +126,7 @@ def test_the_second_half_of_another_thermal_structure_is_predicted_to_one_percen
     warm_up: WarmUp, folder: Path, log: WarmLog
 ) -> None:
     """Gear and housing with the thermometer outside, of its rise; a single node misses it by more than 3 %."""
-    half = read_warm_up_logs(folder, log, FileSpec("warm.csv", purpose="warm_up", samples=(0, len(log.torque) // 2)))
+    half = read_warm_up(folder, log, FileSpec("warm.csv", purpose="warm_up", samples=(0, len(log.torque) // 2)))
     model = fit_warm_up(half)
     late = warm_up.log.time_s > warm_up.log.time_s[-1] / 2
     housing = np.interp(warm_up.log.time_s, np.arange(len(log.gear)) / log.rate_hz, without_noise(log))
@@ -152,9 +148,9 @@ def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(
     readings[100:110] = np.nan
     rows = "\n".join(f"{each:.6g}" for each in readings)
     (folder / "slow.csv").write_text(f"degc\n{rows}\n")
-    slow = replace(THERMOMETER_WARM_UP_LOGS, channel="degc", file=2, rate_hz=0.1)
+    slow = replace(HOUSING, channel="degc", file=2, rate_hz=0.1)
     file = FileSpec("warm.csv", purpose="warm_up", also=("slow.csv",))
-    found = read_warm_up_logs(folder, log, file, slow)
+    found = read_warm_up(folder, log, file, slow)
     np.testing.assert_array_equal(found.log.power, warm_up.log.power)
     np.testing.assert_allclose(found.log.temperature, warm_up.log.temperature, atol=1.2)
 
@@ -163,14 +159,14 @@ def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(
 def test_a_coarse_thermometer_counts_no_reading_twice(tmp_path: Path, log: WarmLog) -> None:
     """Whole degrees without noise: two readings for each of nine."""
     write_warm_log(tmp_path / "warm.csv", warm_log(2.0, 25.0, thermometer_std=0.0, count=1.0))
-    warm_up = read_warm_up_logs(tmp_path, log, FileSpec("warm.csv", purpose="warm_up"))
+    warm_up = read_warm_up(tmp_path, log, FileSpec("warm.csv", purpose="warm_up"))
     assert np.isfinite(warm_up.log.temperature).sum() < 25
     assert warm_up.log.temperature_std == pytest.approx(1 / np.sqrt(12), rel=0.01)
 
 
 def test_the_room_and_the_start_are_those_of_the_file(warm_up: WarmUp, folder: Path, log: WarmLog) -> None:
     """A joint that was still warm: the room is colder than its first reading."""
-    found = read_warm_up_logs(folder, log, FileSpec("warm.csv", purpose="warm_up", ambient=18.0, start=600.0))
+    found = read_warm_up(folder, log, FileSpec("warm.csv", purpose="warm_up", ambient=18.0, start=600.0))
     assert found.log.ambient_degc == 18.0
     assert found.log.start_degc == pytest.approx(ROOM, abs=0.5)
     assert found.log.time_s[0] == 600.0

@@ -1,7 +1,5 @@
 """Periods of an excitation: stated ones confirmed, wrong ones corrected, their absence refused."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Logs that contradict the plan they were measured by are named for what they are, and clean ones are not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

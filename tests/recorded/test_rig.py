@@ -1,7 +1,5 @@
 """The recorded rig: any file format, faults of a log in one message, held torques and known disturbances."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -309,7 +307,6 @@ def shaken(folder: Path, channels: tuple[ChannelSpec, ...]) -> np.ndarray:
         np.testing.assert_allclose(record.u[:, 0], u + d, atol=1e-9)
         assert said(record.notes) == ()
     noise = estimate([record], SPEC).noise
-    assert noise is not None
     return np.sqrt(noise.variance[:, 0, 0])
 
 
@@ -342,7 +339,6 @@ def pushed(folder: Path, with_pulses: bool) -> tuple[float, float, float]:
     else:
         assert record.disturbance is None
     motion = find_joint_levels(friction_logs.ROBOT, friction_logs.ROBOT.driven, measured)[0].motion
-    assert motion is not None
     return motion.chosen["coulomb"], motion.chosen["viscous"], motion.chosen.relative_error
 
 

@@ -1,7 +1,5 @@
 """The content of a report: its notes in order and each once; rows and questions of friction."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Names of springs, energies of modes by configuration."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -76,7 +74,6 @@ def test_the_tool_moves_as_the_shape_moves_the_kinematics() -> None:
     """By one factor in all directions: differences of the pose along real and imaginary part of the shape."""
     q, freq_hz, shapes, figure = swinging()
     drawing = mode_drawing(figure, shapes, ARM.gravity)
-    assert drawing is not None
     for mode in range(len(freq_hz)):
         h, tool = 1e-6, []
         for part in (shapes[:, mode].real, shapes[:, mode].imag):
@@ -92,8 +89,6 @@ def test_the_tool_moves_as_the_shape_moves_the_kinematics() -> None:
 def test_a_drawing_knows_neither_length_nor_phase_of_a_shape(length: float, phase: float) -> None:
     _, _, shapes, figure = swinging()
     one, other = (mode_drawing(figure, z * shapes, ARM.gravity) for z in (1.0, length * np.exp(1j * phase)))
-    assert one is not None
-    assert other is not None
     np.testing.assert_allclose(one.moved, other.moved, atol=1e-9)
 
 
@@ -107,6 +102,5 @@ def test_where_nothing_is_seen_to_move_nothing_is_drawn() -> None:
     assert mode_drawing(figure, np.zeros((5, 2), complex), ARM.gravity) is None
     assert mode_drawing(figure, np.zeros((5, 0), complex), ARM.gravity) is None
     one = mode_drawing(figure, np.eye(5, 2, dtype=complex) * [1.0, 1e-9], ARM.gravity)
-    assert one is not None
     assert np.abs(one.moved[:, :, 0]).max() > 0.1
     assert not one.moved[:, :, 1].any()

@@ -1,7 +1,5 @@
 """The first screen: the verdict follows the intervals and the status, and the actions follow the covariance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -82,8 +82,6 @@ def test_python_control_reads_the_response_back(model: FittedRobot, tmp_path: Pa
     """State space by the loader, times the delay; within 1e-7 without loops, 1e-6 with them."""
     _, script = write_control(tmp_path, model)
     specification = importlib.util.spec_from_file_location("load_model", script)
-    assert specification is not None
-    assert specification.loader is not None
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     systems, delays = module.load()

@@ -1,7 +1,5 @@
 """Files of drawn robots: a table, robot files that load, MJCF, and a reason where there is none."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Code in C of a move, of friction's compensation and of a filter is what Python does; ROS 2 and MATLAB too."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

@@ -149,7 +149,6 @@ def test_coulomb_friction_that_was_found_is_frictionloss(serial_model: FittedRob
     (path,) = write_mujoco(tmp_path, serial_model, found)
     engine = mujoco.MjModel.from_xml_path(str(path))
     first = found.flexible[0]
-    assert first.motor is not None
     hinge = engine.joint(f"motor {first.name}")
     assert engine.dof_frictionloss[hinge.dofadr[0]] == pytest.approx(0.1 * abs(first.motor.ratio))
     assert engine.tendon_frictionloss == pytest.approx(np.full(len(found.flexible), 7.0))

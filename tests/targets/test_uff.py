@@ -50,7 +50,6 @@ def test_geometry_and_roving_hammer_are_read_back(tmp_path: Path) -> None:
     hammer = ChannelSpec("u", "hit 2", channel="2z", quantity="force", sign=-1)
     places = (hammer, ChannelSpec("y", "1 z", channel="1z", quantity="position"))
     found = uff_geometry(path, places)
-    assert found is not None
     assert [found.points[node] for node in "123"] == list(points.values())
     assert found.lines == (("1", "2"), ("2", "3"))
     assert found.motion == {"hit 2": ("2", "-z"), "1 z": ("1", "z")}

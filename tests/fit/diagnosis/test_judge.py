@@ -1,7 +1,5 @@
 """What a fit held or read wrongly is named with its size, by its own list of causes and by those of a user."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache
@@ -107,7 +105,6 @@ def searched(mass: float) -> tuple[Load | None, float]:
 def test_a_point_mass_is_found_with_its_place_and_changes_mass_and_centre_as_statics_says() -> None:
     """The new centre is that of both masses."""
     load, drop = searched(LOAD)
-    assert load is not None
     assert load.mass == pytest.approx(LOAD, rel=1e-3)
     np.testing.assert_allclose(load.place, PLACE - CENTRE, atol=1e-3)
     assert load.drop == pytest.approx(drop, rel=1e-4)

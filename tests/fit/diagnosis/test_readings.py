@@ -1,7 +1,5 @@
 """What is late or was read wrongly: with the key `hold` a fit is exact, without it, it names a held command."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

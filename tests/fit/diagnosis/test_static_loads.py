@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants import predicted_arm as planar
-from plants.data_sheet_arm import arm, measure
-from plants.loaded_arm import NAMED, load_tests
+from plants.data_sheet_arm import NAMED, arm, load_tests, measure
 from plants.measured_robots import responses_of
 from plants.refusals import refused
 from plants.two_mass import circular
@@ -133,7 +132,6 @@ def fitted_with_taps(noise: float, **fault: float) -> tuple[ei.Result, ei.Result
 def test_taps_tell_what_noisy_motors_barely_do() -> None:
     """Springs ten times narrower, within four standard deviations of the truth, and no contradiction."""
     both, alone = fitted_with_taps(0.3)
-    assert both.tool is not None
     assert not both.tool.disagrees, both.tool.cause
     assert abs(both.tool.ratio - 1) < 4 * both.tool.ratio_std
     assert [each.configuration.name for each in both.linear] == [*POSTURES]
@@ -147,7 +145,6 @@ def test_taps_tell_what_noisy_motors_barely_do() -> None:
 def test_a_contradiction_is_named_and_does_not_bend_the_numbers(fault: dict[str, float], cause: str) -> None:
     """The cause first, a misfit, a warning; the numbers of the motors alone, with intervals that hold the truth."""
     both, _ = fitted_with_taps(0.02, **fault)
-    assert both.tool is not None
     assert cause in both.tool.cause.partition(" or ")[0]
     assert both.status == "misfit"
     assert "fit/tool" in {note.code for note in both.notes}
@@ -173,7 +170,6 @@ def test_a_sensor_that_was_not_plugged_in_says_nothing(tiny: Path) -> None:
         noise=Covariance(0 * np.abs(G), 1e4), motors="held",
     )  # fmt: skip
     result = identify([of_motor, silent], robot, FitSpec(parameters={"k_1": ParameterSpec()}, starts=1))
-    assert result.tool is not None
     assert not result.tool.disagrees
     assert "none is more than noise" in result.tool.words
     assert result.tool.ratio_std == np.inf

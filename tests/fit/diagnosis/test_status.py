@@ -1,7 +1,5 @@
 """A fit whose model is wrong does not end as converged, a fit whose model is true does; bounds are named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -44,7 +42,6 @@ def test_one_line_beyond_the_noise_is_no_misfit() -> None:
     case = true_case()
     data = drawn(case, np.random.default_rng(0))
     first = data[0]
-    assert first.total is not None
     one = np.zeros(first.G.shape)
     one[30, 0, 0] = 100.0
     spoilt = (replace(first, G=first.G + one * np.sqrt(first.total.variance)), *data[1:])

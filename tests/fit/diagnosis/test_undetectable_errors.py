@@ -1,7 +1,5 @@
 """Errors of held numbers that the free parameters take up: no residual shows them, and a sentence says how large."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Robots mounted, read or sprung otherwise than their files have them: found by a fit, not by a held number."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.resources import files
@@ -55,7 +53,6 @@ def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed
 
 def at_stated_rate(response: Response, e: float) -> Response:
     """As it is read from logs of positions whose rate is e times the stated one."""
-    assert response.total is not None
     total = Covariance(response.total.variance / e**4, response.total.dof)
     return replace(response, freq_hz=response.freq_hz / e, G=response.G / e**2, total=total)
 

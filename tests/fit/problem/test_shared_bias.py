@@ -1,7 +1,5 @@
 """Systematic errors of known size: estimated with the parameters, or covered by their intervals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -39,10 +37,8 @@ def data(seed: int, size: float, factor: float) -> Response:
 def solved(response: Response) -> tuple[np.ndarray, np.ndarray, float]:
     """x and its covariance by Gauss-Newton steps, and the factor."""
     x, c, weights = X, np.zeros(1), [weigh(response, NO_FLOOR)]
-    assert response.bias is not None
 
     def without(c: np.ndarray) -> ElasticFit:
-        assert response.bias is not None
         clean = replace(response, G=response.G - c[0] * response.bias[0, 0])
         return elastic_fit([clean], [plant()], weights, parameters(), "complex")
 

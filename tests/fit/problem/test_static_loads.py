@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.data_sheet_arm import arm, measure
-from plants.loaded_arm import CONFIGURATIONS, NAMED, load_tests
+from plants.data_sheet_arm import CONFIGURATIONS, NAMED, arm, load_tests, measure
 from plants.refusals import refused
 
 from elastid.fit.assembly import Assembly

@@ -1,14 +1,12 @@
 """Windows and fits of local methods; their coherence, levels and singular values against closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants import local_plants as study
+from plants import random_plants as study
 from plants.noise_record import noise_record, truth
 from plants.random_plants import N, record_of
 from scipy.stats import kstest
@@ -30,7 +28,6 @@ def test_coherences_of_two_inputs_are_their_shares() -> None:
     """Independent inputs of one power: |G_ij|^2 / S_yy each, their sum for both; condition near 1."""
     response = estimate([noise_record(8192, 1, noise=NOISE)], replace(SPEC, method="local_rational"))
     quality = response.quality
-    assert quality is not None
     shares = np.abs(truth(response.freq_hz)) ** 2
     power = shares.sum(axis=2) + NOISE**2
     np.testing.assert_allclose(quality.multiple_coherence.mean(axis=0), (1 - NOISE**2 / power).mean(axis=0), atol=0.02)
@@ -46,7 +43,6 @@ def test_noise_alone_has_no_coherence() -> None:
     y = np.random.default_rng(3).normal(size=record.y.shape)
     for method in ("local_polynomial", "local_rational"):
         response = estimate([replace(record, y=y)], replace(SPEC, method=method))
-        assert response.quality is not None
         assert np.median(response.quality.multiple_coherence) < 0.1
 
 
@@ -163,7 +159,6 @@ def test_a_transient_of_two_poles_is_recovered_at_the_lines_from_the_bins_betwee
         return np.stack([1 + 0.01 * k, 2 - 0.02j * k], axis=1) / poles
 
     fit = fitted_transient(transient(rest), rest, lines, n_y=1)
-    assert fit is not None
     np.testing.assert_allclose(fit.T[:, 0], transient(lines), rtol=1e-9)
     assert fitted_transient(transient(rest[:5]), rest[:5], lines, n_y=1) is None
     assert fitted_transient(transient(rest[:6]), rest[:6], lines, n_y=1) is not None

@@ -1,14 +1,12 @@
 """Local polynomial and local rational responses against exact data, analytic plants, chi-square and Monte Carlo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants import local_plants as study
+from plants import random_plants as study
 from plants.noise_record import noise_record
 from plants.random_plants import periods_of, record_of, two_modes
 from plants.refusals import refused
@@ -104,8 +102,6 @@ def test_variances_are_those_of_monte_carlo(spec: EstimatorSpec, closed: bool) -
         U = np.linalg.solve(np.eye(3) + 0.3 / size * G, R[..., None])
         clean = _record(U[..., 0], (G @ U)[..., 0], R if closed else None, P=4)
         response = local_response([_noisy(clean, rng, std * size, std / 4 if closed else 0.0)], spec, LINES)
-        assert response.noise is not None
-        assert response.total is not None
         squares.append(np.abs(response.G - G) ** 2)
         noise.append(response.noise.variance)
         total.append(response.total.variance)
@@ -128,8 +124,6 @@ def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation() ->
         Y_s = distortion * (rng.normal(size=U.shape) + 1j * rng.normal(size=U.shape)) / np.sqrt(2)
         taken = _noisy(_record(U, np.einsum("fyu,fu->fy", G, U) + Y_s, P=4), rng, std)
         response = local_response([taken], LPM, LINES)
-        assert response.noise is not None
-        assert response.total is not None
         noise.append(response.noise.variance)
         total.append(response.total.variance)
     # Of an amplitude 2/K sum over K = 4 N samples; the transient's uncertainty adds some.
@@ -161,7 +155,6 @@ def test_a_model_that_is_sufficient_keeps_its_variance() -> None:
     plant, squares = study.TwoModes(), []
     for seed in range(4):
         response = local_response([plant.from_rest(1, 70.0, np.random.default_rng(seed))], study.LRM, plant.excited)
-        assert response.total is not None
         squares.append(np.abs(response.G[:, 0, 0] - plant.G()) ** 2 / response.total.variance[:, 0, 0])
     # An error as large as stated has chi-square / 2: 1 % of the squares are below 0.01 of their mean.
     assert np.mean(squares) == pytest.approx(1.15, abs=0.15)

@@ -1,7 +1,5 @@
 """The formats of log files, and channels of a log by name."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -153,8 +151,6 @@ def _opened_doubles(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
 
 DOUBLES = Format("raw", lambda path, head: head.startswith(b"RAW!"), _opened_doubles, "export it again")
-
-
 NO_FORMAT = 7
 
 

@@ -1,7 +1,5 @@
 """ROS bags."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

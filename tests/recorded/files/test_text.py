@@ -1,7 +1,5 @@
 """Text logs."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

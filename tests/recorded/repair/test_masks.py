@@ -1,7 +1,5 @@
 """Spikes and channels that hang are missing samples, which periods fill; steps and limits are told, rest is not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """A stop within a period."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Time stamps: grids that they lie on, and signals at instants that lie on none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -134,7 +132,6 @@ def test_rounded_stamps_lie_on_an_even_grid(stamps: Callable[[FloatArray], Float
     if rate_hz == 1000.0 and stamps(np.ones(1)) == 0:
         assert grid is None
     else:
-        assert grid is not None
         assert grid[1] == pytest.approx(rate_hz, rel=1e-6)
 
 

@@ -1,7 +1,5 @@
 """The catalogue of figures, and that of a map: two cuts, every posture a dot, the softest marked."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Multistart costs and correlations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

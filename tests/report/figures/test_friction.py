@@ -1,7 +1,5 @@
 """Levels, law and what it leaves of them, over speed, load and temperature; a motion with its regression."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every kind of page can be read by keyboard and by ear, and its text stands out, light and dark."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

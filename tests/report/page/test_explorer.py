@@ -1,7 +1,5 @@
 """The explorer of responses: its size, and in a browser its numbers, choices and zoom."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """The page and its files: complete, self-contained; that of a friction study."""
 
-from __future__ import annotations
-
 import errno
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The page of a map: its numbers are those of the map, and every choice shows them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

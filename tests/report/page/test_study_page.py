@@ -1,7 +1,5 @@
 """The page of a study that ran: every choice is clicked, and every curve that is drawn is compared with the files."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterator
