@@ -16,6 +16,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import ELOOP
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -100,17 +101,26 @@ def _flush_folder(folder: Path) -> None:
             os.close(handle)
 
 
+MAX_MEMBERS = 100_000
+
+
 def require_own_data(file: Any) -> None:
     """Refuse an open HDF5 file that names data elsewhere, contains itself, or claims more data than it can hold.
 
     file: h5py.File.  Raises DataError with the place inside the file.
     """
     root = file["/"].id
-    _require_own_members(file.filename, root, "", (_address(root),))
+    members = _members(file.filename, root, "", (_address(root),))
+    if next(islice(members, MAX_MEMBERS, None), None) is not None:
+        raise DataError(
+            "files/unsafe",
+            f"more than {MAX_MEMBERS} groups and datasets are in it; export fewer signals",
+            file.filename,
+        )
 
 
-def _require_own_members(path: str, group: Any, place: str, above: tuple[int, ...]) -> None:
-    """Look at each member below a group at a place; above: the groups that it lies in.
+def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Iterator[str]:
+    """The place of each member below a group, once it was looked at; above: the groups that it lies in.
 
     group: h5py.h5g.GroupID, whose members are there in half the time of h5py.Group.
     """
@@ -136,7 +146,8 @@ def _require_own_members(path: str, group: Any, place: str, above: tuple[int, ..
                 raise DataError(
                     "files/unsafe", f"the group {name} contains itself, or lies too deep; export the file again", path
                 )
-            _require_own_members(path, item, name, (*above, _address(item)))
+            yield from _members(path, item, name, (*above, _address(item)))
+        yield name
 
 
 def _require_own_values(path: str, name: str, dataset: Any) -> None:

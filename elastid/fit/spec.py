@@ -224,6 +224,8 @@ class FitSpec:
             if measured.count(name) > 1:
                 both = ", ".join(robot for robot, names in self.robots.items() if name in names)
                 raise ValueError(f"robots: configuration {name} is given to {both}; give it to the one that it is of")
+        if max(self.starts, self.bootstrap, 10 * self.start_factor) > 10_000:  # a slip of the pen
+            raise ValueError("starts and bootstrap are 10000 at most, start_factor is 1000")
         if not (self.bootstrap == 0 or self.bootstrap >= 40):  # fewer have no interval of 95 %
             raise ValueError(f"bootstrap is {self.bootstrap}; give 0, or 40 and more")
         check_band(self.band_hz)

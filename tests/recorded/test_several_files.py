@@ -217,6 +217,14 @@ def link_to_the_root(file: Any, secret: Path) -> None:
     file.create_group("g")["again"] = h5py.SoftLink("/")
 
 
+def many_ways(file: Any, secret: Path) -> None:
+    """25 groups, 2^25 paths."""
+    inner = file.create_group("g0")
+    for i in range(1, 25):
+        group = file.create_group(f"g{i}")
+        group["left"], group["right"], inner = inner, inner, group
+
+
 def bomb(file: Any, secret: Path) -> None:
     """Terabytes that were never written."""
     file.create_dataset("a", (10**12,), "f8", chunks=(10**6,), compression="gzip")
@@ -230,6 +238,7 @@ def bomb(file: Any, secret: Path) -> None:
         (virtual_values, "the values of /v lie in another file, which is not opened"),
         (group_in_itself, "the group /g/again contains itself"),
         (link_to_the_root, "the group /g/again contains itself"),
+        pytest.param(many_ways, "more than 100000 groups", marks=pytest.mark.slow),
         (bomb, r"/a claims 8e\+03 GB, and 0 bytes of it are in the file"),
     ],
 )
