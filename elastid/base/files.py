@@ -101,9 +101,6 @@ def _flush_folder(folder: Path) -> None:
             os.close(handle)
 
 
-MAX_MEMBERS = 100_000
-
-
 def require_own_data(file: Any) -> None:
     """Refuse an open HDF5 file that names data elsewhere, contains itself, or claims more data than it can hold.
 
@@ -111,12 +108,9 @@ def require_own_data(file: Any) -> None:
     """
     root = file["/"].id
     members = _members(file.filename, root, "", (_address(root),))
-    if next(islice(members, MAX_MEMBERS, None), None) is not None:
-        raise DataError(
-            "files/unsafe",
-            f"more than {MAX_MEMBERS} groups and datasets are in it; export fewer signals",
-            file.filename,
-        )
+    if next(islice(members, 100_000, None), None) is not None:
+        text = "more than 100000 groups and datasets are in it; export fewer signals"
+        raise DataError("files/unsafe", text, file.filename)
 
 
 def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Iterator[str]:

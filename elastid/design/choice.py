@@ -21,9 +21,6 @@ from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.robot import Robot
 
-# A larger grid is taken for a typing error.
-MAX_GRID_POINTS = 200_000
-
 
 @dataclass(frozen=True)
 class Candidates:
@@ -101,12 +98,9 @@ def _proposed(
         counts = spec.grid if isinstance(spec.grid, tuple) else (spec.grid,) * n
         if refused := robot.count_refusal(len(counts), "numbers"):
             raise StudyError("design/candidates", refused, "design.candidates.grid")
-        if math.prod(counts) > MAX_GRID_POINTS:
-            raise StudyError(
-                "design/candidates",
-                f"{math.prod(counts)} candidates; take fewer points per joint, at most {MAX_GRID_POINTS} in all",
-                "design.candidates.grid",
-            )
+        if math.prod(counts) > 200_000:  # a typing error
+            text = "more than 200000 candidates; take fewer points per joint"
+            raise StudyError("design/candidates", text, "design.candidates.grid")
         axes = [np.linspace(a, b, m) if m > 1 else [(a + b) / 2] for a, b, m in zip(low, high, counts, strict=True)]
         angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, n)
     else:

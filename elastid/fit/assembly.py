@@ -302,7 +302,8 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
-        before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
+        precise = replace(fit.problem, evaluate=fit.evaluate)
+        before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         is_whole = i > 0 or rested is assembly

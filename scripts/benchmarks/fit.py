@@ -180,8 +180,8 @@ def kernel_times(
         {
             BARE: bare_solves(fit),
             FLOOR: flop_floor(points),
-            EVALUATION: lambda: fit.evaluate(x),
-            PLAIN: lambda: plain.evaluate(x),
+            EVALUATION: lambda: fit.rough(x),
+            PLAIN: lambda: plain.rough(x),
             "the same, normal matrix in double": lambda: fit.evaluate(x),
             **{
                 name: lambda problem=problem: problem.evaluate(more)
@@ -201,9 +201,10 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
         columns, theta, known = part.normal.columns, part.theta(fit.parameters, x), with_R.normal.residuals.compressed
         pieces, T = columns.pieces, part.chain(fit.parameters, x)
+        scale = np.ones(pieces.base.max() + 1)
         for block in columns.at(theta):
             R = known.R.R[block.block]
-            V = R @ block.columns
+            V = R @ block.columns(scale, np.float64)
             powers = block.s[:, None] ** np.arange(3)
             dr = (V[:, :, pieces.base] * powers[:, None, pieces.power]) @ (pieces.sigma @ T)
             residuals.append(as_real(left(R, known.q[block.block], block.G)).ravel())
@@ -267,7 +268,7 @@ def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
     parameters, responses = choose(spec, robot), measured(robot, Q, np.linspace(2.0, 100.0, F))
     assembly = Assembly.of(responses, robot, spec, parameters)
     fit = assembly.at(parameters.x, "complex")
-    fit.evaluate(parameters.x)
+    fit.rough(parameters.x)
     return fit.problem, assembly.search_problem(fit, "complex")
 
 
@@ -275,7 +276,7 @@ def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:
     """The fit in NumPy, and with INERTIAS free."""
     with patch("elastid.linear.response.kernel.is_compiled", return_value=False):
         plain, x0 = assemble(Q, F)
-        plain.evaluate(x0)
+        plain.rough(x0)
         inertial, _ = with_inertias(Q, F)
     return plain, inertial
 

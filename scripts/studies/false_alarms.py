@@ -219,7 +219,7 @@ def main() -> None:
             print(f"{code}: {each.name}: {text[:160]}", flush=True)
         if len(results) % 10 == 0:
             print(f"after {len(results)} sets:", dict(Counter(c for _, one in results for c in one.codes)), flush=True)
-    alarms = [each for _, each in sorted(results, key=lambda result: result[0])]
+    alarms = [each for _, each in sorted(results)]
     totals = Counter(code for each in alarms for code in each.codes)
     rows = rates(totals, len(alarms))
     too_often = MAX_RATE * len(alarms) if len(alarms) >= MIN_COUNTED else 1

@@ -1,14 +1,14 @@
-/* The sums over lines of `fit/problem/compressed_residuals.py`. */
+/* The sums over lines of `fit/problem/compressed_residuals.py`, numbers of type REAL. */
 
 #include "line_residuals.h"
 
-/* gain left (S[0] - omega^2 S[1]) right^T of a base of a higher rank; P (r, n_u): to work in.
+/* gain left (S[0] - omega^2 S[1]) right^T of a base of a higher rank, its elements times factor; P (r, n_u): to work in.
    TILE elements at a time; those that fill up the last TILE are its last one again. */
-static void between(const sizes *of, int64_t b, const number *left, const number *right,
+static void between(const sizes *of, int64_t b, REAL factor, const number *left, const number *right,
                     const number *gain, lanes omega, number *P, number *u) {
     int64_t r = of->n_v, n_y = of->n_y, n_u = of->n_u, n_e = of->n_e;
     const double *fixed = of->S + b * r * r, *moved = fixed + of->n_2 * r * r;
-    lanes square = omega * omega;
+    lanes square = omega * omega * factor;
     number none = {{0}, {0}};
     for (int64_t a = 0; a < r; a++)
         for (int64_t first = 0; first < n_u; first += TILE) {
@@ -20,7 +20,7 @@ static void between(const sizes *of, int64_t b, const number *left, const number
             }
             for (int64_t k = 0; k < r; k++)
                 if (fixed[a * r + k] != 0.0 || moved[a * r + k] != 0.0) {
-                    lanes S = fixed[a * r + k] - square * moved[a * r + k];
+                    lanes S = factor * (REAL)fixed[a * r + k] - square * (REAL)moved[a * r + k];
                     for (int i = 0; i < TILE; i++) {
                         x[i].re += S * right[k * n_u + at[i]].re;
                         x[i].im += S * right[k * n_u + at[i]].im;
@@ -48,15 +48,16 @@ static void between(const sizes *of, int64_t b, const number *left, const number
     }
 }
 
-/* U (n_b, n_e): gain sign left right^T of each base of rank one, those of a higher rank, the whole columns; times
+/* U (n_b, n_e): gain factor left right^T of each base of rank one, those of a higher rank, the whole columns; times
    slope.  P (r, n_u): to work in. */
-static void columns(const sizes *of, const double *sign, const number *left, const number *right, const number *gain,
+static void columns(const sizes *of, const double *factor, const number *left, const number *right, const number *gain,
                     const number *whole, const number *slope, lanes omega, number *P, number *U) {
     int64_t n_e = of->n_e, n_1 = of->n_1, n_12 = n_1 + of->n_2;
     number none = {{0}, {0}};
     for (int64_t b = 0; b < n_1; b++) {
         number scaled[of->n_y];
-        number turned = {gain->re * sign[b], gain->im * sign[b]};
+        lanes size = (lanes){0} + (REAL)factor[b];
+        number turned = {gain->re * size, gain->im * size};
         for (int64_t i = 0; i < of->n_y; i++) {
             scaled[i] = none;
             ADD_PRODUCT(scaled[i], left[b * of->n_y + i], turned);
@@ -68,8 +69,13 @@ static void columns(const sizes *of, const double *sign, const number *left, con
         }
     }
     for (int64_t b = n_1; b < n_12; b++)
-        between(of, b - n_1, left + n_1 * of->n_y, right + n_1 * of->n_u, gain, omega, P, U + b * n_e);
-    memcpy(U + n_12 * n_e, whole, (size_t)(of->n_3 * n_e) * sizeof(number));
+        between(of, b - n_1, (REAL)factor[b], left + n_1 * of->n_y, right + n_1 * of->n_u, gain, omega, P, U + b * n_e);
+    for (int64_t w = 0; w < of->n_3; w++)
+        for (int64_t e = 0; e < n_e; e++) {
+            lanes size = (lanes){0} + (REAL)factor[n_12 + w];
+            U[(n_12 + w) * n_e + e].re = size * whole[w * n_e + e].re;
+            U[(n_12 + w) * n_e + e].im = size * whole[w * n_e + e].im;
+        }
     if (slope)
         for (int64_t b = 0; b < n_12 + of->n_3; b++)
             for (int64_t e = 0; e < n_e; e++) {
@@ -153,10 +159,10 @@ static void sum_moments(int64_t n_b, int64_t padded, const lanes *sums, double *
 }
 
 /* The sums over lanes of (3, many) numbers, each with its sign where there is one. */
-static void sum_pulls(int64_t many, const number *sums, const double *sign, double *found) {
+static void sum_pulls(int64_t many, const precise *sums, const double *sign, double *found) {
     for (int64_t t = 0; t < 3 * many; t++) {
         double re = 0.0, im = 0.0, factor = sign ? sign[t % many] : 1.0;
-        for (int64_t q = 0; q < LANES; q++) {
+        for (int64_t q = 0; q < WIDE; q++) {
             re += sums[t].re[q];
             im += sums[t].im[q];
         }
@@ -167,10 +173,11 @@ static void sum_pulls(int64_t many, const number *sums, const double *sign, doub
 
 /* `Packed.sums`; arrays over lines have these last, R (batches, n_r, 2, BATCH) begins at the first.  Without G, q is r;
    without right, it is left.  0, or 1 where there is no memory. */
-KERNEL(sums)(int64_t F, int64_t n_y, int64_t n_u, int64_t n_1, int64_t n_2, int64_t n_v, int64_t n_3, int64_t n_e,
+KERNEL(JOIN(sums, REAL))(int64_t F, int64_t n_y, int64_t n_u, int64_t n_1, int64_t n_2, int64_t n_v, int64_t n_3, int64_t n_e,
          int64_t is_diagonal, const double *left, const double *right, const double *gain, const double *S,
          const double *whole, const int64_t *outputs, const int64_t *inputs, const double *q, const double *G, const double *slope, const double *R,
-         const double *omega, const double *sign, double *cost, double *pulled, double *pulled_between, double *moments) {
+         const double *omega, const double *sign, const double *factor, double *cost, double *weight, double *pulled,
+         double *pulled_between, double *moments) {
     sizes of = {F, n_y, n_u, n_1, n_2, n_v, n_3, n_e, is_diagonal, outputs, inputs, S};
     int64_t n_b = n_1 + n_2 + n_3, n_d = n_1 + n_v;
     int64_t padded = (n_b + TILE - 1) / TILE * TILE, tiles = padded / TILE * (padded / TILE + 1) / 2;
@@ -178,45 +185,58 @@ KERNEL(sums)(int64_t F, int64_t n_y, int64_t n_u, int64_t n_1, int64_t n_2, int6
     int64_t many[] = {n_d * n_y, right ? n_d * n_u : 0, 1, n_3 * n_e, slope ? n_e : 0};
     const double *given[] = {left, right, gain, whole, slope};
     int64_t n_given = many[0] + many[1] + many[2] + many[3] + many[4];
-    int64_t n_numbers = padded * n_e + n_r + n_v * n_u + n_given + 3 * (n_e + n_b + n_v * n_v);
-    size_t needed = (size_t)n_numbers * sizeof(number) + (size_t)n_sums * sizeof(lanes);
+    int64_t n_numbers = padded * n_e + n_r + n_given + n_v * n_u, n_precise = PARTS * n_given + 3 * (n_e + n_b + n_v * n_v);
+    size_t needed = (size_t)(n_numbers + n_precise) * sizeof(number) + (size_t)n_sums * sizeof(lanes);
     number *U = allocate(needed);
     if (!U)
         return 1;
     memset(U, 0, needed);
-    number *T = U + padded * n_e, *P = T + n_r, *one[5] = {P + n_v * n_u}, *g = one[0] + n_given, *r = g + n_e;
-    number *back = r + n_e, *pulls = back + n_e, *pulls_between = pulls + 3 * n_b;
-    for (int i = 1; i < 5; i++)
-        one[i] = one[i - 1] + many[i - 1];
-    number *at_right = one[right ? 1 : 0];
+    number *T = U + padded * n_e, *P = T + n_r, *single[5] = {P + n_v * n_u};
+    precise *twice[5] = {(precise *)(single[0] + n_given)}, *g = twice[0] + PARTS * n_given, *r = g + n_e;
+    precise *back = r + n_e, *pulls = back + n_e, *pulls_between = pulls + 3 * n_b;
+    for (int i = 1; i < 5; i++) {
+        single[i] = single[i - 1] + many[i - 1];
+        twice[i] = twice[i - 1] + PARTS * many[i - 1];
+    }
     int64_t R_bytes = n_r * 2 * BATCH * (int64_t)sizeof(double);
     lanes *gram = (lanes *)(pulls_between + 3 * n_v * n_v);
-    lanes total = {0};
+    wide total = {0};
     for (int64_t f = 0; f < F; f += LANES) {
         const double *R_here = R + f / BATCH * n_r * 2 * BATCH;
-        int64_t used = F - f < LANES ? F - f : LANES;
         lanes w = {0};
-        for (int64_t l = 0; l < used; l++)
-            w[l] = omega[f + l];
-        for (int i = 0; i < 5; i++)
-            load(given[i], many[i], F, f, used, one[i]);
-        load(q, n_e, F, f, used, r);
-        if (G)
-            load(G, n_e, F, f, used, g);
-        total += residual(&of, R_here, f % BATCH, G ? g : 0, r, back);
-        for (int64_t e = 0; slope && e < n_e; e++) {
-            number turned = {{0}, {0}};
-            ADD_PRODUCT(turned, back[e], one[4][e]);
-            back[e] = turned;
+        for (int64_t p = 0; p < PARTS; p++) {
+            int64_t start = f + p * WIDE, used = F - start < WIDE ? F - start : WIDE;
+            precise *one[5];
+            wide here = {0};
+            if (used < 0)
+                used = 0;
+            for (int64_t l = 0; l < used; l++)
+                w[p * WIDE + l] = (REAL)(here[l] = omega[start + l]);
+            for (int i = 0; i < 5; i++)
+                load(given[i], many[i], F, start, used, one[i] = twice[i] + p * many[i]);
+            load(q, n_e, F, start, used, r);
+            if (G)
+                load(G, n_e, F, start, used, g);
+            total += residual(&of, R_here, f % BATCH + p * WIDE, G ? g : 0, r, back);
+            for (int64_t e = 0; slope && e < n_e; e++) {
+                precise turned = {{0}, {0}};
+                ADD_PRODUCT(turned, back[e], one[4][e]);
+                back[e] = turned;
+            }
+            store(back, n_e, F, start, used, weight);
+            precise *at_right = one[right ? 1 : 0];
+            pull(&of, one[0], at_right, one[2], one[3], back, here, pulls);
+            pull_between(&of, one[0] + n_1 * n_y, at_right + n_1 * n_u, one[2], back, here, pulls_between);
         }
-        pull(&of, one[0], at_right, one[2], one[3], back, w, pulls);
-        pull_between(&of, one[0] + n_1 * n_y, at_right + n_1 * n_u, one[2], back, w, pulls_between);
-        columns(&of, sign, one[0], at_right, one[2], one[3], slope ? one[4] : 0, w, P, U);
+        for (int i = 0; i < 5; i++)
+            join(twice[i], many[i], single[i]);
+        columns(&of, factor, single[0], single[right ? 1 : 0], single[2], single[3], slope ? single[4] : 0, w,
+                P, U);
         take(R_here, n_r, f % BATCH, T);
         whiten(&of, padded, T, U);
         add_up(padded, n_e, U, w, (const char *)(R + (f + LANES) / BATCH * n_r * 2 * BATCH), R_bytes, gram);
     }
-    for (int64_t l = 0; l < LANES; l++)
+    for (int64_t l = 0; l < WIDE; l++)
         *cost += total[l];
     sum_pulls(n_b, pulls, sign, pulled);
     sum_pulls(n_v * n_v, pulls_between, 0, pulled_between);

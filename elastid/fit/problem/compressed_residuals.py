@@ -23,9 +23,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, kept_beside, release
 from elastid.base.kernels import call
@@ -36,6 +37,8 @@ from elastid.frf.matrices import adjoint
 from elastid.linear.response.derivatives import Columns, Sensitivity
 
 BATCH = 16
+Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
+Precision: TypeAlias = type[np.floating[Any]]
 
 
 class LineResiduals(NamedTuple):
@@ -50,8 +53,8 @@ class LineSums(NamedTuple):
     """Sums of a block of lines, columns U (F, n_e, n_b), s = j omega, residuals r = q - R g of its elements.
 
     cost: sum |r|^2.  pulled (3, n_b): sum over lines of s^p r^H R diag(slope) U, p = 0, 1, 2.
-    moments (5, n_b, n_b): Re, for odd p Im, of sum omega^p V^H V, V = R diag(slope) U, p = 0 ... 4, on and above the
-    diagonal.
+    moments (5, n_b, n_b): Re, for odd p Im, of sum omega^p V^H V, V = R diag(slope) U diag(scale), p = 0 ... 4, on and
+    above the diagonal.
     """
 
     cost: float
@@ -65,16 +68,20 @@ class Full:
 
     R: ComplexArray | FloatArray
 
-    def sums(self, part: Sensitivity, e: LineResiduals) -> LineSums:
-        """The sums of a block of lines."""
+    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
+        """The sums of a block of lines; precision: of the moments."""
         R, slope = self.R[part.block], e.slope
         r = e.q if e.G is None else e.q - _times(R, e.G[:, :, None])[:, :, 0]
         weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
         weight = weight if slope is None else weight * slope
-        V = _times(R, part.columns if slope is None else part.columns * slope[:, :, None])
+        U = part.columns(scale, precision)
+        if slope is not None:
+            U *= slope[:, :, None]
+        V = _times(R.astype(U.dtype if R.ndim == 3 else U.real.dtype), U)
         gram = np.swapaxes(V.conj(), 1, 2) @ V
-        sums = np.tensordot(part.omega ** np.arange(5)[:, None], gram, 1)
-        moments = np.stack([m.imag if p % 2 else m.real for p, m in enumerate(sums)])
+        powers = (part.omega ** np.arange(5)[:, None]).astype(V.real.dtype)
+        sums = (powers @ gram.reshape(len(V), -1).view(powers.dtype)).view(V.dtype).reshape(5, *gram.shape[1:])
+        moments = np.stack([m.imag if p % 2 else m.real for p, m in enumerate(sums)]).astype(np.float64)
         return LineSums(float(np.vdot(r, r).real), part.pull(weight), moments)
 
 
@@ -94,27 +101,31 @@ class Packed:
         parts = np.stack([filled.real, filled.imag], axis=2).reshape(-1, BATCH, n_r, 2)
         return cls(np.ascontiguousarray(parts.transpose(0, 2, 3, 1)))
 
-    def sums(self, part: Sensitivity, e: LineResiduals) -> LineSums:
+    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
         """Sums as of `Full.sums`; callable only where the kernels are built."""
-        (F, n_y, _), n_u, n_1, (_, n_2, r, _) = part.left.shape, part.right.shape[1], len(part.sign), part.S.shape
-        n_b, n_e = n_1 + n_2 + part.whole.shape[2], len(part.outputs)
+        (F, n_y, _), n_u, (n_b, n_e) = part.left.shape, part.right.shape[1], (len(scale), len(part.outputs))
+        n_1, (_, n_2, r, _) = len(part.sign), part.S.shape
         sign = np.ones(n_b)
         sign[:n_1] = part.sign
-        cost, pulled, moments = np.zeros(1), np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
+        cost, weight = np.zeros(1), np.empty((n_e, F), complex)
+        pulled, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
         between = np.zeros((3, r, r), complex)
         sizes = F, n_y, n_u, n_1, n_2, r, n_b - n_1 - n_2, n_e, self.R.shape[1] == n_e
         right = None if part.is_alike else part.right.T
         columns = part.left.T, right, part.gain, part.S, part.whole.T, part.outputs, part.inputs
         residuals = (None if values is None else values.T for values in e)
-        weights = self.R[part.block.start // BATCH :], part.omega, sign
-        call("sums", *sizes, *columns, *residuals, *weights, cost, pulled, between, moments)
+        weights = self.R[part.block.start // BATCH :], part.omega, sign, sign * scale
+        name = "sums_float" if precision is np.float32 else "sums_double"
+        call(name, *sizes, *columns, *residuals, *weights, cost, weight, pulled, between, moments)
         pulled[:, n_1 : n_1 + n_2] = part.pulled_by(between)
         return LineSums(float(cost[0]), pulled, moments)
 
 
-def _times(R: ComplexArray | FloatArray, U: ComplexArray) -> ComplexArray:
+def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
     """R U (F, n_e, n) of each line, R possibly given by its diagonal."""
-    return np.asarray(R[:, :, None] * U if R.ndim == 2 else R @ U)
+    if R.ndim == 2:
+        return np.asarray((np.ascontiguousarray(U).view(R.dtype) * R[:, :, None]).view(U.dtype))
+    return np.asarray(R @ U)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,23 +261,27 @@ class NormalEquations:
     columns: Columns
     residuals: CompressedResiduals
 
-    def at(self, theta: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    def at(self, theta: FloatArray, precision: Precision = np.float64) -> tuple[float, FloatArray, FloatArray]:
         """V, J^T r (P,) and J^T J (P, P) at theta (n_theta,), P the kernel's wanted parameters.
 
         J^T J is put together from sums over the lines of omega^p U^H U, U the weighted columns, p = 0 ... 4.
+        precision: of these sums alone; single is enough for a step and takes less time.
         """
         pieces, highest = self.columns.pieces, self.columns.omega_0**self.columns.pieces.power
-        n_b = pieces.base.max(initial=-1) + 1
-        V, pull, moments = 0.0, np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
+        # Columns of a size near one, whatever the units of the parameters: single precision does not reach far.
+        scale = np.zeros(pieces.base.max(initial=-1) + 1)
+        np.maximum.at(scale, pieces.base, np.abs(pieces.sigma @ self.columns.size(theta)) * highest)
+        scale[scale == 0] = 1.0
+        V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
         R = self.residuals.compressed.R
         for part in self.columns.at(theta):
             constant, e = self.residuals.at(part.block, part.G)
-            sums = R.sums(part, e)
+            sums = R.sums(part, e, scale, precision)
             V, pull, moments = V + (constant + sums.cost), pull + sums.pulled, moments + sums.moments
         release(R.R)
         places, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real
-        sigma = highest[:, None] * pieces.sigma
+        sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
         A = sign * moments.take(places)
         return V, pieces.sigma.T @ g, sigma.T @ A @ sigma
 

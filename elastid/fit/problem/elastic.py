@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -141,13 +141,13 @@ class Chunk(Kept):
     parameters: Parameters
     parts: tuple[Part, ...]
 
-    def sums(self, x: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """V, J^T r (n_x,) and J^T J (n_x, n_x) at x."""
+    def sums(self, x: FloatArray, precision: type[np.floating[Any]]) -> tuple[float, FloatArray, FloatArray]:
+        """V, J^T r (n_x,) and J^T J (n_x, n_x) at x; precision: of J^T J."""
         V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
         with np.errstate(all="ignore"):
             for part in self.parts:
                 T = part.chain(self.parameters, x)
-                cost, gradient, normal = part.normal.at(part.theta(self.parameters, x))
+                cost, gradient, normal = part.normal.at(part.theta(self.parameters, x), precision)
                 V, g, A = V + cost, g + T.T @ gradient, A + T.T @ normal @ T
         return V, g, A
 
@@ -205,12 +205,12 @@ class ElasticFit:
     def problem(self) -> LeastSquares:
         """The problem of a solver."""
         border = partial(border_metric, self.inertias, self.parameters) if self.inertias else None
-        return LeastSquares(self.parameters, self.n_residuals, _Evaluate(self), border)
+        return LeastSquares(self.parameters, self.n_residuals, _Rough(self), border)
 
-    def evaluate(self, x: FloatArray) -> Evaluation:
+    def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
         try:
-            every = self.home.at_home(partial(Chunk.sums, x=x), self.chunks)
+            every = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
             V, g, A = (sum(terms) for terms in zip(*every, strict=True))  # in the order of the chunks
             r, J = self.static(x)
         except np.linalg.LinAlgError:
@@ -219,6 +219,10 @@ class ElasticFit:
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
         V, g, A = V + float(r @ r) + float(distance @ distance), g + J.T @ r + slope * distance, A + J.T @ J
         return Evaluation(V + b, 2 * g + b_slope, 2 * (A + np.diag(slope**2)) + b_curvature)
+
+    def rough(self, x: FloatArray) -> Evaluation:
+        """Evaluation with J^T J from single precision, enough to step."""
+        return self.evaluate(x, np.float32)
 
     @cached_property
     def chunks(self) -> tuple[Chunk, ...]:
@@ -254,16 +258,16 @@ class ElasticFit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Evaluate:
-    """`ElasticFit.evaluate`, which goes to other processes with no more than it needs."""
+class _Rough:
+    """`ElasticFit.rough`, which goes to other processes with no more than it needs."""
 
     fit: ElasticFit
 
     def __call__(self, x: FloatArray) -> Evaluation:
-        return self.fit.evaluate(x)
+        return self.fit.rough(x)
 
-    def __reduce__(self) -> tuple[type[_Evaluate], tuple[ElasticFit]]:
-        return _Evaluate, (replace(self.fit, parts=tuple(part.for_sums for part in self.fit.parts)),)
+    def __reduce__(self) -> tuple[type[_Rough], tuple[ElasticFit]]:
+        return _Rough, (replace(self.fit, parts=tuple(part.for_sums for part in self.fit.parts)),)
 
 
 def elastic_fit(

@@ -14,12 +14,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.kernel import Kernel
+
+AnyComplex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -50,23 +54,30 @@ class Sensitivity:
         """True if left and right are the same array."""
         return self.left is self.right
 
-    @property
-    def columns(self) -> ComplexArray:
-        """Columns (F, n_e, n_b), n_b = n_1 + n_2 + n_3."""
-        n_1, left = len(self.sign), self.gain[:, None, None] * self.left
-        single = (left[:, :, :n_1] * self.sign).take(self.outputs, axis=1)
-        single = single * self.right[:, :, :n_1].take(self.inputs, axis=1)
-        return np.concatenate([single, self._of_matrices(left[:, :, n_1:], self.right[:, :, n_1:]), self.whole], axis=2)
+    def columns(self, scale: FloatArray, precision: type[np.floating[Any]]) -> AnyComplex:
+        """Columns (F, n_e, n_b), n_b = n_1 + n_2 + n_3, each times its scale (n_b,)."""
+        n_1, n_12 = len(self.sign), len(self.sign) + self.S.shape[1]
+        columns = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
+        right = self.right.astype(columns.dtype)
+        left = right if self.is_alike else self.left.astype(columns.dtype)
+        scaled = left[:, :, :n_1] * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(columns.dtype)[:, None]
+        scaled, other = scaled.take(self.outputs, axis=1), right[:, :, :n_1].take(self.inputs, axis=1)
+        np.multiply(scaled, other, out=columns[:, :, :n_1])
+        if n_12 > n_1:
+            left = left[:, :, n_1:] * self.gain.astype(columns.dtype)[:, None, None]
+            columns[:, :, n_1:n_12] = self._of_matrices(left, right[:, :, n_1:], scale[n_1:n_12])
+        np.multiply(self.whole, scale[n_12:], out=columns[:, :, n_12:], casting="same_kind")
+        return columns
 
-    def _of_matrices(self, left: ComplexArray, right: ComplexArray) -> ComplexArray:
+    def _of_matrices(self, left: AnyComplex, right: AnyComplex, scale: FloatArray) -> AnyComplex:
         """left (F, n_y, r) times each matrix S times right (F, n_u, r) of a line: (F, n_e, n_2)."""
-        (F, n_u, r), n_2 = right.shape, self.S.shape[1]
+        (F, n_u, r), n_2, real = right.shape, len(scale), right.real.dtype
         # Rows of S by their row first, so that the matrices of a line stand side by side in one product with left.
-        S = self.S.transpose(0, 2, 1, 3).reshape(2, r * n_2, r)
-        lines = np.ascontiguousarray(right.swapaxes(1, 2)).view(np.float64)
+        S = (self.S * scale[:, None, None]).transpose(0, 2, 1, 3).reshape(2, r * n_2, r).astype(real)
+        lines = np.ascontiguousarray(right.swapaxes(1, 2)).view(real)
         turned = S[0] @ lines
         if S[1].any():
-            turned -= S[1] @ (lines * self.omega[:, None, None] ** 2)
+            turned -= S[1] @ (lines * (self.omega**2).astype(real)[:, None, None])
         full = left @ turned.view(right.dtype).reshape(F, r, n_2 * n_u)
         place = ((self.outputs[:, None] * n_2 + np.arange(n_2)) * n_u + self.inputs[:, None]).ravel()
         return np.asarray(full.reshape(F, -1).take(place, axis=1).reshape(F, len(self.outputs), n_2))
@@ -135,6 +146,11 @@ class Columns:
     """A kernel's response and derivatives, element by element and base by base."""
 
     kernel: Kernel
+
+    def size(self, theta: FloatArray) -> FloatArray:
+        """|theta| (P,) of the wanted parameters, 1 where one is zero."""
+        size = np.abs(theta[self.kernel.places])
+        return np.where(size == 0, 1.0, size)
 
     @cached_property
     def is_symmetric(self) -> bool:
@@ -225,7 +241,7 @@ class Columns:
         G = np.empty((self.kernel.freq_hz.size, len(model.outputs), len(model.inputs)), complex)
         dG, places = np.empty((len(self.kernel.wanted), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
         for part in self.at(theta):
-            U = part.columns
+            U = part.columns(np.ones(pieces.base.max(initial=-1) + 1), np.float64)
             of_elements = np.zeros((len(dG), *part.G.shape), complex)
             for t, place in enumerate(places):
                 of_elements[place] -= (

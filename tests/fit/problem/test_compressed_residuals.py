@@ -165,6 +165,7 @@ def random_part(
     )
 
 
+@pytest.mark.parametrize("precision", [np.float64, np.float32])
 @pytest.mark.parametrize("is_diagonal", [True, False])
 @pytest.mark.parametrize(
     ("F", "n_y", "n_u", "n_1", "n_2", "n_3"),
@@ -177,25 +178,26 @@ def random_part(
         (5, 4, 4, 0, 2, 0),
     ],
 )
-def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, n_3):
+def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, n_3, precision):
     """One line, whole batches and more; one element, odd numbers of them; columns of any rank, others and none."""
     rng = np.random.default_rng(F)
-    start, n_b = 2 * BATCH, n_1 + n_2 + n_3
+    start, scale = 2 * BATCH, rng.uniform(0.5, 2.0, n_1 + n_2 + n_3)
     part = random_part(rng, start, F, n_y, n_u, n_1, n_2, n_3)
     n_e = len(part.outputs)
     R: ComplexArray = circular(rng, (start + F, n_e, n_e))
     R = np.abs(R[:, 0]) if is_diagonal else np.triu(R)
     R[-1] = 0.0  # a line that is masked
     q, slope = circular(rng, (F, n_e)), circular(rng, (F, n_e))
-    upper = np.triu(np.ones((n_b, n_b)))
+    upper = np.triu(np.ones((len(scale),) * 2))
     for G, of_e in ((part.G, None), (None, slope)):
-        found = Packed.of(R).sums(part, LineResiduals(q, G, of_e))
-        expected = Full(R).sums(part, LineResiduals(q, G, of_e))
+        found = Packed.of(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
+        expected = Full(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
         assert found.cost == pytest.approx(expected.cost, rel=1e-13)
         size = np.abs(expected.pulled).max(initial=1.0)
         np.testing.assert_allclose(found.pulled, expected.pulled, rtol=0, atol=1e-13 * size)
+        tolerance = 1e-12 if precision is np.float64 else 1e-5
         moments = expected.moments * upper
-        np.testing.assert_allclose(found.moments * upper, moments, rtol=0, atol=1e-12 * np.abs(moments).max())
+        np.testing.assert_allclose(found.moments * upper, moments, rtol=0, atol=tolerance * np.abs(moments).max())
 
 
 @pytest.mark.parametrize("mode", ["minimal", "constrained"])

@@ -1,0 +1,4 @@
+/* The sums over lines of `line_loops.c` with moments of half the digits. */
+
+#define REAL float
+#include "line_loops.c"
