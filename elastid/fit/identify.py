@@ -12,8 +12,7 @@ again until nothing moves. Where springs are nonlinear the search itself lineari
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -35,7 +34,7 @@ from elastid.fit.assembly import (
     relinearise,
 )
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
-from elastid.fit.diagnosis.hypotheses import HYPOTHESES, without_other_robots
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import diagnose, judge
 from elastid.fit.diagnosis.second_source import static_agreement, tool_agreement
@@ -84,10 +83,12 @@ def identify(
     execution = execution or Execution()
     assembly, ends = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
-        with _standing():
+        try:
             estimate = _with_found_floor(assembly, spec, ends, execution.quiet)
             assembly, optimum, uncertainty, result = _with_agreements(estimate, assembly, spec, ends)
             evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+        except StudyError as error:  # the robot finds no rest on the way
+            raise NoRestError(error) from None
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
             result = add_intervals(result, optimum, spec, execution)
@@ -106,15 +107,6 @@ def identify(
     )  # fmt: skip
 
 
-@contextmanager
-def _standing() -> Iterator[None]:
-    """NoRestError for the StudyError of a robot that finds no rest on the way."""
-    try:
-        yield
-    except StudyError as error:
-        raise NoRestError(error) from None
-
-
 def fit_parameters(
     responses: Sequence[Response],
     robot: Robot,
@@ -125,7 +117,7 @@ def fit_parameters(
 ) -> Result:
     """Result without the intervals and causes that take longer than the fit, for many fits that are compared."""
     bare = replace(spec, profile=(), bootstrap=0)
-    return identify(responses, robot, bare, model=model, hypotheses=without_other_robots(), loads=loads)
+    return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS, loads=loads)
 
 
 def _search(
@@ -176,8 +168,7 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
     if not responses:
         raise DataError("fit/responses", "there is no response to fit; measure at least one configuration")
     names = [response.configuration.name for response in responses]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
+    if twice := sorted({name for name in names if names.count(name) > 1}):
         raise DataError(
             "fit/responses",
             f"configuration {', '.join(twice)} is given by two responses; its lines would count twice: leave one out, "
@@ -195,9 +186,8 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
             )
     if len({response.rate_is_known for response in responses}) > 1:
         unknown = ", ".join(r.configuration.name for r in responses if not r.rate_is_known)
-        raise DataError(
-            "fit/responses", f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz"
-        )
+        text = f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz"
+        raise DataError("fit/responses", text)
 
 
 def _check_robot(response: Response, robot: Robot) -> None:
@@ -207,24 +197,19 @@ def _check_robot(response: Response, robot: Robot) -> None:
         raise DataError("fit/responses", f"{where}: {refused}" + (f"; {advice}" if angles.size else ""))
     at_tool = any(map(is_load, response.inputs))
     known = robot.load_locations if at_tool else robot.motor_locations
-    missing = [name for name in response.inputs if name not in known]
-    if missing:
+    if missing := [name for name in response.inputs if name not in known]:
         has_not = f"the response has the input {', '.join(missing)}, which robot {robot.name} has not"
         both = " beside forces at frames, and a response is by the ones or by the others" if at_tool else ""
         raise DataError("fit/responses", f"{has_not}{both}; there are {', '.join(known)}; {advice}", where)
+    refused, still = "", ", ".join(place for place in response.outputs if place.startswith("motor "))
     if response.motors != "free" and not at_tool:
-        raise DataError(
-            "fit/responses", f"torques of its motors, which are {response.motors}, cannot act on them", where
-        )
-    if response.motors == "held" and (still := [place for place in response.outputs if place.startswith("motor ")]):
-        move = "does not move" if len(still) == 1 else "do not move"
-        raise DataError(
-            "fit/responses", f"{', '.join(still)} {move} while the motors are held; leave out what is read there", where
-        )
-    if response.motors == "controlled" and (response.loop is None or np.any(response.loop.ki)):
-        raise DataError(
-            "fit/responses", "its motors are controlled; give their loop, stiffness kp and damping kd without ki", where
-        )
+        refused = f"torques of its motors, which are {response.motors}, cannot act on them"
+    elif response.motors == "held" and still:
+        refused = f"nothing moves at {still} while the motors are held; leave out what is read there"
+    elif response.motors == "controlled" and (response.loop is None or np.any(response.loop.ki)):
+        refused = "its motors are controlled; give their loop, stiffness kp and damping kd without ki"
+    if refused:
+        raise DataError("fit/responses", refused, where)
     for place in response.outputs:
         try:
             robot.check_location(place)
@@ -243,25 +228,22 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
     if without.any():
         names = ", ".join(name for name, none in zip(fit.parameters.free_names, without, strict=True) if none)
         places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
-        hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start"
+        hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start" * places
         raise FitError(
             "fit/undetermined",
             f"{names}: without effect on any of the {len(fit.parts)} frequency responses, so that no fit can find it; "
-            f"fix it (fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure what it moves"
-            + (hint if places else ""),
+            f"fix it (fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure what it moves{hint}",
         )
 
 
 def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution) -> _Ends:
     """Ends of all starts, best first, and how many reached the best; fit: at the start of the parameters."""
-    parameters = fit.parameters
-    problems = [assembly.search_problem(fit, spec.criterion)]
+    parameters, problems = fit.parameters, [assembly.search_problem(fit, spec.criterion)]
     if spec.criterion == "complex":
         problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
-    drawn = feasible_starts(
-        spread(parameters, spec.starts, spec.start_factor, spec.seed or 0), fit.inertias, parameters
-    )
-    return multistart(problems, drawn, spec.solver, fit.evaluated_by(execution))
+    drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
+    starts = feasible_starts(drawn, fit.inertias, parameters)
+    return multistart(problems, starts, spec.solver, fit.evaluated_by(execution))
 
 
 # V over its degrees of freedom, above which the released fit is solved from a further start; starts that are tried.

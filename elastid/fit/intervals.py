@@ -198,20 +198,17 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
         names, left = choose_profiles(problem.parameters, variance)
+        further = f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile"
         text = (
             f"{', '.join(names)}: known to 10 % or worse, over which the cost is not quadratic; the interval is by "
-            "profile likelihood"
-        )
-        text += (
-            f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile" if left else ""
+            f"profile likelihood{further * bool(left)}"
         )
         notes += [Note("fit/profile", text, severity="information")] if names else []
     else:
         free = result.parameters.free_names
         if lost := next((key for key in spec.profile if not matching(key, free)), ""):
-            raise StudyError(
-                "fit/parameters", f"no free parameter is {lost}; {did_you_mean(lost, free)}", "fit.profile"
-            )
+            text = f"no free parameter is {lost}; {did_you_mean(lost, free)}"
+            raise StudyError("fit/parameters", text, "fit.profile")
         names = tuple(name for name in free if any(is_match(name, key) for key in spec.profile))
     if names:
         ends = profile_ends(problem, x, variance, names, optimum.fit.evaluated_by(execution))

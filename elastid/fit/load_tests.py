@@ -57,9 +57,6 @@ class LoadTest:
             raise ValueError("a load test without a load; give force, torque or mass")
         if self.along is not None:
             unit_axis(self.along)
-        self._check_reading()
-
-    def _check_reading(self) -> None:
         n = self.n_readings
         if isinstance(self.deflection, tuple) != (n == 3) and self.deflection is not None:
             raise ValueError(

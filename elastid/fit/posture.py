@@ -191,8 +191,7 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
         for name in posture:
             if str(name) not in names:
                 raise StudyError("fit/posture", f"no driven joint {name}; {did_you_mean(str(name), names)}", "posture")
-        lacking = [name for name in names if name not in posture]
-        if lacking:
+        if lacking := [name for name in names if name not in posture]:
             raise StudyError(
                 "fit/posture",
                 f"no angle of joint {', '.join(lacking)}; give one for each of {', '.join(names)}",

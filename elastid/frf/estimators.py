@@ -105,9 +105,7 @@ def errors_in_variables(data: MeanSpectra) -> Estimate:
     return replace(h1(data), G=Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:]))
 
 
-METHODS: dict[str, Estimator] = {
-    "arithmetic": arithmetic, "h1": h1, "joint": joint, "errors_in_variables": errors_in_variables
-}  # fmt: skip
+METHODS = {"arithmetic": arithmetic, "h1": h1, "joint": joint, "errors_in_variables": errors_in_variables}
 
 
 def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Estimate:

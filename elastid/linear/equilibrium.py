@@ -15,14 +15,13 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import Note, StudyError
 from elastid.model.closed_posture import assembled
 from elastid.model.drivetrain import deflections, tangents
 from elastid.model.elastic import ElasticModel
-from elastid.model.loop_closure import RANK_TOLERANCE, motions
+from elastid.model.loop_closure import motions, null_space
 from elastid.record import Configuration
 
 
@@ -77,15 +76,12 @@ def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, carries
     gravity = model.potential_gradient(q, theta).full()[:, 0]
     bad = np.flatnonzero(~np.isfinite(np.column_stack([gravity, now.K])).all(axis=1))
     if bad.size:
-        raise StudyError(
-            "robot/no-rest",
-            f"the torque on {model.coordinates[bad[0]]} is not a finite number; "
-            "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left",
-            f"configuration {configuration.name}",
-        )
+        text = "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
+        text = f"the torque on {model.coordinates[bad[0]]} is not a finite number; {text}"
+        raise StudyError("robot/no-rest", text, f"configuration {configuration.name}")
     for _ in range(LIMITS.steps):
         # Back onto the loops in full, and from there downhill along them.
-        Z, K = null_space(now.Phi[:, free], rcond=RANK_TOLERANCE), now.K[np.ix_(free, free)]
+        Z, K = null_space(now.Phi[:, free]), now.K[np.ix_(free, free)]
         close = np.linalg.lstsq(now.Phi[:, free], -now.phi)[0]
         pull = Z.T @ (now.torque[free] + K @ close)
         along = _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
@@ -199,7 +195,7 @@ def _faults(
         worst = free[int(np.argmax(unbalanced))]
         unit = "N" if slides(names[worst]) else "N*m"
         yield f"{names[worst]} stays unbalanced by {balance.torque[worst]:.3g} {unit} {soft}"
-    Z = null_space(balance.Phi[:, free], rcond=RANK_TOLERANCE)
+    Z = null_space(balance.Phi[:, free])
     if Z.size:
         stiffness, modes = np.linalg.eigh(Z.T @ K[np.ix_(free, free)] @ Z)
         if stiffness[0] < -1e-9 * np.abs(K).max():
@@ -210,7 +206,7 @@ def _faults(
         deflection = (q - rigid)[model.index(f"joint {joint.name}")]
         if joint.spring is not None and abs(deflection) > LIMITS.deflection:
             yield f"joint {joint.name} tips over, {deflection:.3g} {joint.unit} from where its motor holds it, {soft}"
-    Z = motions(model, balance.Phi) if balance.Phi.size else np.eye(model.n_q)
+    Z = motions(model, balance.Phi)
     M = Z.T @ model.mass(q, theta).full() @ Z
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))

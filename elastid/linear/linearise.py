@@ -33,7 +33,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, check_theta
@@ -41,7 +40,7 @@ from elastid.linear.equilibrium import OperatingPoint, equilibrium, free_coordin
 from elastid.linear.linear_model import DELAY, LinearModel, Slope, elements, projected
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
-from elastid.model.loop_closure import RANK_TOLERANCE, motions
+from elastid.model.loop_closure import RANK_TOLERANCE, motions, null_space
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, Motion
 from elastid.robot import Robot
@@ -75,7 +74,7 @@ class PointDerivatives:
             return dq, A_q @ dq, None
         Phi = model.constraint_jacobian(point.q, theta).full()
         inverse = np.linalg.pinv(Phi[:, free], rcond=RANK_TOLERANCE)
-        Y = null_space(Phi[:, free], rcond=RANK_TOLERANCE)
+        Y = null_space(Phi[:, free])
         K_f = K[np.ix_(free, free)]
         back = -inverse @ phi
         # Every row of phi must be closed again by the joints, to 1e-6 of the gap that opens if none of them follows.

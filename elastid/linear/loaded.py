@@ -27,7 +27,6 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, did_you_mean
@@ -35,7 +34,7 @@ from elastid.linear.equilibrium import LIMITS, equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel, Slope, is_load, projected
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import direction, position, tree, turns
-from elastid.model.loop_closure import RANK_TOLERANCE
+from elastid.model.loop_closure import null_space
 from elastid.record import Configuration, JointLoop, Motors
 
 _SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
@@ -204,7 +203,7 @@ def with_held_motors(B: FloatArray) -> FloatArray:
     still = ~np.any(B, axis=1)
     if np.linalg.matrix_rank(B) == np.count_nonzero(~still):
         return np.eye(len(B))[:, still]
-    return np.asarray(null_space(B.T, rcond=RANK_TOLERANCE))
+    return null_space(B.T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
@@ -264,4 +263,12 @@ def motions(model: ElasticModel, Phi: FloatArray) -> FloatArray:
     """Z (n_q, n): columns span the null space of Phi (n_c, n_q); orthonormal, or of the independent coordinates."""
     if model.independent is not None and (Phi.size or model.independent):
         return partition(model, Phi).basis(Phi)
-    return np.asarray(null_space(Phi, rcond=RANK_TOLERANCE))
+    return null_space(Phi)
+
+
+def null_space(Phi: FloatArray) -> FloatArray:
+    """Z (n_q, n), orthonormal columns, of Phi (n_c, n_q); the unit matrix where there is no constraint."""
+    if not Phi.size:
+        return np.eye(Phi.shape[1])
+    _, s, Vt = np.linalg.svd(Phi)
+    return np.asarray(Vt[int(np.sum(s > RANK_TOLERANCE * s.max())) :].T)

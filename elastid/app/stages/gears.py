@@ -20,7 +20,7 @@ from elastid.app.stages.fit import fitted_rows
 from elastid.app.summaries import as_json, listed, section
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
-from elastid.fit.diagnosis.hypotheses import without_other_robots
+from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
@@ -88,8 +88,7 @@ def on_straight_springs(
             f"{', '.join(terms)}, or the section gears",
         )
     bare = replace(spec, profile=(), bootstrap=0)
-    others = without_other_robots()
-    start = identify(responses, straight, bare, model=model, execution=execution.quiet, hypotheses=others)
+    start = identify(responses, straight, bare, model=model, execution=execution.quiet, hypotheses=WITHOUT_OTHER_ROBOTS)
     return start, straight
 
 

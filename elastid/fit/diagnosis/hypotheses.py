@@ -255,8 +255,5 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     ),
     Hypothesis("number", ("*",), Size(0.1, 1.0, True)),
 )
-
-
-def without_other_robots() -> tuple[Hypothesis, ...]:
-    """Hypotheses of fits that are compared: other robots take longer than the fit, and no status depends on them."""
-    return tuple(h if h.search is not find_variants else replace(h, search=None) for h in HYPOTHESES)
+# For fits that are compared: those of other robots take longer than the fit, and no status depends on them.
+WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_variants else replace(h, search=None) for h in HYPOTHESES)

@@ -30,7 +30,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Hypothesis, Scores, against
+from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Changes, Evidence, Hypothesis, Scores, against
 from elastid.fit.diagnosis.sensitivities import (
     AS_READ,
     Evaluated,
@@ -180,31 +180,16 @@ def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> C
     return np.asarray(values * (s**power)[:, None, None])
 
 
-# How responses were read.
-READINGS = (
-    Hypothesis("sign", changes=signs, advice="check sign, scale and gear ratio of the channel"),
-    Hypothesis(
-        "direction",
-        changes=directions,
-        advice="check the axis of its joint, the sign of its ratio and the signs of its channels",
-    ),
-    Hypothesis("exchanged channels", changes=exchanged_channels, advice="check which channel is which"),
-    Hypothesis(
-        "exchanged postures",
-        changes=exchanged_postures,
-        advice="check which record is of which posture, and the angles of both",
-    ),
-    Hypothesis(
-        "phase",
-        changes=conjugates,
-        advice="they were written with the convention exp(-j omega t); take their complex conjugates",
-    ),
-    Hypothesis(
-        "quantity",
-        changes=quantities,
-        advice="check the quantity (position, velocity, acceleration) of the y channels",
-    ),
+# How responses were read: the family, its changes, and the advice.
+_READINGS: tuple[tuple[str, Changes, str], ...] = (
+    ("sign", signs, "check sign, scale and gear ratio of the channel"),
+    ("direction", directions, "check the axis of its joint, the sign of its ratio and the signs of its channels"),
+    ("exchanged channels", exchanged_channels, "check which channel is which"),
+    ("exchanged postures", exchanged_postures, "check which record is of which posture, and the angles of both"),
+    ("phase", conjugates, "they were written with the convention exp(-j omega t); take their complex conjugates"),
+    ("quantity", quantities, "check the quantity (position, velocity, acceleration) of the y channels"),
 )
+READINGS = tuple(Hypothesis(family, changes=changes, advice=advice) for family, changes, advice in _READINGS)
 
 
 def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str, float, FloatArray]]:

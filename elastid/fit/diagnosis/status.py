@@ -105,15 +105,11 @@ def with_status(evidence: Evidence) -> Result:
     if unreached.any():
         return ended("ill_conditioned", f"the data do not determine a combination of {listed(free, unreached)}")
     result = replace(result, verdicts=_verdicts(evidence))
-    if misfit := _by_blocks(evidence):
-        cause = evidence.cause
-        is_said = cause is not None and cause.share >= LIMITS.reason_share
-        likeliest = f"; the likeliest cause is {phrase(cause, evidence)}" if cause is not None and is_said else ""
-        return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}{likeliest}")
-    if misfit := _by_held_number(evidence):
+    by_blocks, cause = _by_blocks(evidence), evidence.cause
+    if by_blocks and cause is not None and cause.share >= LIMITS.reason_share:
+        by_blocks += f"; the likeliest cause is {phrase(cause, evidence)}"
+    if misfit := by_blocks or _by_held_number(evidence) or next((note.text for note in contradictions(result)), ""):
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}")
-    for note in contradictions(result)[:1]:
-        return ended("misfit", f"{held[1:]}{' ' if held else ''}{note.text}")
     doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
     but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"
@@ -335,8 +331,7 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
 
 def _search(result: Result) -> Iterator[Note]:
     starts = result.starts
-    lost = [start.message for start in starts if not math.isfinite(start.cost)]
-    if lost:
+    if lost := [start.message for start in starts if not math.isfinite(start.cost)]:
         yield Note("fit/starts", f"{len(lost)} of {len(starts)} starts failed; the first with: {lost[0]}")
     if result.hits == 1 < len(starts) - len(lost):
         yield Note(

@@ -44,10 +44,8 @@ class UndetectableError:
 
     def amount(self, error: float) -> str:
         """An error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
-        size = (
-            f"{100 * error:.2g} %" if self.number.log or self.number.unit == "1" else f"{error:.2g} {self.number.unit}"
-        )
-        return f"{size} of {self.name}"
+        is_share = self.number.log or self.number.unit == "1"
+        return f"{100 * error:.2g} % of {self.name}" if is_share else f"{error:.2g} {self.number.unit} of {self.name}"
 
 
 def undetectable_errors(result: Result, scores: Scores) -> Iterator[UndetectableError]:
