@@ -199,8 +199,6 @@ def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float)
     """The best load of a body, within the priors; None where all its numbers together lower V by less than `least`,
     or where it has no mass to speak of.
     """
-    from scipy.optimize import least_squares  # slow to load, and seldom needed
-
     places, numbers = candidate.places, [test.numbers[i] for i in candidate.places]
     S, g = test.S[np.ix_(places, places)], test.g[places]
     mass = next((n.value for n in numbers if n.name.startswith("m_")), 0.0)
@@ -215,6 +213,8 @@ def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float)
     target = (turn[:, used].T @ (g / scale)) / root
     if float(target @ target) < least:
         return None
+    from scipy.optimize import least_squares  # slow to load, and seldom needed
+
     priors = math.sqrt(level) / np.array([2 * MASS_KG, *3 * [2 * DISTANCE_M]])
 
     A = _of_moments(numbers)
