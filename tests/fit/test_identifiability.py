@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.elastic_arm import CONFIGURATIONS, arm, measure, pendulum, started_elsewhere
+from plants.elastic_arm import CONFIGURATIONS, arm, measure, started_elsewhere
 from plants.measured_robots import deviations
 from plants.refusals import refused
 from plants.two_axes import ROBOT, STUDY
@@ -111,9 +111,6 @@ def test_a_study_gives_gains_to_robot_truth_and_fit(tmp_path: Path) -> None:
     assert study.experiment.as_simulated().truth == {"gain_y_motor_2": 1.1}
 
 
-EVERY = {name: ParameterSpec() for name in ("k_1", "d_1", "f_1", "fm_1", "Jm_1", "I_load", "gain_u_motor_1")}
-
-
 def twice(robot: Robot, configurations: tuple[tuple[float, ...], ...], seed: int) -> list[Response]:
     """Responses of the robot with its payload, and of a robot that has none."""
     rng = np.random.default_rng(seed)
@@ -133,11 +130,3 @@ def test_two_torque_constants_of_an_arm_are_within_their_intervals() -> None:
     places = [result.parameters.free_names.index(f"gain_u_motor_{i}") for i in (1, 2)]
     assert np.all(deviations(result, wrong)[places] < 2.6)
     assert np.all(np.sqrt(np.diag(result.covariance))[places] < 0.03)
-
-
-def test_a_payload_that_is_unknown_fixes_no_scale() -> None:
-    heavy = replace(pendulum(), payload=Payload(0.02, (0.3, 0.0, 0.0), at="load"))
-    spec = FitSpec(parameters=EVERY | {"m_payload": ParameterSpec()}, starts=1, profile=())
-    result = fit_parameters(twice(heavy, ((0.0,),), 0), heavy, spec)
-    assert result.status == "ill_conditioned"
-    assert all(name in result.message for name in ("m_payload", "gain_u_motor_1"))

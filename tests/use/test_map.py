@@ -73,20 +73,6 @@ def test_extremes_of_the_response_are_found_between_the_lines() -> None:
     assert workspace["depth_of_cut"].value[0] == pytest.approx(-1 / (1.4e9 * (n @ G @ n).real.min()), rel=1e-3)
 
 
-def test_curves_have_the_band_of_a_single_posture() -> None:
-    """Along the softest direction."""
-    workspace = map_workspace(result(), np.array([[0.2, 0.9]]), lines_hz=LINES)
-    model, a = result().at([0.2, 0.9], axes="world"), workspace.axes[0, :, 0]
-    known = model.estimated
-
-    def size(x: np.ndarray) -> np.ndarray:
-        return np.abs(a @ frequency_response(model.linear, known.theta(x), workspace.curve_hz) @ a)
-
-    spread = propagate(size, known.x, known.covariance / 1e4)
-    np.testing.assert_allclose(workspace.magnitude[0], spread.value, rtol=1e-8)
-    np.testing.assert_allclose(workspace.magnitude_std[0] / 100, spread.std, rtol=1e-2, atol=1e-4 * spread.std.max())
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["manutec", "linkage_arm constrained"])
 def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name: str) -> None:

@@ -145,22 +145,3 @@ def test_images_make_the_response_that_of_the_held_and_sampled_plant(
     assert np.max(np.abs(G - exact) / scale) < tolerance
     without = frequency_response(replace(model, hold=None), model.theta_ref, freq_hz)
     assert np.max(np.abs(without - exact) / scale) > 1e-5
-
-
-def test_an_inertia_has_the_images_of_the_closed_form() -> None:
-    """G_inf (pi x)^3 cos(pi x) / sin(pi x)^3, here far above the resonance of a soft spring."""
-    model, freq_hz = two_masses(1e-3), np.array([50.0, 100.0, 200.0])
-    theta = np.where([name == "fm" for name in model.parameters], 0.0, model.theta_ref)
-    a = np.pi * freq_hz / RATE_HZ
-    G = frequency_response(model, theta, freq_hz)[:, 0, 0]
-    np.testing.assert_allclose(G, (a / np.sin(a)) ** 3 * np.cos(a) / 6.0, rtol=1e-6)
-
-
-def test_an_output_behind_a_filter_and_a_torque_that_is_not_held_have_none() -> None:
-    model, freq_hz = two_masses(25), np.linspace(1, 200, 40)
-    without = frequency_response(replace(model, hold=None), model.theta_ref, freq_hz)
-    half = frequency_response(replace(model, hold=HeldTorque((RATE_HZ,), (True, False))), model.theta_ref, freq_hz)
-    np.testing.assert_array_equal(half[:, 1], without[:, 1])
-    assert np.max(np.abs(half[:, 0] - without[:, 0])) > 1e-2
-    none = frequency_response(replace(model, hold=HeldTorque((0.0,), (True, True))), model.theta_ref, freq_hz)
-    np.testing.assert_array_equal(none, without)
