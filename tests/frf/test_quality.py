@@ -34,19 +34,6 @@ def test_coherence_is_that_of_theory() -> None:
     np.testing.assert_allclose(multiple, 1)
 
 
-def test_singular_values_and_condition_are_those_of_the_matrices() -> None:
-    """Orthogonal experiments have condition 1 whatever the inputs' sizes; G's singular values are NumPy's."""
-    rng = np.random.default_rng(0)
-    lines, G = np.arange(10, 50), rng.normal(size=(3, 2)) + 0j
-    records = []
-    for e, U in enumerate(orthogonal_set(np.array([1.0, 100.0]) * np.ones((40, 2)), rng)):
-        u, y = (np.tile(synthesise(lines, X, N), (2, 1)) for X in (U, U @ G.T))
-        records.append(record_of(u, y, 0, e))
-    quality = estimate(records, ALL_PERIODS, lines).quality
-    np.testing.assert_allclose(quality.condition, 1, rtol=1e-9)
-    np.testing.assert_allclose(quality.singular_values[7], np.linalg.svd(G, compute_uv=False), rtol=1e-9)
-
-
 def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) -> None:
     """Two and six configurations of 1.5 MB of records each: the peak is that of one."""
     rng, lines = np.random.default_rng(0), np.arange(21, 61, 2)

@@ -11,7 +11,7 @@ from elastid.base.arrays import IntArray
 from elastid.frf import lines as module
 from elastid.frf import spectra
 from elastid.frf.estimate import estimate
-from elastid.frf.lines import analysed_lines, find_excited, smoothed_noise
+from elastid.frf.lines import analysed_lines, find_excited
 from elastid.frf.spectra import RecordSpectra, single_logs, whole_logs
 from elastid.record import MOTION_ORDER, Motion
 
@@ -177,17 +177,6 @@ def test_inputs_of_noise_have_no_excited_line() -> None:
     rng = np.random.default_rng(0)
     with refused("frf/lines", place="configuration c"):
         analysed_lines([RecordSpectra(replace(record, u=rng.normal(size=record.u.shape)))], AUTO, None)
-
-
-def test_noise_of_few_degrees_of_freedom_is_averaged_over_its_neighbours() -> None:
-    """Five lines for one, three for two, none for four; a constant stays."""
-    peak = np.zeros(21)
-    peak[10] = 1.0
-    for dof, width in ((1, 5), (2, 3), (4, 1)):
-        np.testing.assert_allclose(
-            smoothed_noise(peak, dof), np.where(np.abs(np.arange(21) - 10) <= width // 2, 1 / width, 0)
-        )
-        np.testing.assert_allclose(smoothed_noise(np.ones(21), dof), 1.0)
 
 
 def test_the_driver_of_a_large_record_has_the_mean_and_noise_of_all_its_periods(

@@ -69,7 +69,7 @@ def test_a_sine_that_is_in_few_segments_leaks_within_its_intervals(repeats: int)
     """More than 95 % of the regions hold the truth, by coherence and leakage of a window alone some 86 %."""
     plant = SweptAxis()
     for snr_db in (30.0, 50.0):
-        sweeps = plant.measured(repeats, 0.0, snr_db, np.random.default_rng(0))
+        sweeps = plant.measured(repeats, snr_db, np.random.default_rng(0))
         records = [replace(each, is_periodic=False) for each in sweeps]
         response = estimate(records, EstimatorSpec(method="h1", quantity="velocity", band_hz=plant.band_hz))
         square = np.abs(response.G[:, 0, 0] - plant.G(response.freq_hz)) ** 2

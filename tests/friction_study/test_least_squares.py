@@ -54,14 +54,6 @@ def test_intervals_hold_the_truth_whatever_the_correlation(logs: int, seconds: f
     np.testing.assert_allclose(np.sqrt(np.mean(std**2, axis=0)), error.std(axis=0), rtol=0.25)
 
 
-def test_a_direction_without_data_has_no_finite_variance() -> None:
-    """The others keep theirs."""
-    J = np.array([[1.0, 0.0], [2.0, 0.0], [2.0, 0.0]])
-    covariance = inverse_normal(J)
-    assert covariance[0, 0] == pytest.approx(1 / 9)
-    assert covariance[1, 1] == np.inf
-
-
 def test_a_search_ends_at_the_optimum_of_each_start_that_has_one() -> None:
     """Rosenbrock's valley; a start at which the residual is not finite is passed over."""
 

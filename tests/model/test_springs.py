@@ -69,13 +69,6 @@ def at_rest(model: ElasticModel, angle: float) -> tuple[float, float]:
 X = np.linspace(-3e-3, 3e-3, 61)
 
 
-def test_polynomial_laws() -> None:
-    """tau = k D + k2 D^2 + k2s D |D| + k3 D^3, D = q_m - q_a, positive on the motor where it is ahead."""
-    spring = Spring(1e6, quadratic=4e7, symmetric_quadratic=-6e7, cubic=3e11)
-    expected = 1e6 * X + 4e7 * X**2 - 6e7 * X * np.abs(X) + 3e11 * X**3
-    np.testing.assert_allclose(torque_of(spring, X), expected, rtol=1e-12, atol=1e-9)
-
-
 def test_backlash_is_the_smooth_dead_zone() -> None:
     """tau = k/2 [2 D + sqrt((D-b)^2 + e^2) - sqrt((D+b)^2 + e^2)]; e -> 0 gives the dead zone, at the rate of e."""
     k, b = 1e6, 1e-3

@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.integration import acceleration, runge_kutta
 from plants.two_links import (
-    MASS,
-    OFFSET,
-    STIFFNESS,
     arm,
     energy,
     motor,
     path,
-    rough,
 )
 
 from elastid.friction.static import SLIDING_VELOCITY
 from elastid.model.formulation import serial
-from elastid.simulation.dynamics import poles
-
-# Of the arm's first joint: sqrt(k (1/J_m + 1/J)).
-OMEGA = math.sqrt(STIFFNESS[0] * (1 / (1.5 + MASS[0] * OFFSET[0] ** 2) + 1 / (2e-3 * 80**2)))
 
 
 @given(st.lists(st.floats(-1, 1), min_size=10, max_size=10))
@@ -52,14 +41,6 @@ def test_energy_is_conserved_at_the_rate_of_the_order() -> None:
     moving = start[4:] @ model.mass(start[:4], model.theta).full() @ start[4:] / 2
     assert drift[1] < 1e-6 * moving
     assert np.log2(drift[0] / drift[1]) > 3.65
-
-
-def test_poles_are_friction_at_standstill_and_modes() -> None:
-    """F_c / (v_s J) for a motor with friction; sqrt(k (1/J_m + 1/J)) for an elastic joint."""
-    alone, robot = serial(motor()), arm(gravity=0.0)
-    np.testing.assert_allclose(poles(alone, rough(alone, 10.0), np.zeros(1)).real.min(), -10 / (SLIDING_VELOCITY * 20))
-    single = serial(replace(robot, bodies=robot.bodies[:1], frames=()))
-    np.testing.assert_allclose(poles(single, rough(single, 0.0), np.zeros(2)).imag.max(), OMEGA)
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])

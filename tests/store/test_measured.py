@@ -11,7 +11,6 @@ from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 
 import elastid.base.arrays as base_arrays
 from elastid.experiment.plan.movement import Reference
-from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import weigh
@@ -26,13 +25,7 @@ from elastid.store.measured import (
     write_run,
 )
 
-HOME, AWAY = Configuration("home", [0.1, -0.2]), Configuration("a/way", [1.0, 2.0])
-
-
-def some_plan():
-    """Two motors, the second on a slide, in two configurations."""
-    R = np.random.default_rng(0).standard_normal((2, 1, 2, 3, 2)) + 0j
-    return Plan((HOME, AWAY), ("motor 1", "motor 2"), 8.0, 16, 2, 1, np.array([1, 3, 5]), R, sliding=("motor 2",))
+AWAY = Configuration("a/way", [1.0, 2.0])
 
 
 def some_reference():
@@ -65,20 +58,6 @@ def test_a_movement_is_a_table_with_a_row_for_each_sample(tmp_path):
         *(getattr(expected, n) for n in ("position", "velocity", "acceleration", "feed_forward")),
     ]
     np.testing.assert_allclose(numbers[:, 1:], np.column_stack(columns), rtol=1e-8)
-
-
-def test_a_whole_run_is_one_table_of_movement_and_torque(tmp_path):
-    """The torque to inject grows with the ramp, and repeats its period from the sample on which the periods begin."""
-    plan, experiment, reference = some_plan(), Experiment(AWAY, 0, 1), some_reference()
-    write_run(tmp_path / "run.csv", reference, plan.inputs, plan.sliding, reference.injected(plan.torque(experiment)))
-    heading, numbers = rows(tmp_path / "run.csv")
-    assert heading[1] == "position of motor 1 (rad, link side)"
-    assert heading[-1] == "injected torque of motor 2 (N, link side)"
-    np.testing.assert_allclose(numbers[:, 0], (np.arange(10) - 2) / 8)
-    np.testing.assert_allclose(numbers[:, 1:3], reference.position, rtol=1e-8)
-    period = plan.torque(experiment)
-    expected = reference.scale[:, None] * np.vstack([period[-2:], period[:8]])
-    np.testing.assert_allclose(numbers[:, -2:], expected, rtol=1e-8, atol=1e-12)
 
 
 def test_records_are_read_one_configuration_at_a_time_in_the_order_measured(tmp_path):

@@ -27,17 +27,6 @@ def fitted() -> FittedRobot:
     return fitted_model("bench")
 
 
-def test_mujoco_carries_them_as_custom_arrays(fitted: FittedRobot, tmp_path: Path) -> None:
-    """Value, std, and the ends of the interval; the engine reads them."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
-    engine = mujoco.MjModel.from_xml_path(str(write_mujoco(tmp_path, fitted)[0]))
-    row = engine.numeric(SPRING).data
-    result = fitted.result
-    assert row == pytest.approx([result.values[SPRING], result.std[SPRING], *result.interval(SPRING)])
-    with pytest.raises(KeyError):
-        engine.numeric("Jm_1")
-
-
 def test_arrays_for_control_and_matlab_have_nan_where_a_number_was_held(fitted: FittedRobot, tmp_path: Path) -> None:
     """And the fitted responses the deviation that is due to the parameters."""
     data, script = write_control(tmp_path, fitted)

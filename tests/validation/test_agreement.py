@@ -13,7 +13,6 @@ from elastid.validation.agreement import (
     agreement,
     are_white,
     noise_p,
-    paired_resonances,
     resonances,
     validate,
 )
@@ -138,10 +137,3 @@ def test_noise_makes_no_resonances():
             G = level + 0.2 * circular(rng, 240)
             std = np.full(240, 0.2)
             assert resonances(FREQ_HZ, G, std).size == resonances(FREQ_HZ, G, std, sign=-1).size == 0
-
-
-def test_peaks_are_matched_with_their_mutual_nearest_only():
-    """A modelled peak serves one measured peak; one more than a quarter away is no partner."""
-    partner = paired_resonances(np.array([10.0, 20.0, 21.0, 80.0]), np.array([10.1, 20.9, 40.0]))
-    np.testing.assert_array_equal(partner, [10.1, np.nan, 20.9, np.nan])
-    assert np.isnan(paired_resonances(np.array([5.0]), np.array([]))).all()

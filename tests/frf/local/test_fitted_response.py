@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from plants.noise_record import noise_record, truth
 from plants.random_plants import N, record_of
 from scipy.stats import kstest
@@ -80,23 +78,6 @@ def test_a_richer_model_widens_the_variance_where_it_differs_and_has_a_useful_va
         np.testing.assert_allclose(ratio[:20], times)
         np.testing.assert_allclose(ratio[40:], 1.0)
         np.testing.assert_allclose((total.right / fitted.total.right)[:, 0, 0], ratio)
-
-
-@given(count=st.integers(3, 60), n_w=st.integers(1, 40), line=st.integers(0, 200), seed=st.integers(0, 10**6))
-@settings(deadline=None, max_examples=50)
-def test_a_window_is_of_neighbours_and_holds_its_line_in_the_middle_or_at_an_end_of_the_band(
-    count: int, n_w: int, line: int, seed: int
-) -> None:
-    """On any grid: contiguous, n_w of them, offsets within [-1, 1]; off centre only against an end."""
-    available = np.sort(np.random.default_rng(seed).permutation(200)[:count])
-    window = windows(available, np.array([line]), n_w)
-    index = window.index[0]
-    assert len(index) == min(n_w, count)
-    assert np.all(np.diff(index) == 1)
-    assert np.abs(window.offset).max() <= 1
-    below, above = np.sum(available[index] < line), np.sum(available[index] > line)
-    if index[0] > 0 and index[-1] < count - 1:
-        assert abs(below - above) <= 1
 
 
 def test_the_residual_of_local_fits_is_chi_square_with_its_degrees_of_freedom() -> None:

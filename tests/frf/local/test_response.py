@@ -155,7 +155,7 @@ def test_the_noise_of_repeats_is_that_of_all_their_periods() -> None:
     plant, lines = study.SweptAxis(), np.arange(40, 700)
     spectra = []
     for P in (2, 3):
-        records = plant.measured(P, 0.0, 20.0, np.random.default_rng(P))
+        records = plant.measured(P, 20.0, np.random.default_rng(P))
         u, y = (np.concatenate([getattr(each, name) for each in records]) for name in ("u", "y"))
         spectra.append(settled_spectra(replace(records[0], u=u, y=y), lines, "velocity"))
     (merged,) = merge_repeats(spectra, closed=False)

@@ -10,7 +10,6 @@ from plants.oblique_arm import arm, linear
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
-from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
@@ -59,21 +58,6 @@ def test_modes_are_where_the_dynamic_stiffness_is_singular():
         left = (pole**2 * model.M + pole * model.D + model.K) @ phi
         assert np.abs(left).max() < 1e-7 * np.abs(model.K @ phi).max()
         assert np.abs(phi).max() == pytest.approx(1)
-
-
-def test_slopes_are_exact_but_for_centres_of_mass():
-    """Affine in stiffness, damping, friction, rotors, masses and inertias: M, D, K far away equal the model's own."""
-    robot = arm()
-    model = serial(robot)
-    linearised = linear(robot)
-    point = equilibrium(model, model.theta, linearised.configuration)
-    rng = np.random.default_rng(0)
-    factor = [1.0 if name.startswith("c_") else rng.uniform(0.5, 2) for name in model.parameters]
-    theta = model.theta * np.array(factor)
-    M, D, K = linearised.matrices(np.append(theta, 0))
-    np.testing.assert_allclose(M, model.mass(point.q, theta).full(), atol=1e-10 * np.abs(M).max())
-    np.testing.assert_allclose(D, model.damping(point.q, theta).full(), atol=1e-10 * np.abs(D).max())
-    np.testing.assert_allclose(K, model.stiffness(point.q, [], theta).full(), atol=1e-10 * np.abs(K).max())
 
 
 def test_delay_turns_the_phase_only():
