@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import field
 from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.errors import check_kind
 from elastid.base.names import FileName, PartName
 from elastid.base.section import Key, check_band, section
 from elastid.base.units import Frequency, Quantity
@@ -218,7 +217,6 @@ class FitSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        check_kind(self.parameters, Mapping, "parameters", "give names, such as {'k_*': ParameterSpec()}")
         measured = [name for names in self.robots.values() for name in names]
         for name in measured:
             if measured.count(name) > 1:

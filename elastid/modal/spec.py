@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import field
 from typing import Annotated
 
-import numpy as np
-
 from elastid.base.section import Key, check_band, section
 from elastid.base.units import Frequency, Length, Time
 
@@ -67,7 +65,7 @@ class ModalSpec:
         check_band(self.band_hz)
         if self.max_order is not None and not 2 <= self.max_order <= 200:
             raise ValueError(f"max_order is {self.max_order}; it must be 2 to 200")
-        if self.poles_hz is not None and not (self.poles_hz and all(0 < f < np.inf for f in self.poles_hz)):
+        if self.poles_hz is not None and not (self.poles_hz and min(self.poles_hz) > 0):
             raise ValueError("poles_hz holds frequencies above 0 Hz, one or more")
         if self.poles_hz is not None and len(set(self.poles_hz)) < len(self.poles_hz):
             raise ValueError("poles_hz names a frequency twice; poles with one frequency have one entry")

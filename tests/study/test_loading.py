@@ -104,7 +104,7 @@ WRONG = [
     ("  starts: 2", "  band_hz: [100, 10]", "fit.band_hz", "give [lowest, highest]"),
     ("fit:\n", "estimator: {band_hz: [1, 4]}\nfit:\n", "estimator.band_hz", "none of the excited lines from 5 to 99"),
     ("  starts: 2", "  start_factor: .inf", "fit.start_factor", "expected a finite number"),
-    ("  simulated:", "  periods: 1\n  simulated:", "experiment.periods", "periods is 1; it must be at least 2"),
+    ("  simulated:", "  periods: 1\n  simulated:", "experiment.periods", "it must be at least 2"),
 ]
 
 
@@ -188,7 +188,7 @@ def test_what_is_no_study_is_refused_by_place(tiny: Path, content: bytes, messag
     ("override", "message"),
     [
         ("fit.starts", "write --set key.path=value"),
-        ("fit.starts=0", "fit.starts: starts is 0; it must be at least 1"),
+        ("fit.starts=0", "fit.starts: it must be at least 1"),
         ("fit.strats=1", "fit.strats: unknown key; did you mean 'starts'?"),
         ("excitation.band_hz.7=1", "'7' must be a number from 0 to 1"),
         ("fit.starts=[1", "broken YAML"),
