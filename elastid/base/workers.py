@@ -83,7 +83,7 @@ class End:
 
 
 class _Message(bytearray):
-    """Bytes of a pickled value, sent without a copy; a BytesIO whose buffer is in use complains where it is collected."""
+    """Bytes of a pickled value, sent without a copy: a BytesIO whose buffer is in use complains when it is freed."""
 
     write = bytearray.extend
 
