@@ -304,7 +304,7 @@ def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:
     weights = weigh(measured, spec)
     used = weights.used
     error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]
-    off = agreement(measured, modelled, left_out=True, peaks=False)
+    off = agreement(measured, modelled, left_out=True)
     misfit = float(np.mean(error**2)) if error.size else math.nan
     return Fold(off.configuration, misfit, off.overall_rms_log_db, off.overall_phase_rms_deg)
 
