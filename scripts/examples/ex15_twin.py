@@ -13,8 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.use.draws import estimated_robot
-from elastid.validation.elastic_twin import elastic_runs
-from elastid.validation.twin import MOTION, describe_run
+from elastid.validation.twin import MOTION, describe_run, elastic_runs
 
 robot, (low_hz, high_hz) = estimated_robot(bench.result), bench.excitation["band_hz"]
 soft = robot.with_parameters({"k_1": bench.result["k_1"].value / 2})

@@ -19,8 +19,7 @@ from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
 from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.closed_loop import Commands, simulate
 from elastid.simulation.controller import Gains
-from elastid.validation.friction_twin import friction_twin
-from elastid.validation.twin import TORQUE, TwinRun
+from elastid.validation.twin import TORQUE, TwinRun, friction_twin
 
 RATE_HZ, SECONDS = 500.0, 12.0
 COULOMB, VISCOUS = 20.0, 15.0

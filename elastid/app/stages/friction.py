@@ -46,8 +46,7 @@ from elastid.store.artefacts import Stamp
 from elastid.store.measured import write_reference
 from elastid.store.results import read_twin
 from elastid.study import Study
-from elastid.validation.friction_twin import friction_twin, predict_logs
-from elastid.validation.twin import NO_TWIN
+from elastid.validation.twin import NO_TWIN, friction_twin, predict_logs
 
 
 def design_motions(study: Study, work: Work) -> Artefacts:
