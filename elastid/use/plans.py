@@ -254,8 +254,7 @@ class _Problem:
         n, n_q, n_u, n_c = self.n, self.n_q, self.n_u, self.n_c
         sizes = n_q * n, n_u * n, n_c * n
         x = ca.MX.sym("x", sum(sizes))
-        C_x, U_x, L_x = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist()) if n_c else (*ca.vertsplit(
-            x, [0, sizes[0], sizes[0] + sizes[1]]), ca.MX(0, 1))  # fmt: skip
+        C_x, U_x, L_x = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist())
         C, U, L = ca.reshape(C_x, n_q, n), ca.reshape(U_x, n_u, n), ca.reshape(L_x, n_c, n)
         inner = [ca.DM(basis[:, self.inner]) for basis in self.bases]
         outer = [
