@@ -32,7 +32,6 @@ import numpy as np
 from scipy.linalg import expm
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.errors import StudyError
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
@@ -128,7 +127,7 @@ class PostureFamily:
 
     @cached_property
     def modes(self) -> tuple[tuple[PlantMode, ...], ...]:
-        """Modes of the fitted robot in each posture, by rising frequency; StudyError where no spring swings."""
+        """Modes of the fitted robot in each posture whose springs swing, by rising frequency."""
         return tuple(map(self._modes, self.models))
 
     def _modes(self, model: FittedModel) -> tuple[PlantMode, ...]:
@@ -136,21 +135,16 @@ class PostureFamily:
         known = modes(linear, theta)
         point = equilibrium(self.family.model, self.family.theta, linear.configuration)
         energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, known.shapes))
-        strained, M = np.nan_to_num(energy.share).argmax(axis=0), linear.matrices(theta)[0]
+        share, M = np.nan_to_num(energy.share), linear.matrices(theta)[0]
         parts = (
             np.abs(linear.B.T @ known.shapes) ** 2 / np.einsum("im,ij,jm->m", known.shapes.conj(), M, known.shapes).real
         )
         parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
         # A pendulum under gravity has less than half of its strain energy in springs.
         sprung = np.flatnonzero(energy.load <= 0.5).tolist()
-        if not sprung:
-            raise StudyError(
-                "use/gains",
-                "no spring of the robot swings behind its motors, so that none limits them",
-                f"posture {linear.configuration.name}",
-            )
         return tuple(
-            PlantMode(float(known.freq_hz[m]), energy.springs[strained[m]], tuple(parts[:, m].tolist())) for m in sprung
+            PlantMode(float(known.freq_hz[m]), energy.springs[int(share[:, m].argmax())], tuple(parts[:, m].tolist()))
+            for m in sprung
         )
 
     def _plants(self, x: FloatArray) -> Plants:

@@ -425,7 +425,8 @@ def design_loops(
     if today is not None:
         variant = replace(family, rate_hz=today_hz or family.rate_hz)
         state = todays_loops(variant, drawn_of(variant), today)
-    drawn, first_hz = drawn_of(family), min(mode.freq_hz for modes in family.modes for mode in modes)
+    drawn = drawn_of(family)
+    first_hz = min((mode.freq_hz for modes in family.modes for mode in modes), default=family.rate_hz)
     cascade = robust(family.estimate, drawn, first_hz, delay_samples)
     designed = assess(DESIGNED, family, drawn, cascade.gains, cascade.filters(family.rate_hz))
     return Loops(name, family.axes, family.rate_hz, draws, state, designed, cascade)

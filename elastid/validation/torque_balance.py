@@ -173,11 +173,8 @@ def _explained(
     return shares, left, without
 
 
-# Models of the motors' own motion in one configuration, each with its numbers (n_theta,): as fitted, without viscous
-# friction, and without springs either.
-ModelParts: TypeAlias = tuple[
-    tuple[LinearModel, FloatArray], tuple[LinearModel, FloatArray], tuple[LinearModel, FloatArray]
-]
+# A model of the motors' own motion in one configuration, and its numbers (n_theta,).
+Part: TypeAlias = tuple[LinearModel, FloatArray]
 
 
 def rigid_linearisation(fitted: FittedRobot, spec: ModelSpec = EXACT) -> Linearisation:
@@ -186,8 +183,11 @@ def rigid_linearisation(fitted: FittedRobot, spec: ModelSpec = EXACT) -> Lineari
     return Linearisation.of_robot(stiffened(fitted.robot, names), spec, fitted.result.parameters.names)
 
 
-def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -> ModelParts | None:
-    """The models of one configuration; None where the motion of a motor was not measured."""
+def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -> Sequence[Part] | None:
+    """The robot as fitted, without viscous friction, and without springs either.
+
+    None where the motion of a motor was not measured.
+    """
     model, theta = fitted.at(configuration).linear, fitted.theta_of(configuration)
     if not set(model.inputs) <= set(model.outputs):
         return None
@@ -203,7 +203,7 @@ def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -
 
 
 def elastic_balances(
-    record: Record, net: Record, parts: ModelParts, freq_hz: FloatArray, spec: EstimatorSpec
+    record: Record, net: Record, parts: Sequence[Part], freq_hz: FloatArray, spec: EstimatorSpec
 ) -> tuple[TorqueBalance, ...]:
     """Balances of each motor at freq_hz (F,), none of fewer than two settled periods; net: without dry friction."""
     # Periods that count: neither dropped by the study nor left out by the repair of the log.

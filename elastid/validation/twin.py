@@ -315,11 +315,6 @@ class _Log:
         """Angles (n, n_u) of the motors."""
         return self.whole((signals.position for signals in self.signals), self.rest)
 
-    @property
-    def rate_hz(self) -> float:
-        """Rate of the samples."""
-        return self.records[0].rate_hz
-
 
 def friction_twin(
     robot: Robot,
@@ -364,11 +359,12 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
     log, controller = driven
     drive: Drive = "torque" if controller is None else "reference"
     held_hz = HELD_HZ if controller is None else 0.0
-    empty = TwinRun(log.records[0].name, drive, held_hz, log.n / log.rate_hz, log.rate_hz)
-    start = Configuration(log.records[0].name, log.position[0])
+    name, rate_hz = log.records[0].name, log.records[0].rate_hz
+    empty = TwinRun(name, drive, held_hz, log.n / rate_hz, rate_hz)
+    start = Configuration(name, log.position[0])
     spec = SimulatedSpec() if controller is None else SimulatedSpec(controller=controller.spec)
     run = _run_along(empty, robot, start, spec, partial(_along_motion, log, controller))
-    return replace(run, rate_hz=log.rate_hz / int(log.signals[0].kept.step)) if run.signals else run
+    return replace(run, rate_hz=rate_hz / int(log.signals[0].kept.step)) if run.signals else run
 
 
 def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[TwinSignal]:
@@ -384,12 +380,12 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
         acting = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
         held = _holding_gains(plant, HELD_HZ)
         # As the loop differentiates what it reads, so that its torque is of the error alone.
-        position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * log.rate_hz
+        position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
     else:
         held, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
         position = log.whole((record.reference for record in log.records if record.reference is not None), log.rest)
         known = log.whole(still if record.disturbance is None else record.disturbance for record in log.records)
-        velocity = controller.velocity_feed_forward * np.gradient(position, 1 / log.rate_hz, axis=0)
+        velocity = controller.velocity_feed_forward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
         error = held.kp * (position[0] - path[0]) + held.kd * (velocity[0] - rate[0])
         acting = known + np.where(held.ki > 0, torque[0] - known[0] - error, 0.0)

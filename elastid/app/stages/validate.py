@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +28,7 @@ from elastid.study import Study
 from elastid.validation.agreement import predict_response
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.torque_balance import (
-    ModelParts,
+    Part,
     TorqueBalance,
     describe_balance,
     elastic_balances,
@@ -122,7 +123,7 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
 
 def _balanced(
     path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec,
-    model: tuple[ModelParts, Response],
+    model: tuple[Sequence[Part], Response],
 ) -> tuple[TorqueBalance, ...]:  # fmt: skip
     parts, response = model
     first = next(read_records(path, response.configuration.name))
