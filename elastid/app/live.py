@@ -26,8 +26,7 @@ from elastid.app.stages.fit import TRUSTED
 from elastid.base.arrays import FloatArray
 from elastid.base.display import degrees, number
 from elastid.base.errors import DataError, FitError, StudyError
-from elastid.base.execution import Execution
-from elastid.base.workers import lasting_workers
+from elastid.base.execution import Execution, lasting_workers
 from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s

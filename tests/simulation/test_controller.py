@@ -152,7 +152,7 @@ def test_gains_are_those_of_the_study() -> None:
     [
         ({"kind": "pd", "gains": GainsSpec(1.0, 1.0)}, "gains belong to kind: cascade"),
         ({"kind": "cascade", "integral_time": 0.4, "gains": GainsSpec(1.0, 1.0)}, "one of gains"),
-        ({"delay_samples": 21}, "answers within 20 samples"),
+        ({"delay_samples": 21}, "at most 20"),
     ],
 )
 def test_contradictions_are_refused(words: dict[str, object], says: str) -> None:

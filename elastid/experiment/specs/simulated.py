@@ -121,12 +121,8 @@ class NotchSpec:
     width: Annotated[float, Key("Width w over the frequency.", "wider for a resonance that moves with posture or is "
         "barely known; it costs phase below.", above=0)] = 1.0
     depth: Annotated[float, Key("Gain d that is left at the frequency, 0 to 1.", "0.1 to 0.3; deeper costs more phase "
-        "and gains little.")] = 0.2
+        "and gains little.", least=0, most=1)] = 0.2
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.depth <= 1:
-            raise ValueError(f"depth is {self.depth:g}; it is a share, 0 to 1")
 
 
 @section
@@ -139,23 +135,18 @@ class GainsSpec:
     # fmt: off
     position_gain: Annotated[PositionGain | tuple[PositionGain, ...], Key("Gain K_p of the position loop, one number "
         "or one for each driven joint.", "2 pi times the bandwidth that the axis is to have, a quarter of that of its "
-        "velocity loop.")]
+        "velocity loop.", above=0)]
     velocity_gain: Annotated[Damping | tuple[Damping, ...], Key("Gain K_v of the velocity loop on the link side, one "
         "number or one for each driven joint.", "the inertia of the axis times 2 pi times the bandwidth of the "
-        "velocity loop; the motor's side has ratio^2 times less.")]
+        "velocity loop; the motor's side has ratio^2 times less.", above=0)]
     integral_time: Annotated[Time | tuple[Time, ...] | None, Key("Integral time T_i of the velocity loop (default: no "
-        "integral), one number or one for each driven joint.", "longer where the loop swings slowly.")] = None
+        "integral), one number or one for each driven joint.", "longer where the loop swings slowly.", above=0)] = None
     notches: Annotated[tuple[NotchSpec, ...], Key("Notches behind the feedback.", "one at a resonance that limits the "
         "gain.")] = ()
     low_pass_hz: Annotated[Frequency | tuple[Frequency, ...] | None, Key("Corner of a low pass of second order behind "
         "the feedback (default: none), one number or one for each driven joint.", "lower against noise of the encoder "
-        "and fast resonances; it delays by 0.23 / low_pass_hz.")] = None
+        "and fast resonances; it delays by 0.23 / low_pass_hz.", above=0)] = None
     # fmt: on
-
-    def __post_init__(self) -> None:
-        for name, values in self._numbers():
-            if not len(values) or not np.all(values > 0):
-                raise ValueError(f"{name} is {getattr(self, name)}; a loop has positive numbers")
 
     def _numbers(self) -> Iterator[tuple[str, np.ndarray]]:
         for name in ("position_gain", "velocity_gain", "integral_time", "low_pass_hz"):
@@ -232,16 +223,13 @@ class ControllerSpec:
         "follow from bandwidth_hz, damping_ratio and integral_time.", "where the drives' parameters are known, or as "
         "`elastid loops` writes them.")] = None
     delay_samples: Annotated[int, Key("Samples that pass between the reading of the encoders and the torque that "
-        "answers it.", "1 for most industrial controllers; each takes phase, and bandwidth.")] = 0
+        "answers it.", "1 for most industrial controllers; each takes phase, and bandwidth.",
+        least=0, most=MAX_DELAY_SAMPLES)] = 0
     # fmt: on
 
     def __post_init__(self) -> None:
         if self.kind == "pd" and self.integral_time is not None:
             raise ValueError("integral_time belongs to kind: cascade; a pd controller has none")
-        if not 0 <= self.delay_samples <= MAX_DELAY_SAMPLES:
-            raise ValueError(
-                f"delay_samples is {self.delay_samples}; a controller answers within {MAX_DELAY_SAMPLES} samples"
-            )
         if self.gains is not None:
             if self.kind == "pd":
                 raise ValueError("gains belong to kind: cascade; a pd controller has bandwidth_hz and damping_ratio")
@@ -319,7 +307,7 @@ class SimulatedSpec:
     outputs: Annotated[tuple[str, ...], Key("Places whose motion is logged (default: every motor): `motor 1`, `joint "
         "1`, `body arm z` and `frame tool rz` as angles, `frame tool z` and `accelerometer tool z` as accelerations.",
         "add the tool's accelerations where motor angles alone leave bearing or link springs ill-conditioned; each "
-        "place adds rows to every response and to the time of a fit.")] = ()
+        "place adds rows to every response and to the time of a fit.", distinct=True)] = ()
     controller: Annotated[ControllerSpec, Key("Controller of the joints.", "give the bandwidth of the real loop where "
         "the plan is for a real robot, since the loop shapes what reaches the joints.")] = ControllerSpec()
     carrier: Annotated[CarrierSpec | None, Key("Slow movement under the excitation (default: none).", "with dry "
@@ -345,10 +333,6 @@ class SimulatedSpec:
         "in a temporary folder.", "true where minutes of robot time are simulated: about three times as fast, with the "
         "same bytes. Without a compiler a warning says so, and the equations are interpreted.")] = False
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if len(set(self.outputs)) < len(self.outputs):
-            raise ValueError(f"outputs names a place twice ({', '.join(self.outputs)}); its lines would count twice")
 
     def steps(self, rate_hz: float, highest_hz: float) -> int:
         """Integration steps in a sample, for a band that ends at highest_hz: 3.7e-4 (omega step)^6 is at most 4e-6.

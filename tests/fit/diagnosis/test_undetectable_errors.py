@@ -119,7 +119,9 @@ def test_the_stiffness_from_which_on_a_base_is_hidden_is_where_it_moves_by_an_in
 def test_a_base_that_is_in_the_model_is_not_stated_as_rigid() -> None:
     """The robot's file has its spring."""
     robot = on_a_pedestal(20 * 3e4)
-    spec = replace(SPEC_OF_BASE, parameters=SPEC_OF_BASE.parameters | {"d_post": ParameterSpec(fixed=100.0)})
+    spec = replace(
+        SPEC_OF_BASE, parameters=SPEC_OF_BASE.parameters | {"d_post": ParameterSpec(start=100.0, fixed=True)}
+    )
     result = identify(measure(robot, np.random.default_rng(4)), robot, spec)
     assert not result.rigid_parts
     assert result.std_with_base == pytest.approx(result.std)
