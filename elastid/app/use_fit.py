@@ -55,8 +55,9 @@ from elastid.use.moves import read_move
 from elastid.use.postures import grid_postures, random_postures, read_path
 from elastid.use.tune import Given, TunedMove, tune_move
 from elastid.validation.agreement import validate
+from elastid.validation.friction_twin import predict_logs
 from elastid.validation.spec import ValidationSpec
-from elastid.validation.twin import TwinFindings, predict_logs
+from elastid.validation.twin import TwinFindings
 
 Vector: TypeAlias = tuple[float, float, float]
 

@@ -14,14 +14,11 @@ Of a multisine, at the lines of the response in the last period of the steady st
 
 of three models with the fitted numbers: springs left out and no viscous friction (rigid body), with springs (elasticity
 is the difference), and with viscous friction (the same). Dry friction is what the estimator took out of the torque.
-
-Of a motion the parts are those of its regression. A joint that moved alone has inertia and gravity of its own; of
-joints that moved together the rigid body is what their regression took out of the log, gravity and offset with it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeAlias
@@ -34,16 +31,12 @@ from elastid.excitation.multisine import synthesise
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, unit_scale
-from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts
-from elastid.friction_study.motion_signals import MotionSignals
-from elastid.friction_study.motion_terms import columns_of
-from elastid.friction_study.result import JointFriction
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.record import FrictionRecord, FrictionRecords, Motion, Record, drive_unit
+from elastid.record import Motion, Record
 from elastid.robot.simplified import elastic_coordinates, stiffened
 
 # Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
@@ -98,6 +91,17 @@ class TorqueBalance:
         return max((band for band in self.bands if band.power >= MIN_POWER_SHARE), key=lambda band: band.left)
 
     @property
+    def words(self) -> str:
+        """Shares of the parts in a sentence."""
+        shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(self.parts, self.shares, strict=True))
+        worst, unit = self.worst, "Hz" if self.rate_is_known else "of the sampling rate"
+        return (
+            f"{self.place}, {self.log}: of the mean square of the torque {shares}; {self.left:.1%} is left "
+            f"(without friction {self.left_without_friction:.1%}), most from {worst.low_hz:.3g} to "
+            f"{worst.high_hz:.3g} {unit}: {worst.left:.0%} of the {worst.power:.2%} of the power there."
+        )
+
+    @property
     def residual(self) -> FloatArray:
         """Measured less modelled torque (n,)."""
         return np.asarray(self.measured - self.torques.sum(axis=0))
@@ -146,17 +150,6 @@ def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterat
     freq_hz = np.fft.rfftfreq(n, 1 / rate_hz)
     for first, last in pairwise(reversed(edges)):
         yield first, last, (freq_hz >= first) & (freq_hz < last)
-
-
-def describe_balance(balance: TorqueBalance) -> str:
-    """Shares of the parts in a sentence."""
-    shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(balance.parts, balance.shares, strict=True))
-    worst, unit = balance.worst, "Hz" if balance.rate_is_known else "of the sampling rate"
-    return (
-        f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left "
-        f"(without friction {balance.left_without_friction:.1%}), most from {worst.low_hz:.3g} to {worst.high_hz:.3g} "
-        f"{unit}: {worst.left:.0%} of the {worst.power:.2%} of the power there."
-    )
 
 
 def _explained(
@@ -243,36 +236,3 @@ def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[Comp
 def last_counted(periods: int, left_out: Collection[int]) -> int:
     """The last period that is not left out; the last one where all are."""
     return max((p for p in range(periods) if p not in left_out), default=periods - 1)
-
-
-# Parts of a regression as the twin names them.
-PART_OF = dict(zip(PARTS, (INERTIA, GRAVITY, VISCOUS, DRY), strict=True))
-
-
-def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords) -> tuple[TorqueBalance, ...]:
-    """Balances of joints with a regression of their motions, over the first log, in the regression's passband."""
-    return tuple(
-        _balance(joint.motion, record_of(joint.motion, measured.of(joint.joint, "motion")))
-        for joint in joints
-        if joint.motion is not None and not joint.motion.motion.is_run_down
-    )
-
-
-def record_of(motion: MotionFriction, records: Iterable[FrictionRecord]) -> FrictionRecord:
-    """The log of a regression, whose torque holds the rigid body, with the smallest payload."""
-    lightest = sorted(records, key=lambda record: record.payload)
-    return next(record for record in lightest if np.array_equal(record.position, motion.motion.position))
-
-
-def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
-    signals = MotionSignals.of(fit.motion, fit.passband_hz)
-    parts: dict[str, FloatArray] = {}
-    if "inertia" not in fit.chosen.names:
-        parts[RIGID_BODY] = signals.filtered(record.torque - fit.motion.torque)
-    numbers = motion_parts(fit.chosen, columns_of(signals, fit.terms))
-    parts |= {PART_OF[name]: numbers[name] for name in PARTS if name in numbers}
-    rate_hz = record.rate_hz / int(signals.kept.step)
-    torque, band_hz = signals.filtered(record.torque), (0.0, fit.passband_hz)
-    return torque_balance(
-        f"joint {record.joint}", record.name, drive_unit(record.slides), rate_hz, torque, parts, band_hz
-    )

@@ -13,21 +13,12 @@ Along a record signals are compared at all lines between the lowest and the high
 that counts. Below them the twin is held by a loop of a fifth of the lowest line; an error at that line is changed by
 4 % in its amplitude, higher ones by less. The torque between samples is that of the record's hold; its mean is the
 holding torque of the model, since that of a log contains what no response shows.
-
-Along the log of a motion
-
-.. math:: M(q) \ddot q + f(q, \dot q) + \tau_f(\dot q, z) = B\, [u - (\tau_r - \hat \tau_r)]
-
-tau_r is the rigid body's torque that the identification found in the log (for a joint alone its inertia, gravity and
-offset), hat tau_r that of the robot's file, both along the logged motion: a counterbalance or a payload that the file
-lacks acts on the twin as it does on the robot. Joints that rest are held by a loop of 5 Hz on the model's torque.
-Logs are judged by the numbers of others, too (`predict_logs`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final, Literal, TypeAlias
@@ -36,33 +27,21 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError, StudyError
-from elastid.base.execution import Execution
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.simulated.hardware import filter_motions, logged_quantity, sense
 from elastid.experiment.simulated.plant import Plant, true_plant
-from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.friction_study.joint_levels import motion_log, motion_logs
-from elastid.friction_study.motion import MotionFriction, motion_parts, rigid_body_torques
-from elastid.friction_study.motion_signals import MotionSignals
-from elastid.friction_study.motion_terms import full_rate_columns
-from elastid.friction_study.result import JointFriction
-from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import EXACT, formulate
+from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.record import Configuration, FrictionRecord, FrictionRecords, Record, drive_unit, motion_unit
+from elastid.record import Configuration, Record, motion_unit
 from elastid.robot import Robot
-from elastid.robot.simplified import without_friction
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
-from elastid.simulation.controller import Gains, feed_forward, gains_of, rigid_motion, rigid_path, tune
+from elastid.simulation.controller import Gains, rigid_motion, rigid_path, tune
 from elastid.validation.torque_balance import (
     TorqueBalance,
-    describe_balance,
-    friction_balances,
     last_counted,
     last_period,
-    record_of,
 )
 
 Drive: TypeAlias = Literal["reference", "torque"]
@@ -112,6 +91,20 @@ class TwinRun:
         """The signals of a kind."""
         return tuple(signal for signal in self.signals if signal.kind == kind)
 
+    @property
+    def words(self) -> str:
+        """Errors of the twin along its log, in a sentence or two."""
+        driven = f"driven by its {_DRIVES[self.drive]}"
+        if self.lost:
+            return f"Simulated forwards on {self.log}, {driven}, the twin is lost: {self.lost}."
+        held = f", held on the log by a loop of {self.held_hz:.2g} Hz" if self.held_hz else ""
+        errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
+        parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
+        return (
+            f"Simulated forwards over {self.seconds:.3g} s of {self.log}, {driven}{held}, the twin is off by (rms "
+            f"error over rms signal): {'; '.join(parts)}."
+        )
+
 
 @dataclass(frozen=True)
 class TwinFindings:
@@ -122,33 +115,15 @@ class TwinFindings:
     missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def run_words(self) -> tuple[str, ...]:
-        """Errors of the twin in each run."""
-        return tuple(map(describe_run, self.runs))
-
-    @property
     def words(self) -> tuple[str, ...]:
         """The torque of each joint, then the simulations."""
-        return (*map(describe_balance, self.balances), *self.run_words)
+        return (*(balance.words for balance in self.balances), *(run.words for run in self.runs))
 
 
 NO_TWIN = TwinFindings()
 
 
-def describe_run(run: TwinRun) -> str:
-    """Errors of the twin along its log, in a sentence or two."""
-    if run.lost:
-        return f"Simulated forwards on {run.log}, driven by its {_DRIVES[run.drive]}, the twin is lost: {run.lost}."
-    held = f", held on the log by a loop of {run.held_hz:.2g} Hz" if run.held_hz else ""
-    errors = {kind: [100 * signal.error for signal in run.of(kind)] for kind in (MOTION, TORQUE, LINK)}
-    parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
-    return (
-        f"Simulated forwards over {run.seconds:.3g} s of {run.log}, driven by its {_DRIVES[run.drive]}{held}, the twin "
-        f"is off by (rms error over rms signal): {'; '.join(parts)}."
-    )
-
-
-def _run_along(
+def run_along(
     empty: TwinRun,
     robot: Robot,
     start: Configuration,
@@ -166,19 +141,19 @@ def _run_along(
         return replace(empty, lost=str(error))
 
 
-def _holding_gains(plant: Plant, bandwidth_hz: float) -> Gains:
+def holding_gains(plant: Plant, bandwidth_hz: float) -> Gains:
     """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
     return tune(plant.model, plant.point.q, bandwidth_hz, 1.0)
 
 
-def _follow(
+def follow(
     plant: Plant, commands: Commands, moving: BoolArray, held: Gains, position: FloatArray, velocity: FloatArray
 ) -> Trajectory:
     """Trajectory from position and velocity (n_u,) of the motors; DataError where one is lost.
 
     held: gains of motors that move (n_u,); others are held by a loop of 5 Hz.
     """
-    model, point, resting = plant.model, plant.point, _holding_gains(plant, 5.0)
+    model, point, resting = plant.model, plant.point, holding_gains(plant, 5.0)
     gains = Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
     (q,) = rigid_path(model, point.q, point.configuration.angles, position[None])
     return simulate(plant.loop, gains, commands, q, v0=rigid_motion(model, q) @ velocity)
@@ -200,7 +175,7 @@ def elastic_runs(
     held_hz = 0.2 * band_hz[0]
     empty = TwinRun(record.name, "torque", held_hz, record.period_samples / record.rate_hz, record.rate_hz)
     moved = partial(_along_record, record, held_hz, band_hz, delay_s)
-    return (_run_along(empty, robot, record.configuration, SimulatedSpec(model=spec), moved),)
+    return (run_along(empty, robot, record.configuration, SimulatedSpec(model=spec), moved),)
 
 
 def _along_record(
@@ -228,8 +203,8 @@ def _along_record(
     still = np.zeros(((lead + 1) * N, model.n_u))
     path, rate, driving = (np.tile(signal, (lead + 1, 1)) for signal in (position, velocity, torque))
     commands = Commands(path, rate, driving, still, still)
-    moving, held = np.isin(np.arange(model.n_u), motors), _holding_gains(plant, held_hz)
-    return _in_band(record, band_hz, delay_s, plant, _follow(plant, commands, moving, held, position[0], velocity[0]))
+    moving, held = np.isin(np.arange(model.n_u), motors), holding_gains(plant, held_hz)
+    return _in_band(record, band_hz, delay_s, plant, follow(plant, commands, moving, held, position[0], velocity[0]))
 
 
 def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
@@ -273,183 +248,3 @@ def _in_band(
     measured, simulated = in_time(record, 1.0).T, in_time(_logged(record, plant, moved), late).T
     for row in zip(kinds, (*record.inputs, *record.outputs), units, measured, simulated, strict=True):
         yield TwinSignal(*row)
-
-
-# Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
-HELD_HZ = 0.5
-
-
-@frozen_value
-class _Log:
-    """A log of n samples along which the joints `moving`, of n_u, move: their regressions, records and signals.
-
-    rest (n_u,): angles of the posture, at which the others are held.
-    """
-
-    n: int
-    rest: FloatArray
-    moving: tuple[int, ...]
-    regressions: tuple[MotionFriction, ...]
-    records: tuple[FrictionRecord, ...]
-    signals: tuple[MotionSignals, ...]
-
-    @classmethod
-    def of(cls, robot: Robot, members: Sequence[tuple[MotionFriction, FrictionRecord]]) -> _Log:
-        """The log of joints that moved together, up to LONGEST_S."""
-        names, (regressions, records) = [joint.name for joint in robot.driven], zip(*members, strict=True)
-        posture, n = records[0].configuration, round(LONGEST_S * records[0].rate_hz)
-        rest = np.zeros(len(names)) if posture is None else posture.angles
-        signals = tuple(MotionSignals.of(fit.motion, fit.passband_hz) for fit in regressions)
-        moving = tuple(names.index(record.joint) for record in records)
-        return cls(min(len(records[0].position), n), rest, moving, regressions, records, signals)
-
-    def whole(self, columns: Iterable[FloatArray], rest: FloatArray | float = 0.0) -> FloatArray:
-        """Signals (n, n_u) of all joints by those of the joints that move; rest: of the others."""
-        values = np.full((self.n, len(self.rest)), rest)
-        for i, column in zip(self.moving, columns, strict=True):
-            values[:, i] = column[: self.n]
-        return values
-
-    @property
-    def position(self) -> FloatArray:
-        """Angles (n, n_u) of the motors."""
-        return self.whole((signals.position for signals in self.signals), self.rest)
-
-
-def friction_twin(
-    robot: Robot,
-    joints: Sequence[JointFriction],
-    measured: FrictionRecords,
-    controller: CascadeSpec | None,
-    execution: Execution,
-) -> TwinFindings:
-    """Torque of motions part by part, and the twin along the first log of each group of joints that moved together.
-
-    Under its torque and its reference.  robot: with the friction of `joints`.  controller: None where it is not known;
-    no reference drives the twin then.
-    """
-    groups: dict[str, list[tuple[MotionFriction, FrictionRecord]]] = {}
-    for joint in joints:
-        if joint.motion is not None and not joint.motion.motion.is_run_down and joint.friction is not None:
-            record = record_of(joint.motion, measured.of(joint.joint, "motion"))
-            groups.setdefault(record.name, []).append((joint.motion, record))
-    driven: list[tuple[_Log, CascadeSpec | None]] = []
-    for members in groups.values():
-        log = _Log.of(robot, members)
-        driven.append((log, None))
-        if controller is not None and all(record.reference is not None for record in log.records):
-            driven.append((log, controller))
-    runs = execution.ordered(partial(_run, robot), driven)
-    return TwinFindings(friction_balances(joints, measured), tuple(runs))
-
-
-def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionRecord) -> FloatArray:
-    """The torque (n,) at full rate of all that is no friction in its log: rigid body, gravity and offset.
-
-    A joint that moved with others has no numbers of its own of the rigid body.
-    """
-    if fit.rigid_body is not None:
-        return record.torque - fit.motion.torque
-    parts = motion_parts(fit.chosen, full_rate_columns(signals, fit.terms))
-    return np.asarray(parts["inertia"] + parts.get("gravity", 0.0))
-
-
-def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
-    """Run along a log, driven by its torque, or by its reference through a controller."""
-    log, controller = driven
-    drive: Drive = "torque" if controller is None else "reference"
-    held_hz = HELD_HZ if controller is None else 0.0
-    name, rate_hz = log.records[0].name, log.records[0].rate_hz
-    empty = TwinRun(name, drive, held_hz, log.n / rate_hz, rate_hz)
-    start = Configuration(name, log.position[0])
-    spec = SimulatedSpec() if controller is None else SimulatedSpec(controller=controller.spec)
-    run = _run_along(empty, robot, start, spec, partial(_along_motion, log, controller))
-    return replace(run, rate_hz=rate_hz / int(log.signals[0].kept.step)) if run.signals else run
-
-
-def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[TwinSignal]:
-    """Signals of a plant under reference, torque and gains; joints that rest have the same in all."""
-    q, moving = plant.point.q, np.isin(np.arange(len(log.rest)), log.moving)
-    smooth, path = formulate(without_friction(plant.model.robot)), log.position
-    rate, curvature = (log.whole(getattr(part, name) for part in log.signals) for name in ("velocity", "acceleration"))
-    torque = log.whole(record.torque for record in log.records)
-    demand = feed_forward(smooth, q, path - path[0], rate, curvature)
-    rigid = log.whole(map(_rigid_torque, log.regressions, log.signals, log.records))
-    if controller is None:
-        # The plant holds a torque from sample to sample: the mean of both ends acts on it.
-        acting = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
-        held = _holding_gains(plant, HELD_HZ)
-        # As the loop differentiates what it reads, so that its torque is of the error alone.
-        position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
-    else:
-        held, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
-        position = log.whole((record.reference for record in log.records if record.reference is not None), log.rest)
-        known = log.whole(still if record.disturbance is None else record.disturbance for record in log.records)
-        velocity = controller.velocity_feed_forward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
-        # The torque that the controller's integral holds at the start; 0 without an integral.
-        error = held.kp * (position[0] - path[0]) + held.kd * (velocity[0] - rate[0])
-        acting = known + np.where(held.ki > 0, torque[0] - known[0] - error, 0.0)
-    lacking = np.where(moving, demand - rigid, 0.0)
-    commands = Commands(position, velocity, np.where(moving, acting, demand), lacking, np.zeros_like(demand))
-    return _in_passband(log, plant.model, _follow(plant, commands, moving, held, path[0], rate[0]))
-
-
-def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[TwinSignal]:
-    """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
-    for i, record, signals in zip(log.moving, log.records, log.signals, strict=True):
-        # Of a log that is not simulated to its end, without the rest.
-        kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, log.n), signals.kept.step))
-        motor, link = f"motor {record.joint}", f"joint {record.joint}"
-        turning, driving = motion_unit("position", record.slides), drive_unit(record.slides)
-        rows: tuple[tuple[SignalKind, str, str, FloatArray | None, FloatArray], ...] = (
-            (MOTION, motor, turning, record.position, moved.reading[:, i]),
-            (TORQUE, motor, driving, record.torque, moved.u[:, i]),
-            (LINK, link, turning, record.link_position, moved.q[:, model.index(link)]),
-        )
-        for kind, place, unit, y, y_twin in rows:
-            if y is not None:
-                yield TwinSignal(kind, place, unit, kept.filtered(y[: log.n]), kept.filtered(y_twin[: log.n]))
-
-
-def predict_logs(
-    robot: Robot,
-    joints: Sequence[JointFriction],
-    measured: FrictionRecords,
-    controller: CascadeSpec | None,
-    execution: Execution,
-) -> TwinFindings:
-    """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
-    known, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
-    reasons = dict[str, list[str]]()
-    for log in motion_logs(measured):
-        for name, record in log.items():
-            try:
-                judged.append(_along(robot, known.get(name), record, log))
-            except DataError as error:
-                reasons.setdefault(name, []).append(f"{record.name}: {error}")
-    missing = {name: "; ".join(texts) for name, texts in reasons.items()}
-    return replace(friction_twin(robot, judged, measured, controller, execution), missing=missing)
-
-
-def _along(
-    robot: Robot, source: JointFriction | None, record: FrictionRecord, log: Mapping[str, FrictionRecord]
-) -> JointFriction:
-    """The joint with its motion of a log, less the torque of a rigid body where it shares one; else DataError."""
-    if source is None or source.motion is None:
-        raise DataError("predict/mismatch", "the result has no regression of a motion of it")
-    if source.slides != record.slides:
-        raise DataError("predict/mismatch", "it slides in one of the two robots and turns in the other")
-    fit = source.motion
-    signals = motion_log(robot, log, fit.passband_hz)
-    motion = signals.of_joints[record.joint].motion
-    if fit.rigid_body is not None:
-        rigid = rigid_body_torques(robot, fit.rigid_body, signals)
-        motion = replace(motion, torque=motion.torque - rigid[record.joint])
-    elif len(log) > 1:
-        raise DataError(
-            "predict/mismatch",
-            "it moves with others, and alone in the logs of the result, which know no rigid body of all",
-        )
-    else:
-        motion = replace(motion, turns_against_gravity="gravity.cos" in fit.chosen.names)
-    return replace(source, motion=replace(fit, motion=motion))

@@ -18,7 +18,7 @@ from elastid.friction_study.spec import FrictionSpec
 from elastid.record import FrictionRecords
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot
-from elastid.validation.torque_balance import friction_balances
+from elastid.validation.friction_twin import friction_balances
 
 LENGTH, PAYLOAD = 0.8, 5.0
 ROBOT_WITH_TOOL = replace(ROBOT, frames=(Frame("tool", "arm", Placement((LENGTH, 0.0, 0.0))),))

@@ -19,7 +19,8 @@ from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
 from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.closed_loop import Commands, simulate
 from elastid.simulation.controller import Gains
-from elastid.validation.twin import TORQUE, TwinRun, friction_twin
+from elastid.validation.friction_twin import friction_twin
+from elastid.validation.twin import TORQUE, TwinRun
 
 RATE_HZ, SECONDS = 500.0, 12.0
 COULOMB, VISCOUS = 20.0, 15.0

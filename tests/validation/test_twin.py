@@ -9,7 +9,8 @@ from elastid.friction_study.motion import regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.record import FrictionRecord, FrictionRecords
-from elastid.validation.torque_balance import DRY, GRAVITY, INERTIA, VISCOUS, friction_balances, torque_balance
+from elastid.validation.friction_twin import friction_balances
+from elastid.validation.torque_balance import DRY, GRAVITY, INERTIA, VISCOUS, torque_balance
 from elastid.validation.twin import MOTION, TwinSignal
 
 RATE_HZ, N = 200.0, 2000

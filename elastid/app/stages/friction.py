@@ -46,7 +46,8 @@ from elastid.store.artefacts import Stamp
 from elastid.store.measured import write_reference
 from elastid.store.results import read_twin
 from elastid.study import Study
-from elastid.validation.twin import NO_TWIN, friction_twin, predict_logs
+from elastid.validation.friction_twin import friction_twin, predict_logs
+from elastid.validation.twin import NO_TWIN
 
 
 def design_motions(study: Study, work: Work) -> Artefacts:

@@ -30,7 +30,6 @@ from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.torque_balance import (
     Part,
     TorqueBalance,
-    describe_balance,
     elastic_balances,
     model_parts,
     rigid_linearisation,
@@ -82,7 +81,7 @@ def validate(study: Study, work: Work) -> Artefacts:
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
         worst = sorted(twin.balances, key=lambda balance: balance.left)[-1:]
-        for words in (*map(describe_balance, worst), *twin.run_words):
+        for words in replace(twin, balances=tuple(worst)).words:
             console.detail(f"validate: {words}")
 
     return Artefacts(
