@@ -121,9 +121,9 @@ class CommandedRobot:
         columns = np.concatenate([np.broadcast_to(m.B, (n, *m.B.shape)), carried], axis=2)
         return np.asarray((np.linalg.pinv(columns) @ force.T[:, :, None])[:, : m.n_u, 0])
 
-    def poses(self, q: FloatArray) -> Poses:
-        """Poses of the frame at q (N, n_q)."""
-        return frame_poses(self.robot, q[:, : len(self.robot.joints)], self.frame)
+    def poses(self, q: FloatArray, robot: Robot | None = None) -> Poses:
+        """Poses of the frame at q (N, n_q), of this robot or of another of its kind."""
+        return frame_poses(robot or self.robot, q[:, : len(self.robot.joints)], self.frame)
 
     def rigid(self, move: Move, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """q, v, a (N, n_q) of the robot without deflection along a move at times (N,)."""

@@ -21,7 +21,6 @@ from elastid.base.execution import Progress, silent
 from elastid.experiment.simulated.plant import Plant, true_plant
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
-from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, simulate
@@ -67,10 +66,10 @@ class Outcome:
 class TwinLoop:
     """A robot in the loops of its drives, its numbers given run by run."""
 
+    commanded: CommandedRobot
     robot: Robot
     plant: Plant
     gains: Gains
-    frame: str
 
     @classmethod
     def of(
@@ -86,7 +85,7 @@ class TwinLoop:
         spec, posture = SimulatedSpec(model=commanded.spec, saturation=clips), Configuration("start", start)
         plant = true_plant(robot, spec, rate_hz, posture, samples=samples, is_free=True, of_numbers=True)
         gains = tune(commanded.model, commanded.rigid_posture(start), bandwidth_hz, DAMPING_RATIO)
-        return cls(robot, plant, gains, commanded.frame)
+        return cls(commanded, robot, plant, gains)
 
     def follow(self, references: References, robot: Robot | None = None) -> tuple[FloatArray, FloatArray]:
         """q (N, n_q), torque of the drives (N, n_u) of this robot, or another of its kind, from rest.
@@ -113,14 +112,10 @@ class TwinLoop:
             raise DataError("experiment/diverged", f"{error}; {advice}") from error
         return moved.q, moved.u
 
-    def tool(self, q: FloatArray, robot: Robot) -> FloatArray:
-        """Place (N, 3) of the frame of a robot of this kind at q (N, n_q)."""
-        return frame_poses(robot, q[:, : len(robot.joints)], self.frame).position
-
     def outcome(self, name: str, references: References, target: FloatArray, end_s: float) -> Outcome:
         """The error from target (N, 3) of a move that ends at end_s."""
         q, _ = self.follow(references)
-        at = self.tool(q, self.robot) - target
+        at = self.commanded.poses(q, self.robot).position - target
         error, after = np.linalg.norm(at, axis=1), references.time_s > end_s
         # The static error is the mean of the last 0.1 s.
         static = at[-max(1, round(0.1 * references.rate_hz)) :].mean(axis=0)
@@ -270,7 +265,7 @@ class _Asked:
             errors, most = [], np.abs(references.torque).max(axis=0)
             for i, robot in enumerate(given.draws):
                 q, torque = loop.follow(references, robot)
-                errors.append(np.linalg.norm(loop.tool(q, robot) - target, axis=1))
+                errors.append(np.linalg.norm(commanded.poses(q, robot).position - target, axis=1))
                 most = np.maximum(most, np.abs(torque).max(axis=0))
                 velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * given.rate_hz
                 used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
