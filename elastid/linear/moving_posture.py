@@ -42,8 +42,8 @@ from elastid.response import MotorMotion, Response
 MOST_LINES, _FEW = 48, 8
 # Standard deviations that the effect may have, of all elements together, before it is worked out.
 NEGLIGIBLE = 0.1
-# An effect on m lines is off by about this over m^2 of itself. As many are taken as make that half of what is
-# negligible, since their work grows with m^2.
+# An effect on m lines is off by about this over m^2 of itself. As many are taken as make that negligible, since their
+# work grows with m^2.
 _LINES_ERROR = 30.0
 # A mean farther from the configuration than so many times the mean square of the motion is no effect of that: a zero of
 # the encoder, or a posture that was given in round numbers.
@@ -88,7 +88,7 @@ def effect_of_motion(
         size = np.sqrt(2 * float(np.sum(shares)) * response.n_lines / len(few))
         if size < NEGLIGIBLE:
             return None
-        most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / (NEGLIGIBLE / 2)))))
+        most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / NEGLIGIBLE))))
     effect = of_motion(freq_hz, max(most, _FEW))
     return effect if np.isfinite(effect).all() else None
 
