@@ -49,7 +49,6 @@ from elastid.use.closed_loops import (
     Plants,
     PostureFamily,
     Scene,
-    controller_response,
     scaled,
 )
 
@@ -124,7 +123,7 @@ class Cascade:
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
         """F (..., n_u) at freq_hz (...)."""
-        return controller_response(self.gains, self.filters(rate_hz), freq_hz, rate_hz)[0]
+        return self.gains.response(freq_hz, rate_hz) * self.filters(rate_hz).response(freq_hz, rate_hz)
 
     def log_slopes(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
         """d ln F_i / dx (..., n_x), i the axis of each of x; axes answer independently."""
@@ -347,9 +346,9 @@ def assess(name: str, family: PostureFamily, drawn: Plants | None, gains: Gains,
         # Sorted: quantiles of infinities would be NaN.
         ends = np.sort(of_draws, axis=0)[[int(0.025 * (D - 1)), int(np.ceil(0.975 * (D - 1)))]]
         drawn_peaks = of_draws.max(axis=1)
-    size_db = 20 * np.log10(loops.size)
+    size_db, postures = 20 * np.log10(loops.size), tuple(posture.name for posture in family.configurations)
     return LoopState(
-        name, family.names, axes, peaks, ends[0], ends[1], causes, bandwidth, drawn_peaks, loops.scene.freq_hz, size_db
+        name, postures, axes, peaks, ends[0], ends[1], causes, bandwidth, drawn_peaks, loops.scene.freq_hz, size_db
     )
 
 
@@ -404,7 +403,7 @@ class Loops:
 def todays_loops(family: PostureFamily, drawn: Plants | None, spec: ControllerSpec) -> LoopState:
     """A controller in all postures; its gains may follow from a bandwidth, which is another in each."""
     model, theta = family.family.model, family.family.theta
-    sets = [gains_of(model, equilibrium(model, theta, case.configuration).q, spec) for case in family.linear]
+    sets = [gains_of(model, equilibrium(model, theta, posture).q, spec) for posture in family.configurations]
     gains = Gains(*(np.array([getattr(tuning, name) for tuning in sets]) for name in ("kp", "kd", "ki")))
     return assess(TODAY, family, drawn, gains, filters_of(family.axes, spec, family.rate_hz))
 
@@ -426,7 +425,8 @@ def design_loops(
     if today is not None:
         variant = replace(family, rate_hz=today_hz or family.rate_hz)
         state = todays_loops(variant, drawn_of(variant), today)
-    drawn, first_hz = drawn_of(family), min(mode.freq_hz for modes in family.modes for mode in modes)
+    drawn = drawn_of(family)
+    first_hz = min((mode.freq_hz for modes in family.modes for mode in modes), default=family.rate_hz)
     cascade = robust(family.estimate, drawn, first_hz, delay_samples)
     designed = assess(DESIGNED, family, drawn, cascade.gains, cascade.filters(family.rate_hz))
     return Loops(name, family.axes, family.rate_hz, draws, state, designed, cascade)

@@ -81,12 +81,12 @@ def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units() -> No
 def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None:
     """Of half a sample and of more than two: as the difference of two held torques, and late by whole samples."""
     own = PostureFamily.of(result(), [Configuration("a", np.array([0.3, 0.5]))], RATE_HZ)
-    linear = own.linear[0]
-    theta = own._theta(linear).copy()
+    linear, known = own.models[0].linear, own.models[0].theta
+    theta = known.copy()
     theta[list(linear.parameters).index(DELAY)] = delay_s
     A, B, C = _sampled(linear, theta, RATE_HZ)
     whole = round(delay_s * RATE_HZ * 1000)
-    fine = _sampled(linear, own._theta(linear), RATE_HZ * 1000)
+    fine = _sampled(linear, known, RATE_HZ * 1000)
     n = 12
     u = np.repeat([1.0] + [0.0] * (n - 1), 1000)
     x, y = np.zeros(len(fine[0])), []
