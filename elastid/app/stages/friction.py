@@ -37,8 +37,9 @@ from elastid.friction_study.result import JointFriction, JointLevels, held_sprin
 from elastid.friction_study.spec import FilterSpec
 from elastid.record import FrictionRecord
 from elastid.recorded.friction_logs import read_friction_logs
+from elastid.report.figures.drawings import friction_study_drawings
 from elastid.report.friction_content import FrictionContent, part_words, refusals
-from elastid.report.page.page_of_friction import write_page_of_friction
+from elastid.report.page.page_of_friction import html_of_friction
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import with_laws
 from elastid.store import friction_study as stored
@@ -163,7 +164,8 @@ def report_friction(study: Study, work: Work) -> Artefacts:
     result, twin = stored.read_friction_result(files["friction"]), read_twin(files["friction"], stored.FRICTION)
     left_out = stored.read_left_out(files["friction"])
     content = FrictionContent(study.name, result, stamp.study, stamp.shown, plan, filters, twin, left_out)
-    return page_artefacts(write_page_of_friction, content, study, work)
+    drawn = friction_study_drawings(result, filters, twin, left_out)
+    return page_artefacts(partial(html_of_friction, content), drawn, study, work)
 
 
 def conclude(run: Run) -> None:
