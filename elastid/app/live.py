@@ -342,8 +342,7 @@ class Session:
     def _file(self, plan: Plan, run: Experiment, whole: bool = False) -> FileSpec:
         log = self.log(run)
         assert log is not None
-        first = plan.first_sample + plan.transient_periods * plan.period_samples
-        samples = None if whole else (first, first + plan.periods * plan.period_samples)
+        samples = None if whole else (plan.measured.start, plan.measured.stop)
         return FileSpec(f"logs/{log.name}", run.configuration.name, run.realisation, run.experiment, samples=samples)
 
     def signals(self, plan: Plan, run: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:
