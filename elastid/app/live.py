@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from elastid.app.run import Run, carry_out, hash_of, logged_in, run_all
-from elastid.app.run import stamps as stamps_of
 from elastid.app.stage_table import SIMULATED
 from elastid.app.stages.design import movement_of
 from elastid.app.stages.fit import TRUSTED
@@ -123,7 +122,7 @@ class Session:
     @cached_property
     def stamp(self) -> Stamp:
         """Stamp of all files of the session: the values of the study that a plan depends on, and who makes the logs."""
-        own = stamps_of(self.run.loaded)["design"]
+        own = self.run.stamps["design"]
         return replace(own, study="", inputs=hash_of([own.inputs, "simulated"]) if self.simulate else own.inputs)
 
     def work(self) -> tuple[list[Plan], bool, str]:
@@ -342,8 +341,7 @@ class Session:
     def _file(self, plan: Plan, run: Experiment, whole: bool = False) -> FileSpec:
         log = self.log(run)
         assert log is not None
-        first = plan.first_sample + plan.transient_periods * plan.period_samples
-        samples = None if whole else (first, first + plan.periods * plan.period_samples)
+        samples = None if whole else (plan.measured.start, plan.measured.stop)
         return FileSpec(f"logs/{log.name}", run.configuration.name, run.realisation, run.experiment, samples=samples)
 
     def signals(self, plan: Plan, run: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -88,11 +88,6 @@ class FittedRobot:
         return tuple(responses)
 
     @property
-    def response_std(self) -> tuple[FloatArray, ...]:
-        """Standard deviation (F, n_y, n_u) of each of `responses` by that of the parameters, to first order."""
-        return tuple(model.response_std(G.freq_hz) for model, G in zip(self.models, self.measured, strict=True))
-
-    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters that count here: not those of other groups, nor those which this group has of its own."""
         return parameters_of(self.result, self.measured[0].configuration.name)
