@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -99,8 +99,7 @@ def filters_of(joints: Sequence[str], controller: Controller, rate_hz: float) ->
             sections[joint].append(low_pass(corner, rate_hz))
     if not controller.delay_samples and not any(sections.values()):
         return None
-    rows = tuple(tuple(tuple(section.tolist()) for section in chain) for chain in sections.values())
-    return Filters(rows, controller.delay_samples)
+    return Filters(tuple(sections.values()), controller.delay_samples)
 
 
 def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
@@ -176,10 +175,6 @@ def _inverse_dynamics(model: ElasticModel) -> ca.Function:
     return ca.Function("inverse_dynamics", [q, v, a], [model.mass(q, model.theta) @ a + model.force(q, v, model.theta)])
 
 
-# Numerator and denominator in powers of 1 / z, as second-order sections of SciPy.
-Section: TypeAlias = tuple[float, float, float, float, float, float]
-
-
 def notch(freq_hz: FloatArray, width: FloatArray, depth: FloatArray, rate_hz: float) -> FloatArray:
     """Sections (..., 6) of notches N."""
     omega = 2 * np.pi * np.asarray(freq_hz)
@@ -208,11 +203,14 @@ def section_response(sections: FloatArray, z_inverse: ComplexArray) -> ComplexAr
     return np.asarray(over / (a[0] + z_inverse * (a[1] + z_inverse * a[2])))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Filters:
-    """sections of each of n_u motors, and the samples after which their torque acts."""
+    """Second-order sections (6,) of each of n_u motors, as SciPy has them: numerator, denominator in powers of 1 / z.
 
-    sections: tuple[tuple[Section, ...], ...]
+    delay: samples after which their torque acts.
+    """
+
+    sections: tuple[Sequence[FloatArray], ...]
     delay: int = 0
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
@@ -222,7 +220,7 @@ class Filters:
         for chain in self.sections:
             H = z_inverse**self.delay
             for section in chain:
-                H = H * section_response(np.array(section), z_inverse)
+                H = H * section_response(section, z_inverse)
             columns.append(H)
         return np.stack(columns, axis=-1)
 
@@ -233,7 +231,7 @@ class Filters:
         A, B, C, D = (block_diag(*parts) for parts in zip(*systems, strict=True))
         return A, B, C, D
 
-    def _of_motor(self, sections: tuple[Section, ...]) -> tuple[FloatArray, ...]:
+    def _of_motor(self, sections: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
         from scipy.signal import tf2ss  # takes a while
 
         A, B, C, D = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))

@@ -119,7 +119,7 @@ class Cascade:
         sections = [[low_pass(corner, rate_hz)] for corner in self.low_pass_hz]
         for axis, row in zip(self.axes, self.notches, strict=True):
             sections[axis].insert(-1, notch(row[0], row[1], row[2], rate_hz))
-        return Filters(tuple(tuple(tuple(part.tolist()) for part in chain) for chain in sections), self.delay)
+        return Filters(tuple(sections), self.delay)
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
         """F (..., n_u) at freq_hz (...)."""
