@@ -20,18 +20,20 @@ points over omega, of a notch with d = 0.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from scipy.linalg import block_diag
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.model.closed_posture import followed, rates
 from elastid.model.elastic import ElasticModel
+from elastid.simulation.spec import ControllerSpec
 
 
 @frozen_value(eq=False)
@@ -51,31 +53,7 @@ class Gains:
         return np.asarray((self.kp + self.kd * rate_hz * step) * (1 + self.ki / rate_hz * (1 - step) / step))
 
 
-class Controller(Protocol):
-    """The numbers of `ControllerSpec`: a bandwidth by which gains are found, or gains."""
-
-    @property
-    def bandwidth_hz(self) -> float:
-        """Bandwidth of the position loop."""
-
-    @property
-    def damping_ratio(self) -> float:
-        """Damping ratio of the position loop."""
-
-    @property
-    def velocity_integral_time(self) -> float | None:
-        """T_i in s, or None without an integral."""
-
-    @property
-    def gains(self) -> Any:
-        """A `GainsSpec`, or None."""
-
-    @property
-    def delay_samples(self) -> int:
-        """Samples between reading and torque."""
-
-
-def gains_of(model: ElasticModel, q: FloatArray, controller: Controller) -> Gains:
+def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> Gains:
     """Gains of a controller, or those of its bandwidth in q (n_q,)."""
     given = controller.gains
     if given is None:
@@ -87,7 +65,7 @@ def gains_of(model: ElasticModel, q: FloatArray, controller: Controller) -> Gain
     return Gains(position * kd, np.asarray(kd, float), np.broadcast_to(ki, model.n_u))
 
 
-def filters_of(joints: Sequence[str], controller: Controller, rate_hz: float) -> Filters | None:
+def filters_of(joints: Sequence[str], controller: ControllerSpec, rate_hz: float) -> Filters | None:
     """Filters behind the feedback of the driven joints; None without any."""
     given = controller.gains
     sections: dict[str, list[FloatArray]] = {joint: [] for joint in joints}
@@ -175,32 +153,23 @@ def _inverse_dynamics(model: ElasticModel) -> ca.Function:
     return ca.Function("inverse_dynamics", [q, v, a], [model.mass(q, model.theta) @ a + model.force(q, v, model.theta)])
 
 
-def notch(freq_hz: FloatArray, width: FloatArray, depth: FloatArray, rate_hz: float) -> FloatArray:
-    """Sections (..., 6) of notches N."""
-    omega = 2 * np.pi * np.asarray(freq_hz)
-    ones, square = np.ones_like(omega), omega**2
-    return _sampled((ones, depth * width * omega, square), (ones, width * omega, square), omega, rate_hz)
+def notch(freq_hz: float, width: float, depth: float, rate_hz: float) -> FloatArray:
+    """Section (6,) of a notch N."""
+    omega = 2 * np.pi * freq_hz
+    return _sampled((1.0, depth * width * omega, omega**2), (1.0, width * omega, omega**2), omega, rate_hz)
 
 
-def low_pass(freq_hz: FloatArray, rate_hz: float) -> FloatArray:
-    """Sections (..., 6) of Butterworth filters L of second order."""
-    omega = 2 * np.pi * np.asarray(freq_hz)
-    none, square = np.zeros_like(omega), omega**2
-    return _sampled((none, none, square), (np.ones_like(omega), np.sqrt(2) * omega, square), omega, rate_hz)
+def low_pass(freq_hz: float, rate_hz: float) -> FloatArray:
+    """Section (6,) of a Butterworth filter L of second order."""
+    omega = 2 * np.pi * freq_hz
+    return _sampled((0.0, 0.0, omega**2), (1.0, math.sqrt(2) * omega, omega**2), omega, rate_hz)
 
 
-def _sampled(b: tuple[FloatArray, ...], a: tuple[FloatArray, ...], omega: FloatArray, rate_hz: float) -> FloatArray:
-    """Sections (..., 6) of (b_0 s^2 + b_1 s + b_2) / (a_0 s^2 + a_1 s + a_2), exact at omega."""
-    K = omega / np.tan(omega / (2 * rate_hz))
-    parts = [(p * K**2 + q * K + r, 2 * (r - p * K**2), p * K**2 - q * K + r) for p, q, r in (b, a)]
-    return np.stack([*parts[0], *parts[1]], axis=-1) / parts[1][0][..., None]
-
-
-def section_response(sections: FloatArray, z_inverse: ComplexArray) -> ComplexArray:
-    """H of sections (..., 6) at 1 / z, of shapes that broadcast."""
-    b, a = np.moveaxis(sections, -1, 0)[:3], np.moveaxis(sections, -1, 0)[3:]
-    over = b[0] + z_inverse * (b[1] + z_inverse * b[2])
-    return np.asarray(over / (a[0] + z_inverse * (a[1] + z_inverse * a[2])))
+def _sampled(b: Sequence[float], a: Sequence[float], omega: float, rate_hz: float) -> FloatArray:
+    """Section (6,) of (b_0 s^2 + b_1 s + b_2) / (a_0 s^2 + a_1 s + a_2), exact at omega."""
+    K = omega / math.tan(omega / (2 * rate_hz))
+    section = [(p * K**2 + q * K + r, 2 * (r - p * K**2), p * K**2 - q * K + r) for p, q, r in (b, a)]
+    return np.ravel(section) / section[1][0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +189,7 @@ class Filters:
         for chain in self.sections:
             H = z_inverse**self.delay
             for section in chain:
-                H = H * section_response(section, z_inverse)
+                H = H * polyval(z_inverse, section[:3]) / polyval(z_inverse, section[3:])
             columns.append(H)
         return np.stack(columns, axis=-1)
 

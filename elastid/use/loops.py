@@ -38,10 +38,10 @@ from scipy.optimize import minimize
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import FitError
-from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
 from elastid.simulation.controller import Filters, Gains, filters_of, gains_of, low_pass, notch
+from elastid.simulation.spec import ControllerSpec, GainsSpec, NotchSpec
 from elastid.use.closed_loops import (
     LIMIT_DB,
     Closed,

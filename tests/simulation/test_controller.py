@@ -18,7 +18,6 @@ from plants.two_links import (
 )
 from scipy import signal
 
-from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import minimal, serial
 from elastid.model.spec import ModelSpec
@@ -37,6 +36,7 @@ from elastid.simulation.controller import (
     tune,
 )
 from elastid.simulation.drives import Drives
+from elastid.simulation.spec import ControllerSpec, GainsSpec, NotchSpec
 
 
 def test_the_controller_has_its_bandwidth_and_damping() -> None:
