@@ -234,8 +234,8 @@ def _check_ports(robot: Robot, inputs: Sequence[str], outputs: Sequence[str], mo
         robot.check_location(place)
     for place in inputs:
         if place not in robot.load_locations and place not in robot.motor_locations:
-            there = ", ".join((*robot.motor_locations, *robot.load_locations))
-            raise StudyError("fit/posture", f"'{place}' is no input of robot {robot.name}; there are {there}")
+            places = ", ".join((*robot.motor_locations, *robot.load_locations))
+            raise StudyError("fit/posture", f"'{place}' is no input of robot {robot.name}; there are {places}")
         if place in robot.motor_locations and motors == "held":
             raise StudyError(
                 "fit/posture",
