@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -30,30 +30,14 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from scipy.linalg import block_diag
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.model.closed_posture import followed, rates
 from elastid.model.elastic import ElasticModel
+from elastid.record import JointLoop
 from elastid.simulation.spec import ControllerSpec
 
 
-@frozen_value(eq=False)
-class Gains:
-    """Feedback of motor position and velocity: kp (n_u,) in Nm/rad, kd (n_u,) in Nm s/rad, link side, ki (n_u,) in 1/s.
-
-    ki: 0 without integral action.
-    """
-
-    kp: FloatArray
-    kd: FloatArray
-    ki: FloatArray = field(default_factory=lambda: np.zeros(1))
-
-    def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """F (..., n_u), torque over angle of the sampled controller without filters, at freq_hz (...)."""
-        step = 1 - np.exp(-2j * np.pi * np.asarray(freq_hz)[..., None] / rate_hz)
-        return np.asarray((self.kp + self.kd * rate_hz * step) * (1 + self.ki / rate_hz * (1 - step) / step))
-
-
-def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> Gains:
+def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> JointLoop:
     """Gains of a controller, or those of its bandwidth in q (n_q,)."""
     given = controller.gains
     if given is None:
@@ -62,7 +46,7 @@ def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> 
         )  # fmt: skip
     position, kd = (np.broadcast_to(part, model.n_u) for part in (given.position_gain, given.velocity_gain))
     ki = 0.0 if given.integral_time is None else 1 / np.asarray(given.integral_time)
-    return Gains(position * kd, np.asarray(kd, float), np.broadcast_to(ki, model.n_u))
+    return JointLoop(position * kd, np.asarray(kd, float), np.broadcast_to(ki, model.n_u))
 
 
 def filters_of(joints: Sequence[str], controller: ControllerSpec, rate_hz: float) -> Filters | None:
@@ -104,7 +88,7 @@ def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position:
 
 def tune(
     model: ElasticModel, q: FloatArray, bandwidth_hz: float, damping_ratio: float, integral_time: float | None = None
-) -> Gains:
+) -> JointLoop:
     """Gains that give the rigid robot, each axis on its own, a loop of this bandwidth and damping ratio in q (n_q,).
 
     kp = J omega^2, kd = 2 zeta omega J with J = diag(T^T M(q) T), links and motor together.  integral_time: of the
@@ -114,7 +98,7 @@ def tune(
     inertia = np.diag(T.T @ model.mass(q, model.theta).full() @ T)
     omega = 2 * np.pi * bandwidth_hz
     ki = np.full(model.n_u, 0.0 if integral_time is None else 1 / integral_time)
-    return Gains(inertia * omega**2, 2 * damping_ratio * omega * inertia, ki)
+    return JointLoop(inertia * omega**2, 2 * damping_ratio * omega * inertia, ki)
 
 
 def feed_forward(
