@@ -25,6 +25,7 @@ from elastid.record import Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
 from elastid.robot.robot import with_frames
 from elastid.simulation.controller import gains_of
+from elastid.simulation.spec import ControllerSpec
 
 Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float] | FloatArray
 
@@ -166,7 +167,7 @@ class Family:
 
     def _loop(self, configuration: Configuration) -> JointLoop:
         given = self.asked.controller
-        if hasattr(given, "bandwidth_hz"):
+        if isinstance(given, ControllerSpec):
             if given.delay_samples or (given.gains is not None and (given.gains.notches or given.gains.low_pass_hz)):
                 raise StudyError(
                     "fit/posture",

@@ -32,15 +32,15 @@ import numpy as np
 from scipy.linalg import expm
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.fit.fitted_robot import draw_robots
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import Estimated, FittedModel
 from elastid.linear.linear_model import LinearModel, state_space, torque_elements
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
-from elastid.record import Configuration
-from elastid.simulation.controller import Filters, Gains, tune
-from elastid.use.draws import draw_robots
+from elastid.record import Configuration, JointLoop
+from elastid.simulation.controller import Filters, tune
 from elastid.use.map import largest_gain
 
 
@@ -218,9 +218,9 @@ class Scene:
         freq_hz = grid(plants, lines, per_mode)
         return cls(plants, freq_hz, plants.response(freq_hz))
 
-    def closed(self, gains: Gains, filters: Filters | None) -> Closed:
+    def closed(self, gains: JointLoop, filters: Filters | None) -> Closed:
         """The loops of gains (n_u,) or (N, n_u)."""
-        stack = Gains(*(np.atleast_2d(part)[:, None] for part in (gains.kp, gains.kd, gains.ki)))
+        stack = JointLoop(*(np.atleast_2d(part)[:, None] for part in (gains.kp, gains.kd, gains.ki)))
         rate_hz = self.plants.rate_hz
         H = 1.0 if filters is None else filters.response(self.freq_hz, rate_hz)
         F, F_r = (part.response(self.freq_hz, rate_hz) * H for part in (stack, replace(stack, kd=0 * stack.kd)))
@@ -233,7 +233,7 @@ class Closed:
     """Loops of N plants closed by a controller: S (N, F, n_u, n_u) and E_ii (N, F, n_u)."""
 
     scene: Scene
-    gains: Gains
+    gains: JointLoop
     filters: Filters | None
     S: ComplexArray
     E: ComplexArray
@@ -280,7 +280,7 @@ def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
     return np.asarray(np.exp(ends[0] + share * (ends[1] - ends[0])))
 
 
-def closed_loop_poles(plants: Plants, gains: Gains, filters: Filters | None) -> ComplexArray:
+def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None) -> ComplexArray:
     """z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
     N, _, n_u = plants.B.shape
     T, unit, none = 1 / plants.rate_hz, np.eye(n_u), np.zeros((n_u, n_u))

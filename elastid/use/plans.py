@@ -271,8 +271,8 @@ class _Problem:
         held = [ca.DM(u / self.u_0) for u in self.holding]
         rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (_RATE_S / np.sqrt(self.step))
         # Sixth differences of coefficients: small of any smooth motion, large of one from knot to knot.
-        ripple = csc_array(np.diff(np.eye(self.count), 6, axis=0) * (np.sqrt(self.step) / _RIPPLE))
-        residual = ca.vertcat(tool, ca.vec(rate), ca.vec(whole @ ca.DM(ripple).T))
+        ripple = ca.diff(whole, 6, 1) * (np.sqrt(self.step) / _RIPPLE)
+        residual = ca.vertcat(tool, ca.vec(rate), ca.vec(ripple))
         self.nlp = {"x": x, "f": ca.sumsqr(residual), "g": g}
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
         slopes = ca.jacobian(residual, x)

@@ -21,10 +21,10 @@ from elastid.base.execution import Progress, silent
 from elastid.experiment.simulated.plant import Plant, true_plant
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
-from elastid.record import Configuration
+from elastid.record import Configuration, JointLoop
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, simulate
-from elastid.simulation.controller import Gains, tune
+from elastid.simulation.controller import tune
 from elastid.use.moves import KINDS, MotionLimits, Move, References
 from elastid.use.plans import (
     CommandedRobot,
@@ -69,7 +69,7 @@ class TwinLoop:
     commanded: CommandedRobot
     robot: Robot
     plant: Plant
-    gains: Gains
+    gains: JointLoop
 
     @classmethod
     def of(

@@ -34,10 +34,10 @@ from elastid.experiment.simulated.plant import Plant, true_plant
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.record import Configuration, Record, motion_unit
+from elastid.record import Configuration, JointLoop, Record, motion_unit
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
-from elastid.simulation.controller import Gains, rigid_motion, rigid_path, tune
+from elastid.simulation.controller import rigid_motion, rigid_path, tune
 from elastid.validation.torque_balance import (
     TorqueBalance,
     last_counted,
@@ -141,20 +141,20 @@ def run_along(
         return replace(empty, lost=str(error))
 
 
-def holding_gains(plant: Plant, bandwidth_hz: float) -> Gains:
+def holding_gains(plant: Plant, bandwidth_hz: float) -> JointLoop:
     """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
     return tune(plant.model, plant.point.q, bandwidth_hz, 1.0)
 
 
 def follow(
-    plant: Plant, commands: Commands, moving: BoolArray, held: Gains, position: FloatArray, velocity: FloatArray
+    plant: Plant, commands: Commands, moving: BoolArray, held: JointLoop, position: FloatArray, velocity: FloatArray
 ) -> Trajectory:
     """Trajectory from position and velocity (n_u,) of the motors; DataError where one is lost.
 
     held: gains of motors that move (n_u,); others are held by a loop of 5 Hz.
     """
     model, point, resting = plant.model, plant.point, holding_gains(plant, 5.0)
-    gains = Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
+    gains = JointLoop(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
     (q,) = rigid_path(model, point.q, point.configuration.angles, position[None])
     return simulate(plant.loop, gains, commands, q, v0=rigid_motion(model, q) @ velocity)
 

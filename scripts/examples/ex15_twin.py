@@ -12,7 +12,7 @@ import ex01_identify_from_python as bench
 import numpy as np
 from matplotlib.figure import Figure
 
-from elastid.use.draws import estimated_robot
+from elastid.fit.fitted_robot import estimated_robot
 from elastid.validation.twin import MOTION, elastic_runs
 
 robot, (low_hz, high_hz) = estimated_robot(bench.result), bench.excitation["band_hz"]

@@ -25,7 +25,7 @@ from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.movement import FeedForward, Movement
 from elastid.experiment.plan.plan import ClosedLoopResponse, PredictClosedLoop
 from elastid.experiment.simulated.hardware import drives
-from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec, TorqueRippleSpec
+from elastid.experiment.specs.simulated import SimulatedSpec, TorqueRippleSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.linear.linear_model import torque_elements
@@ -40,6 +40,7 @@ from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.controller import feed_forward, filters_of, gains_of
 from elastid.simulation.dynamics import affordable_steps, contacts, least_steps, poles
+from elastid.simulation.spec import ControllerSpec
 
 MAX_CLIPPED_SHARE = 0.5  # of the samples, beyond which a motor cannot control the robot
 

@@ -9,8 +9,8 @@ from elastid.base.names import at_level
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec
 from elastid.record import Hold
+from elastid.simulation.spec import ControllerSpec, GainsSpec
 
 
 @section
