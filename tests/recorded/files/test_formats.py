@@ -1,7 +1,9 @@
 """The formats of log files, and channels of a log by name."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +23,9 @@ from plants.ros_bag import LogArrays, write_bag
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files.formats import contents, opened_log, read_channels
-from elastid.recorded.files.log import ArrayLog
+from elastid.recorded.files import formats
+from elastid.recorded.files.formats import Format, contents, opened_log, read_channels
+from elastid.recorded.files.log import ArrayLog, StoredArray
 
 
 def test_contents_lists_every_signal_of_a_file(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
@@ -139,6 +142,42 @@ def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     with refused("install/missing-package", place="log", holds=f"--extra {extra}"):
         contents(tmp_path / "log", TEXT)
+
+
+@contextmanager
+def _opened_doubles(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    values = np.frombuffer(path.read_bytes()[4:])
+    yield ArrayLog(path, {"x": StoredArray(values.shape, values.dtype, lambda: values)})
+
+
+DOUBLES = Format("raw", lambda path, head: head.startswith(b"RAW!"), _opened_doubles, "export it again")
+NO_FORMAT = 7
+
+
+def _register(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setitem(sys.modules, "elastid_doubles", sys.modules[__name__])
+    point = EntryPoint("doubles", f"elastid_doubles:{name}", "elastid.readers")
+    monkeypatch.setattr(formats, "_points", lambda: (point,))
+
+
+def test_another_package_adds_a_format_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its file is read; files of other formats are read as before."""
+    _register(monkeypatch, "DOUBLES")
+    (tmp_path / "log.raw").write_bytes(b"RAW!" + np.arange(5.0).tobytes())
+    assert contents(tmp_path / "log.raw", TEXT) == {"x": (5,)}
+    (tmp_path / "log.csv").write_text("a,b\n1,2\n3,4\n")
+    assert contents(tmp_path / "log.csv", TEXT) == {"a": (2,), "b": (2,)}
+
+
+@pytest.mark.parametrize("name", ["ABSENT", "NO_FORMAT"])
+def test_an_entry_point_that_holds_no_format_is_named(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What cannot be imported, and what is something else."""
+    _register(monkeypatch, name)
+    (tmp_path / "log.csv").write_text("a,b\n1,2\n3,4\n")
+    with refused("install/missing-package", holds=("doubles", name)):
+        contents(tmp_path / "log.csv", TEXT)
 
 
 def _read(path: Path, *names: str, column: int | None = None) -> np.ndarray:
