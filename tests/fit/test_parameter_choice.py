@@ -95,13 +95,6 @@ def test_a_ratio_with_the_name_of_a_number_is_refused():
         choose(FitSpec(parameters=tied, ratios={"k_1": RatioSpec(1.0)}), ROBOT)
 
 
-def test_friction_may_end_far_above_a_data_sheets_number():
-    """Coulomb friction of 0.4 Nm slid at 2 rad/s looks like 0.2 Nms/rad beside 8e-4 viscous (Manutec r3, axis 1)."""
-    friction, damping = (parameters(**{name: ParameterSpec()})[name] for name in ("fm_1", "d_1"))
-    assert friction.upper >= 0.2 / 8e-4 * friction.value
-    assert damping.upper == pytest.approx(100 * damping.value)
-
-
 FREQ = np.linspace(2, 60, 60)
 
 

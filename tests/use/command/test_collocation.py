@@ -64,17 +64,6 @@ def test_limits_hold_where_they_keep_the_tool_off_its_path() -> None:
     assert errors[1] > errors[0]
 
 
-def test_a_finer_mesh_gives_the_same_motion() -> None:
-    """To a hundredth of a milliradian."""
-    own, robot = move(0.8), arm()
-    commanded = CommandedRobot.of(robot, "tool", own.ends[0])
-    t = np.linspace(0, 0.8, 50)
-    coarse, fine = (
-        plan(commanded, own, MotionLimits.of(robot), 0.1, knots_per_s=per_s).q(t) for per_s in (100.0, 200.0)
-    )
-    assert np.abs(coarse - fine).max() < 1e-5
-
-
 def replace_limits(robot: Robot, limits: Limits) -> Robot:
     """The robot with these limits of its driven joints."""
 
