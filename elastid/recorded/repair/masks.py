@@ -81,10 +81,6 @@ class MaskLimits:
     # Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
     min_clipped_share: float = 0.002
     max_clipped_share: float = 0.05
-    # A rounded signal that turns exceeds its limit by so many steps of rounding at most, by a parabola through at least
-    # so many samples on each side.
-    max_rounding: float = 2.0
-    min_side_samples: int = 3
     equal_tolerance: float = 1e-9  # values this close, as a part of the span, are equal
 
 
@@ -275,7 +271,7 @@ def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
         at_limit = _at_limit(x)
         if not at_limit.any():
             continue
-        clipped = in_runs(at_limit, LIMITS.min_equal) & ~_dwells(x, at_limit)
+        clipped = in_runs(at_limit, LIMITS.min_equal)
         share, n_clipped = float(clipped.mean()), int(clipped.sum())
         if share < LIMITS.min_clipped_share or _visits(x, clipped) < LIMITS.min_places * max(1, len(x) // L):
             continue
@@ -297,23 +293,6 @@ def _at_limit(x: FloatArray) -> BoolArray:
     at_limit = (x != 0) & ((high - x <= near) | (x - low <= near))
     is_limit = at_limit.mean() >= LIMITS.min_clipped_share and step(x) <= LIMITS.max_step_share * (high - low)
     return np.asarray(at_limit & is_limit)
-
-
-def _dwells(x: FloatArray, at_limit: BoolArray) -> BoolArray:
-    """Flags (n,) of the runs in which a rounded signal turns: a parabola through the neighbours explains the limit."""
-    gaps = np.diff(np.sort(x))
-    gaps = gaps[gaps > LIMITS.equal_tolerance * float(np.ptp(x))]
-    rounding = float(gaps.min()) if gaps.size else 0.0
-    dwells = np.zeros(len(x), dtype=np.bool_)
-    for start, end in runs(at_limit):
-        reach = max(LIMITS.min_side_samples, int(end - start))
-        sides = np.r_[max(0, start - reach) : start, end : min(len(x), end + reach)]
-        if len(sides) < 2 * reach:
-            continue
-        t = (sides - (start + end - 1) / 2) / reach
-        peak = np.linalg.lstsq(np.vander(t, 3), x[sides] - x[start], rcond=None)[0][2]
-        dwells[start:end] = abs(peak) <= LIMITS.max_rounding * rounding
-    return dwells
 
 
 def _visits(x: FloatArray, clipped: BoolArray) -> int:
