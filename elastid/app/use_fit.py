@@ -26,9 +26,8 @@ from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
-from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit import posture
-from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.fitted_robot import FittedRobot, draw_robots, estimated_robot
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.answer import Answer
@@ -37,6 +36,7 @@ from elastid.report.figures.fit import octaves_figure
 from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
 from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.robot import Robot
+from elastid.simulation.spec import ControllerSpec
 from elastid.store.files import keep_checksums, write_rows, write_text
 from elastid.store.friction_study import read_friction_records, read_friction_result
 from elastid.store.measured import read_friction, read_responses
@@ -48,7 +48,6 @@ from elastid.study.source import read_source
 from elastid.targets.fmu import write_move_fmu
 from elastid.targets.move import write_move
 from elastid.use.closed_loops import PostureFamily
-from elastid.use.draws import draw_robots, estimated_robot
 from elastid.use.loops import Loops, design_loops
 from elastid.use.map import Cut, map_workspace
 from elastid.use.moves import read_move

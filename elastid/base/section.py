@@ -5,7 +5,8 @@ Each section of a study lives in the room that uses it and knows no YAML; `study
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
 from functools import cache
 from typing import Any, TypeVar, dataclass_transform
 
@@ -22,25 +23,30 @@ class Key:
     """Text of a key of a study, in the annotation of its field: `Annotated[Time, Key("Period of ...", "longer ...")]`.
 
     text: the meaning; its first sentence needs no context.  advice: when to change the key, and the effect of it.
-    above, least: bounds of its number, or of each of several; None for any.
+    above, least, most: bounds of its number, or of each of several; None for any.  distinct: no value is given twice.
     """
 
     text: str
     advice: str
     above: float | None = None
     least: float | None = None
+    most: float | None = None
+    distinct: bool = False
 
     def checked(self, value: Any) -> Any:
         """The value of the key; ValueError for a number out of the bounds and for names that are hardly different."""
         if isinstance(value, dict):
             check_different("name", map(str, value))
-        for number in value if isinstance(value, tuple) else (value,):
-            if not isinstance(number, int | float):
-                continue
+        if self.distinct and isinstance(value, tuple) and len({*value}) < len(value):
+            twice = next(entry for entry in value if value.count(entry) > 1)
+            raise ValueError(f"{twice} is given twice; leave one out")
+        for number in _numbers(value):
             if self.above is not None and not number > self.above:
-                raise ValueError(f"it must be above {self.above:g}" if self.above else "it must be positive")
+                raise ValueError(f"it must be above {self.above:g}")
             if self.least is not None and not number >= self.least:
-                raise ValueError(f"it must be at least {self.least:g}" if self.least else "it must not be negative")
+                raise ValueError(f"it must be at least {self.least:g}")
+            if self.most is not None and not number <= self.most:
+                raise ValueError(f"it must be at most {self.most:g}")
         return value
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
@@ -48,6 +54,15 @@ class Key:
         from pydantic_core import core_schema
 
         return core_schema.no_info_after_validator_function(self.checked, handler(source))
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """Numbers of a value, or of tuples of them."""
+    if isinstance(value, tuple):
+        for entry in value:
+            yield from _numbers(entry)
+    elif isinstance(value, int | float):
+        yield value
 
 
 def check_band(band_hz: tuple[float, float] | None) -> None:
@@ -64,12 +79,16 @@ def section(cls: type[T]) -> type[T]:
     that is wrong.
     """
     made: Any = dataclass(frozen=True)(cls)
+    by_default, requires = made.__init__, any(f.default is f.default_factory for f in fields(made))
 
     def __init__(self: T, *values: Any, **keys: Any) -> None:
+        if not (values or keys or requires):
+            by_default(self)
+            return
         from pydantic_core import ArgsKwargs, ValidationError
 
         try:
-            _validator(made).validate_python(ArgsKwargs(values, keys), self_instance=self)
+            validator(made).validate_python(ArgsKwargs(values, keys), self_instance=self)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             message, steps = first["msg"].removeprefix("Value error, "), list(first["loc"])
@@ -84,8 +103,8 @@ def section(cls: type[T]) -> type[T]:
 
 
 @cache
-def _validator(section: type) -> Any:
-    """pydantic's validator of a section, made when the first one is."""
+def validator(section: type) -> Any:
+    """pydantic's validator of a section, made when the first one is: that of a study takes longer than reading one."""
     from pydantic import TypeAdapter
 
     return TypeAdapter(section).validator

@@ -60,14 +60,10 @@ class GasSpring:
     column: Annotated[Length, Key("Height h_0 of the gas column at that length.", "volume over piston area; a long one "
         "gives a nearly constant force.", above=0)]
     kappa: Annotated[Ratio, Key("Exponent of the gas, 1 isothermal to 1.4 adiabatic.", "1 for slow motion and "
-        "postures, 1.3 to 1.4 for motion within seconds, as in a multisine's swing.")] = 1.0
+        "postures, 1.3 to 1.4 for motion within seconds, as in a multisine's swing.", least=1, most=2)] = 1.0
     action: Annotated[Literal["push", "draw"], Key("Direction of the force: `push` for a strut, `draw` for a cylinder "
         "that pulls.", "draw for cylinders whose rod is pulled out as the arm goes down.")] = "push"
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.kappa <= 2:
-            raise ValueError(f"kappa is {self.kappa:g}; it is 1 (isothermal) to 1.4 (adiabatic, nitrogen) or 1.67")
 
     def numbers(self, name: str) -> Numbers:
         """F0_, L0_, h0_ and kappa_ of a compensator."""

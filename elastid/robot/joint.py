@@ -222,8 +222,8 @@ class Motor:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if self.ratio == 0 or not math.isfinite(self.ratio):
-            raise ValueError(f"the gear ratio is {self.ratio:g}; it must be a finite number other than 0")
+        if self.ratio == 0:
+            raise ValueError("ratio is 0; give the turns of the motor in one of the joint")
         if self.spring is not None and not self.spring.is_linear:
             raise ValueError(
                 "the spring of a motor's shaft must be linear; give backlash and stiffening to the spring of the joint"

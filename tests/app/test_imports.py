@@ -19,6 +19,7 @@ SPECS = [
     "elastid.frf.spec",
     "elastid.fit.spec",
     "elastid.model.spec",
+    "elastid.simulation.spec",
     "elastid.validation.spec",
     "elastid.study",
     "elastid.app.overview",

@@ -20,7 +20,6 @@ from elastid.design.friction import (
     optimal_speeds,
 )
 from elastid.experiment.plan.friction import pass_reference
-from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.friction_study.spec import (
     AtRestSpec,
     FrictionSpec,
@@ -31,6 +30,7 @@ from elastid.friction_study.spec import (
 )
 from elastid.record import Configuration
 from elastid.robot import Limits
+from elastid.simulation.spec import ControllerSpec
 
 
 def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() -> None:

@@ -21,7 +21,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from elastid.validation.comparison import ComparedVariant, RefitTask, refit
+from elastid.validation.comparison import ComparedVariant, refit
 
 FREQ = np.linspace(2, 60, 60)
 # Joint 1 carries 850, 760, 290, 40, 990 Nm: from nearly its stiffness without load to five times as much.
@@ -158,9 +158,9 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     (predicted,) = FittedRobot.of(result, data_sheet_arm.arm(), data[-1:]).responses
     assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
     own = ComparedVariant("own", data_sheet_arm.arm(), SPEC, EXACT)
-    fold = refit(data, RefitTask(own, ("b3",)))
+    fold = refit(data, (own, ("b3",)))
     assert fold.left_out["b3"].misfit < 1.2
-    without = refit(data, RefitTask(own, ROBOTS["B"]))
+    without = refit(data, (own, ROBOTS["B"]))
     assert without.left_out["b1"].misfit > 10
 
 

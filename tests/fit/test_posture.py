@@ -9,13 +9,13 @@ from plants.predicted_arm import LENGTH, MASS, STD, STIFFNESS, TOOL, closed_form
 from plants.refusals import refused
 
 from elastid.base.errors import UnknownNameError
-from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import ModificationIndex, Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
 from elastid.record import JointLoop
 from elastid.robot import Body, Frame, GearCoupling, Joint, Motor, Payload, Placement, Robot, Spring
+from elastid.simulation.spec import ControllerSpec
 
 ANGLES = np.array([0.2, 0.9])
 LINES = np.linspace(1.0, 60.0, 40)

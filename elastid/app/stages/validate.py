@@ -25,10 +25,16 @@ from elastid.response import Response
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
 from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.study import Study
-from elastid.validation import elastic_twin
 from elastid.validation.agreement import Validation, predict_response
 from elastid.validation.agreement import validate as validate_responses
-from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
+from elastid.validation.torque_balance import (
+    Part,
+    TorqueBalance,
+    elastic_balances,
+    model_parts,
+    rigid_linearisation,
+)
+from elastid.validation.twin import NO_TWIN, TwinFindings, TwinRun, elastic_runs
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,7 @@ def validate(study: Study, work: Work) -> Artefacts:
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
         worst = sorted(twin.balances, key=lambda balance: balance.left)[-1:]
-        for words in (*map(describe_balance, worst), *twin.run_words):
+        for words in replace(twin, balances=tuple(worst)).words:
             console.detail(f"validate: {words}")
 
     return Artefacts(
@@ -106,15 +112,14 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
     """
     fitted, names, E = basis.fitted, read_configurations(path), shaft_couplings(basis.study.robot)
     try:
-        rigid = elastic_twin.rigid_linearisation(fitted, basis.study.model)
+        rigid = rigid_linearisation(fitted, basis.study.model)
     except StudyError as error:
         console.say(f"validate: the torque is not divided into parts: {error}")
         return ()
     models = [
         (parts, response)
         for response in fitted.measured
-        if (name := response.configuration.name) in names
-        and (parts := elastic_twin.model_parts(fitted, rigid, name)) is not None
+        if (name := response.configuration.name) in names and (parts := model_parts(fitted, rigid, name)) is not None
     ]
     of_each = execution.ordered(partial(_balanced, path, basis.friction, E, basis.study.estimator), models)
     return tuple(balance for of_motors in of_each for balance in of_motors)
@@ -122,12 +127,12 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
 
 def _balanced(
     path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec,
-    model: tuple[elastic_twin.ModelParts, Response],
+    model: tuple[Sequence[Part], Response],
 ) -> tuple[TorqueBalance, ...]:  # fmt: skip
     parts, response = model
     first = next(read_records(path, response.configuration.name))
     net = next(net_records([first], friction, E))
-    return elastic_twin.elastic_balances(first, net, parts, response.freq_hz, spec)
+    return elastic_balances(first, net, parts, response.freq_hz, spec)
 
 
 def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
@@ -143,4 +148,4 @@ def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
     delay_s = result.parameters.numbers(result.x, chosen).get(DELAY, 0.0)
-    return elastic_twin.elastic_runs(record, moved, band_hz, delay_s, basis.study.model)
+    return elastic_runs(record, moved, band_hz, delay_s, basis.study.model)

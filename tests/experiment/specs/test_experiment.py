@@ -9,7 +9,8 @@ from plants.refusals import refused
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
-from elastid.experiment.specs.simulated import ColoredNoiseSpec, ControllerSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import ColoredNoiseSpec, NoiseSpec, SimulatedSpec
+from elastid.simulation.spec import ControllerSpec
 
 
 def test_exactly_one_rig_with_its_kind() -> None:
