@@ -25,7 +25,7 @@ from elastid.response import Response
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
 from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.study import Study
-from elastid.validation.agreement import predict_response
+from elastid.validation.agreement import Validation, predict_response
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.torque_balance import (
     Part,
@@ -59,15 +59,9 @@ def validate(study: Study, work: Work) -> Artefacts:
     records = work.sources.get("measure")
     if records is None and study.experiment.responses is None:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is simulated in time")
-    with work.execution() as execution:
-        twin = in_time(basis, records, work.console, execution)
     left_out = study.validation.left_out
-    shifts = {
-        G.configuration.name: fitted.at(G.configuration.name).response_shifts(G.freq_hz)
-        for G in responses
-        if G.configuration.name in left_out
-    }
-    judged = validate_responses(responses, fitted.responses, left_out, shifts)
+    with work.execution() as execution:
+        judged, twin = judge(basis, left_out, records, work.console, execution)
     counted = result.tool is not None and not result.tool.disagrees
     predictions = [predict_response(result, G) for G in tool_responses(study.validation.tool, study, work.base)]
     predictions += [
@@ -93,11 +87,22 @@ def validate(study: Study, work: Work) -> Artefacts:
     )
 
 
-def in_time(basis: Validated, records: Path | None, console: Console, execution: Execution) -> TwinFindings:
-    """The torques of the fitted robot part by part, and its motion along a record; nothing without records."""
-    if records is None:
-        return NO_TWIN
-    return TwinFindings(_balances(basis, records, console, execution), _twin_runs(basis, records))
+def judge(
+    basis: Validated, left_out: Sequence[str], records: Path | None, console: Console, execution: Execution
+) -> tuple[Validation, TwinFindings]:
+    """Errors of the responses, of those left out with the interval of a prediction; and the robot in time.
+
+    That is its torques part by part, and its motion along a record; nothing without records.
+    """
+    twin, fitted = NO_TWIN, basis.fitted
+    if records is not None:
+        twin = TwinFindings(_balances(basis, records, console, execution), _twin_runs(basis, records))
+    shifts = {
+        name: fitted.at(name).response_shifts(G.freq_hz)
+        for G in fitted.measured
+        if (name := G.configuration.name) in left_out
+    }
+    return validate_responses(fitted.measured, fitted.responses, left_out, shifts), twin
 
 
 def _balances(basis: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:

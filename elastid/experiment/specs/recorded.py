@@ -177,6 +177,8 @@ class RecordedSpec:
                     f"half_wave says that {file.path} repeats with opposite sign, but it has no period; give period or "
                     "period_samples, or leave half_wave out"
                 )
+            if self.half_wave and isinstance(samples, float) and samples % 2 == 1:
+                raise ValueError(f"half_wave needs an even number of samples per period, not {samples:g}")
             if isinstance(samples, float) and samples < 2:
                 raise ValueError(
                     f"the period of {file.path} is {samples:.6g} samples; it must be 2 at least: check period and "
