@@ -9,6 +9,7 @@ import pytest
 from plants.commanded_arm import arm, move, rigid_gears
 
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.robot.simplified import with_joints
 from elastid.use.moves import MotionLimits, point_to_point
 from elastid.use.plans import CommandedRobot, best_plan, plan, planned_error, sampled
 
@@ -66,9 +67,4 @@ def test_limits_hold_where_they_keep_the_tool_off_its_path() -> None:
 
 def replace_limits(robot: Robot, limits: Limits) -> Robot:
     """The robot with these limits of its driven joints."""
-
-    def changed(joint: Joint) -> Joint:
-        return replace(joint, limits=limits) if joint.motor is not None else joint
-
-    bodies = (replace(body, joints=tuple(map(changed, body.joints))) for body in robot.bodies)
-    return replace(robot, bodies=tuple(bodies))
+    return with_joints(robot, lambda joint: joint if joint.motor is None else replace(joint, limits=limits))
