@@ -41,11 +41,11 @@ def bode(measured: Response, model: FittedModel | Response | None = None, *, ban
             f"the model has inputs {', '.join(modelled.inputs)} and outputs {', '.join(modelled.outputs)}, the "
             f"measured response {', '.join(measured.inputs)} and {', '.join(measured.outputs)}"
         )
-    here, there = measured.configuration, modelled.configuration
-    if isinstance(model, FittedModel) and not np.array_equal(here.angles, there.angles):
+    posture, other = measured.configuration, modelled.configuration
+    if isinstance(model, FittedModel) and not np.array_equal(posture.angles, other.angles):
         raise ValueError(
-            f"the model is of configuration {there.name}, the measured response of {here.name}, at other angles; take "
-            f"result.model('{here.name}')"
+            f"the model is of configuration {other.name}, the measured response of {posture.name}, elsewhere; take "
+            f"result.model('{posture.name}')"
         )
     return fit.bode(measured, in_quantity(modelled, measured.quantity), std)
 

@@ -55,11 +55,19 @@ class HeldTorque:
 
 @frozen_value
 class JointLoop:
-    """Feedback u = -(kp + kd s) (1 + ki / s) y of each motor; kp, kd, ki (n_u,), link side, SI."""
+    """Feedback u = -(kp + kd s) (1 + ki / s) y of each motor; kp, kd, ki (n_u,), link side, SI.
+
+    ki: 0 without integral action.
+    """
 
     kp: FloatArray
     kd: FloatArray
-    ki: FloatArray
+    ki: FloatArray = field(default_factory=lambda: np.zeros(1))
+
+    def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
+        """F (..., n_u), torque over angle of the sampled loop, at freq_hz (...)."""
+        step = 1 - np.exp(-2j * np.pi * np.asarray(freq_hz)[..., None] / rate_hz)
+        return np.asarray((self.kp + self.kd * rate_hz * step) * (1 + self.ki / rate_hz * (1 - step) / step))
 
 
 @frozen_value

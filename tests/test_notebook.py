@@ -210,7 +210,6 @@ def test_an_argument_of_another_type_is_refused_with_what_gives_the_right_one(me
             lambda: identify(measured, arm(), {}),
             "spec is of type dict, not FitSpec; FitSpec() has",
         ),
-        (lambda: FitSpec(parameters=["k_1"]), "parameters is of type list, not Mapping"),
         (lambda: estimate(steady_record(), EstimatorSpec()), "give a sequence of them"),
         (lambda: elastid.plot.bode(measured[0], result), "not FittedModel or Response; result.model(conf"),
         (lambda: elastid.Response.from_control(system, measured[0].configuration), "control.frd(system"),
@@ -236,12 +235,14 @@ def test_frequencies_are_numbers_in_a_row(result) -> None:
 
 
 def test_sections_made_in_python_refuse_words_that_are_no_choice(measured) -> None:
-    """As a study does: no misspelt word is taken for a default, and no text for a number."""
+    """As a study does: no misspelt word is taken for a default, no number of another unit, no list for names."""
+    assert elastid.Spring(stiffness="3 kN*m/rad") == elastid.Spring(stiffness=3000.0)
     for make, says in (
-        (lambda: FitSpec(criterion="complx"), "FitSpec: criterion is 'complx'; give one of complex, log"),
-        (lambda: elastid.Joint("1", "w"), "Joint: axis is 'w'; give one of x, y, z, or a tuple"),
-        (lambda: elastid.Spring(stiffness="3 kN*m/rad"), "stiffness is '3 kN.m/rad'; give a number in SI"),
-        (lambda: MultisineSpec(500.0, "4 s", (2.0, 60.0), 50.0), "period is '4 s'; give a number in SI"),
+        (lambda: FitSpec(criterion="complx"), "^criterion: "),
+        (lambda: FitSpec(parameters=["k_1"]), "^parameters: "),
+        (lambda: elastid.Joint("1", "w"), "^axis"),
+        (lambda: elastid.Spring(stiffness="3 kg"), "^stiffness: .*3 kg"),
+        (lambda: MultisineSpec(500.0, "4 m", (2.0, 60.0), 50.0), "^period: .*4 m"),
     ):
         with pytest.raises(ValueError, match=says):
             make()
@@ -262,7 +263,7 @@ def test_sections_made_in_python_take_lists_and_arrays_for_tuples() -> None:
         inertia=[3, 2, np.float64(2)],
     )
     assert elastid.Robot("arm", [lists]) == elastid.Robot("arm", (tuples,))
-    with pytest.raises(ValueError, match="FitSpec: criterion is 'complx'; give one of"):
+    with pytest.raises(ValueError, match=r"^criterion: "):
         FitSpec(criterion=np.str_("complx"))
     assert hash(elastid.Robot("arm", [lists])) == hash(elastid.Robot("arm", (tuples,)))
 

@@ -35,7 +35,6 @@ from elastid.validation.comparison import (
     Comparison,
     Elastic,
     Refit,
-    RefitTask,
     Trial,
     describe_search,
     divide,
@@ -177,7 +176,7 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: _Responses)
     """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
     names = [response.configuration.name for response in responses]
     parts = ((), *divide(names, run.study.compare.folds))
-    tasks = [RefitTask(variant, part) for variant in models for part in parts]
+    tasks = [(variant, part) for variant in models for part in parts]
     finished = Checkpoint(own_path(run.folder, PARTIAL), run.stamps["estimate"].code)
     # Of everything that a fit depends on except the code.
     keys = [f"refit-{hash_of([task, run.stamps['estimate'].inputs])[:24]}" for task in tasks]

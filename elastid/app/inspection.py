@@ -15,6 +15,7 @@ from elastid.base.arrays import FloatArray, shown_values, value_range
 from elastid.base.display import columns
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.recorded.channel_guess import is_clock
 from elastid.recorded.files.formats import is_log, naming, opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, described_format, guess_format
@@ -61,15 +62,9 @@ def _column(log: TextLog, i: int) -> Iterator[FloatArray]:
 
 
 def _rise(start: NDArray[Any]) -> str:
-    """The rate of a signal that rises by regular steps, as a time or a counter does; empty for any other."""
-    t = np.squeeze(start) if start.size > 1 else start
-    if t.ndim != 1 or len(t) < 3 or t.dtype.kind == "b" or not np.isfinite(t).all():
-        return ""
-    time_s = np.asarray(t, dtype=np.float64) - float(t[0])
-    steps = np.diff(time_s)
-    usual = float(np.median(steps))
-    # Other signals that rise have fewer steps near their median.
-    if steps.min() < 0 or time_s[-1] == 0 or np.mean(np.abs(steps - usual) <= 0.5 * usual) < 0.9:
+    """The rate of a signal that rises as a time or a counter does; empty for any other."""
+    t = np.squeeze(start)
+    if t.ndim != 1 or t.dtype.kind == "b" or not is_clock(time_s := np.asarray(t - t[:1], dtype=np.float64)):
         return ""
     grid = even_grid(time_s)
     if grid is not None and len(grid[0]) == grid[0][-1] + 1:

@@ -19,15 +19,13 @@ from typing import Any
 import numpy as np
 
 from elastid.app.run import Run, carry_out, hash_of, logged_in, run_all
-from elastid.app.run import stamps as stamps_of
 from elastid.app.stage_table import SIMULATED
 from elastid.app.stages.design import movement_of
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.arrays import FloatArray
 from elastid.base.display import degrees, number
 from elastid.base.errors import DataError, FitError, StudyError
-from elastid.base.execution import Execution
-from elastid.base.workers import lasting_workers
+from elastid.base.execution import Execution, lasting_workers
 from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s
@@ -38,6 +36,7 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.fit.fitted_robot import estimated_robot
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import Result
 from elastid.friction.robot_friction import coulomb_levels
@@ -53,7 +52,7 @@ from elastid.store.results import read_fit
 from elastid.study import Study, load
 from elastid.study.loading import study_data
 from elastid.study.robots import yaml_text
-from elastid.use.draws import draw_robots, estimated_robot
+from elastid.use.draws import draw_robots
 
 POLL_S = 0.5  # between two looks at a folder
 # Sections of a study that mean the same with other configurations than its own.
@@ -124,7 +123,7 @@ class Session:
     @cached_property
     def stamp(self) -> Stamp:
         """Stamp of all files of the session: the values of the study that a plan depends on, and who makes the logs."""
-        own = stamps_of(self.run.loaded)["design"]
+        own = self.run.stamps["design"]
         return replace(own, study="", inputs=hash_of([own.inputs, "simulated"]) if self.simulate else own.inputs)
 
     def work(self) -> tuple[list[Plan], bool, str]:
@@ -343,8 +342,7 @@ class Session:
     def _file(self, plan: Plan, run: Experiment, whole: bool = False) -> FileSpec:
         log = self.log(run)
         assert log is not None
-        first = plan.first_sample + plan.transient_periods * plan.period_samples
-        samples = None if whole else (first, first + plan.periods * plan.period_samples)
+        samples = None if whole else (plan.measured.start, plan.measured.stop)
         return FileSpec(f"logs/{log.name}", run.configuration.name, run.realisation, run.experiment, samples=samples)
 
     def signals(self, plan: Plan, run: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:

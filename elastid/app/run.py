@@ -33,9 +33,9 @@ from elastid.app.console import Console
 from elastid.app.stage_table import Stage, files_of, stages_of, stages_of_study
 from elastid.base import kernels
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution
+from elastid.base.execution import Execution, lasting_workers
 from elastid.base.files import own_path
-from elastid.base.workers import lasting_workers, load_for_workers
+from elastid.base.workers import load_for_workers
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import (
     changed_texts,

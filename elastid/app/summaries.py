@@ -26,7 +26,8 @@ from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.values import SCHEMA, json_value
 from elastid.validation.agreement import Agreement, Validation
-from elastid.validation.twin import NO_TWIN, BandBalance, TorqueBalance, TwinFindings
+from elastid.validation.torque_balance import BandBalance, TorqueBalance
+from elastid.validation.twin import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
     from elastid.friction_study.motion import RigidBody

@@ -20,15 +20,14 @@ from elastid.app.export import gears_of
 from elastid.app.identified_robot import with_findings, with_identified_friction
 from elastid.app.run import Run, carry_out, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
-from elastid.app.stages.validate import Validated, in_time
+from elastid.app.stages.validate import Validated, judge
 from elastid.app.summaries import predicted, validation_summary
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
-from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit import posture
-from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.fitted_robot import FittedRobot, estimated_robot
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.answer import Answer
@@ -37,6 +36,7 @@ from elastid.report.figures.fit import octaves_figure
 from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
 from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.robot import Robot
+from elastid.simulation.spec import ControllerSpec
 from elastid.store.files import keep_checksums, write_rows, write_text
 from elastid.store.friction_study import read_friction_records, read_friction_result
 from elastid.store.measured import read_friction, read_responses
@@ -48,13 +48,12 @@ from elastid.study.source import read_source
 from elastid.targets.fmu import write_move_fmu
 from elastid.targets.move import write_move
 from elastid.use.closed_loops import PostureFamily
-from elastid.use.draws import draw_robots, estimated_robot
+from elastid.use.draws import draw_robots
 from elastid.use.loops import Loops, design_loops
 from elastid.use.map import Cut, map_workspace
 from elastid.use.moves import read_move
 from elastid.use.postures import grid_postures, random_postures, read_path
 from elastid.use.tune import Given, TunedMove, tune_move
-from elastid.validation.agreement import validate
 from elastid.validation.friction_twin import predict_logs
 from elastid.validation.spec import ValidationSpec
 from elastid.validation.twin import TwinFindings
@@ -330,8 +329,7 @@ def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seq
     fitted = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
     validated = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
-    twin = in_time(validated, records, run.console, Execution(run.jobs))
-    shifts = {G.configuration.name: fitted.at(G.configuration.name).response_shifts(G.freq_hz) for G in responses}
-    judged = validate(responses, fitted.responses, [*shifts], shifts=shifts)
+    names = [response.configuration.name for response in responses]
+    judged, twin = judge(validated, names, records, run.console, Execution(run.jobs))
     content = validation_summary(study.name, judged, twin)
     return twin, content, [words for words in (judged.verdict, *twin.words) if words]

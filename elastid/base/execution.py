@@ -20,7 +20,7 @@ from typing import Any, TypeAlias, TypeVar
 from uuid import uuid4
 
 from elastid.base.errors import ElastidError, installed
-from elastid.base.workers import End, LostError, Outcome, Served, outcomes
+from elastid.base.workers import End, LostError, Outcome, Served, Worker, dismiss, outcomes
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -32,6 +32,25 @@ ANSWER_S = 10.0
 WORKERS_S = 120.0
 # Address of the scheduler that work goes to; empty where it stays on this machine.
 SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
+
+
+# Workers at rest inside `lasting_workers()`, which any work inside takes from and returns to.
+_AT_REST: ContextVar[list[Worker] | None] = ContextVar("workers at rest", default=None)
+
+
+@contextmanager
+def lasting_workers() -> Iterator[None]:
+    """Inside, workers that have ended one work rest until the next; all of them until the outermost ends."""
+    if _AT_REST.get() is not None:
+        yield
+        return
+    at_rest: list[Worker] = []
+    token = _AT_REST.set(at_rest)
+    try:
+        yield
+    finally:
+        _AT_REST.reset(token)
+        dismiss(at_rest)
 
 
 def silent(done: int, total: int) -> None:
@@ -62,7 +81,7 @@ def _outcomes(
     if address:
         with client_of(address) as client:
             jobs, new = len(places_of(client)), partial(Remote, address)
-    return outcomes(function, items, min(jobs, len(items)), at_home, new)
+    return outcomes(function, items, min(jobs, len(items)), at_home, new, _AT_REST.get())
 
 
 @dataclass(frozen=True)
@@ -103,7 +122,12 @@ class Execution:
         Raises ElastidError where workers die again and again.
         """
         self.progress(0, len(items))
-        with closing(self._outcomes(function, items)) as results:
+        if not self.is_shared(len(items)):
+            for index, item in enumerate(items):
+                yield index, function(item)
+                self.progress(index + 1, len(items))
+            return
+        with closing(_by_workers(function, items, self.jobs)) as results:
             for done, (index, outcome) in enumerate(results, start=1):
                 yield index, outcome.result
                 self.progress(done, len(items))
@@ -113,9 +137,12 @@ class Execution:
 
         Neighbours have the same one. The first error in turn is raised, once all others have ended.
         """
+        if not self.is_shared(len(items)):
+            yield from map(function, items)
+            return
         known: dict[int, Outcome] = {}
         index = 0
-        with closing(self._outcomes(function, items, at_home=True)) as results:
+        with closing(_by_workers(function, items, self.jobs, at_home=True)) as results:
             for finished, outcome in results:
                 known[finished] = outcome
                 while index in known and known[index].error is None:
@@ -123,13 +150,6 @@ class Execution:
                     index += 1
         if known:
             yield known[index].result
-
-    def _outcomes(
-        self, function: Callable[[Item], Value], items: Sequence[Item], at_home: bool = False
-    ) -> Generator[tuple[int, Outcome], None, None]:
-        if self.is_shared(len(items)):
-            return _by_workers(function, items, self.jobs, at_home)
-        return ((index, Outcome(function(item))) for index, item in enumerate(items))
 
     def resumed(self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]) -> list[Value]:
         """`ordered`, resumed: values in the checkpoint under the names are known, new ones are kept there."""

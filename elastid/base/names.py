@@ -69,7 +69,7 @@ class NameRule:
             return ""
         is_long = len(name.encode("utf-8", "surrogatepass")) > MAX_FILE_NAME_BYTES
         is_device = name.split(".")[0].upper() in _DEVICES  # of Windows
-        if is_long or is_device or "." in (name[0], name[-1]) or any(each in name for each in _NOT_IN_FILE_NAMES):
+        if is_long or is_device or "." in (name[0], name[-1]) or not {*name}.isdisjoint(_NOT_IN_FILE_NAMES):
             return f'cannot name a file: no / \\ : * ? " < > |, outer dot, device, or over {MAX_FILE_NAME_BYTES} bytes'
         return ""
 

@@ -149,20 +149,21 @@ def of_translation(unit: str) -> str:
 class InUnit:
     """Marks a float field with its SI unit; the study loader reads numbers and texts with units through it.
 
-    others: further dimensions that the field may have instead.
+    others: further dimensions that the field may have instead.  is_finite: False where an infinite number says that
+    there is no limit.
     """
 
-    def __init__(self, unit: str, *others: str) -> None:
-        self.unit = unit
-        self.units = (unit, *others)
+    def __init__(self, unit: str, *others: str, is_finite: bool = True) -> None:
+        self.unit, self.units, self.is_finite = unit, (unit, *others), is_finite
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """How pydantic validates the field; imported here so that value types stay free of pydantic."""
         from pydantic_core import core_schema
 
-        return core_schema.no_info_plain_validator_function(
-            lambda value: to_si(value, *self.units), metadata={"pydantic_js_functions": []}
-        )
+        return core_schema.no_info_plain_validator_function(self._number, metadata={"pydantic_js_functions": []})
+
+    def _number(self, value: Any) -> float:
+        return float(value) if not self.is_finite and value in (-math.inf, math.inf) else to_si(value, *self.units)
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
         fitting = [name for unit in self.units for name in units_of(unit)]
@@ -195,8 +196,6 @@ Conductance: TypeAlias = Annotated[float, InUnit("W/K")]
 # Of a joint, which may turn or slide.
 JointPosition: TypeAlias = Annotated[float, InUnit("rad", "m")]
 JointVelocity: TypeAlias = Annotated[float, InUnit("rad/s", "m/s")]
-JointAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2", "m/s^2")]
-JointJerk: TypeAlias = Annotated[float, InUnit("rad/s^3", "m/s^3")]
 JointTorque: TypeAlias = Annotated[float, InUnit("N*m", "N")]
 TorqueConstant: TypeAlias = Annotated[float, InUnit("N*m/A")]
 

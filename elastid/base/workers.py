@@ -1,8 +1,8 @@
 """Worker processes of this machine: copies of one that has loaded what they need, ended at once on Ctrl-C.
 
-They start from nothing where the system has no copies. Inside `lasting_workers()` they stay for the next work, with the
-models that they have built and the values that they have. Workers of a Dask cluster are asked by the same messages
-(`base.execution`).
+They start from nothing where the system has no copies. Some stay for the next work, with the models that they have
+built and the values that they have (`lasting_workers` of `base.execution`). Workers of a Dask cluster are asked by the
+same messages (`base.execution`).
 
 Large frozen arrays, and instances of `Kept`, which stay there as here, go to another process once: both ends of a pipe
 know what the other one has by names. What is gone here is forgotten there with the next work.
@@ -83,7 +83,7 @@ class End:
 
 
 class _Message(bytearray):
-    """What is pickled, sent without a copy; a BytesIO whose buffer is in use complains where it is collected."""
+    """Bytes of a pickled value, sent without a copy: a BytesIO whose buffer is in use complains when it is freed."""
 
     write = bytearray.extend
 
@@ -180,41 +180,23 @@ class Outcome:
         return self.value
 
 
-# Workers at rest inside `lasting_workers()`, which any work inside takes from and returns to.
-_AT_REST: ContextVar[list[Worker] | None] = ContextVar("workers at rest", default=None)
-
-
-@contextmanager
-def lasting_workers() -> Iterator[None]:
-    """Inside, workers that have ended one work rest until the next; all of them until the outermost ends."""
-    if _AT_REST.get() is not None:
-        yield
-        return
-    at_rest: list[Worker] = []
-    token = _AT_REST.set(at_rest)
-    try:
-        yield
-    finally:
-        _AT_REST.reset(token)
-        _dismiss(at_rest)
-
-
 def outcomes(
     function: Callable[[Any], Any],
     items: Sequence[tuple[int, Any]],
     count: int,
     at_home: bool = False,
     new: Callable[[Connection, int], Any] | None = None,
+    lasting: list[Worker] | None = None,
 ) -> Generator[tuple[int, Outcome], None, None]:
     """(index, outcome of function(item)) as they finish, by `count` workers; a worker that dies is replaced.
 
     The function goes to each worker once.  at_home: each item to the worker of its place, neighbours to the same one;
     else to the next that is free.  new: the process of a worker, not yet started, by its end of the pipe and its place.
-    Workers that are at an item when this ends are ended.
+    lasting: those at rest, which work again and rest again behind it.  Workers that are at an item when this ends are
+    ended.
     """
     ends = [len(items) * place // count for place in range(count + 1)] if at_home else [0, len(items)]
     waiting = [deque(items[first:last]) for first, last in pairwise(ends)]
-    lasting = _AT_REST.get()
     at_rest: list[Worker] = [] if lasting is None else lasting
     called: list[Worker] = []
     busy: dict[Connection, tuple[int, Worker]] = {}
@@ -260,7 +242,7 @@ def outcomes(
             if worker not in at_rest:
                 end(worker)
         if lasting is None:
-            _dismiss(at_rest)
+            dismiss(at_rest)
 
 
 def load_for_workers(modules: Sequence[str]) -> None:
@@ -344,7 +326,7 @@ def end(worker: Worker) -> None:
         worker.process.join()
 
 
-def _dismiss(workers: Sequence[Worker]) -> None:
+def dismiss(workers: Sequence[Worker]) -> None:
     """Independently; wait for all."""
     for worker in workers:
         worker.pipe.close()

@@ -32,7 +32,6 @@ from elastid.experiment.plan.friction import (
 )
 from elastid.experiment.simulated.plant import model_of
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.friction.robot_friction import frictions
 from elastid.friction.static import Conditions, columns, slopes
 from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec, WarmUpSpec
@@ -41,6 +40,7 @@ from elastid.record import Configuration, drive_unit
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 from elastid.simulation.controller import feed_forward, tune
+from elastid.simulation.spec import ControllerSpec
 
 LINEAR, SEARCHED = ("coulomb", "stiction", "viscous"), ("stribeck_velocity", "exponent")
 

@@ -26,7 +26,7 @@ from elastid.design.optimal import PowerSource
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.hardware import logged_quantity, output_stds
-from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
 from elastid.fit.problem.weights import Weights, weigh
 from elastid.fit.spec import FitSpec
@@ -42,6 +42,7 @@ from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.response import Covariance, Response
 from elastid.robot import Robot
 from elastid.simulation.controller import filters_of, gains_of
+from elastid.simulation.spec import ControllerSpec
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,11 +88,6 @@ class FittedRobot:
         return tuple(responses)
 
     @property
-    def response_std(self) -> tuple[FloatArray, ...]:
-        """Standard deviation (F, n_y, n_u) of each of `responses` by that of the parameters, to first order."""
-        return tuple(model.response_std(G.freq_hz) for model, G in zip(self.models, self.measured, strict=True))
-
-    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters that count here: not those of other groups, nor those which this group has of its own."""
         return parameters_of(self.result, self.measured[0].configuration.name)
@@ -125,12 +120,18 @@ def robots_by_group(
     result: Result, robot: Robot, configurations: Sequence[str]
 ) -> dict[str, tuple[Robot, tuple[str, ...]]]:
     """The robot with the fitted numbers of each group of configurations, by its label, and their names."""
-    robots = {}
-    for label, members in group_labels(result.parameters, list(configurations)).items():
-        numbers = result.parameters.numbers(result.x, members[0])
-        numbers.pop(DELAY, None)
-        robots[label] = robot.with_parameters(numbers), tuple(members)
-    return robots
+    groups = group_labels(result.parameters, list(configurations)).items()
+    return {label: (estimated_robot(result, robot, members[0]), tuple(members)) for label, members in groups}
+
+
+def estimated_robot(result: Result, robot: Robot | None = None, configuration: str = "") -> Robot:
+    """The robot with the fitted numbers of a configuration, or with those that all share.
+
+    robot: by default the one that was fitted.
+    """
+    numbers = result.parameters.numbers(result.x, configuration)
+    numbers.pop(DELAY, None)
+    return (robot or result.known_robot).with_parameters(numbers)
 
 
 def _theta(result: Result, model: ElasticModel, configuration: str) -> FloatArray:

@@ -22,8 +22,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError, Note, StudyError, check_kind
-from elastid.base.execution import Execution
-from elastid.base.workers import lasting_workers
+from elastid.base.execution import Execution, lasting_workers
 from elastid.fit.assembly import (
     Assembly,
     NoRestError,

@@ -25,6 +25,7 @@ from elastid.record import Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
 from elastid.robot.robot import with_frames
 from elastid.simulation.controller import gains_of
+from elastid.simulation.spec import ControllerSpec
 
 Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float] | FloatArray
 
@@ -166,7 +167,7 @@ class Family:
 
     def _loop(self, configuration: Configuration) -> JointLoop:
         given = self.asked.controller
-        if hasattr(given, "bandwidth_hz"):
+        if isinstance(given, ControllerSpec):
             if given.delay_samples or (given.gains is not None and (given.gains.notches or given.gains.low_pass_hz)):
                 raise StudyError(
                     "fit/posture",
@@ -233,8 +234,8 @@ def _check_ports(robot: Robot, inputs: Sequence[str], outputs: Sequence[str], mo
         robot.check_location(place)
     for place in inputs:
         if place not in robot.load_locations and place not in robot.motor_locations:
-            there = ", ".join((*robot.motor_locations, *robot.load_locations))
-            raise StudyError("fit/posture", f"'{place}' is no input of robot {robot.name}; there are {there}")
+            places = ", ".join((*robot.motor_locations, *robot.load_locations))
+            raise StudyError("fit/posture", f"'{place}' is no input of robot {robot.name}; there are {places}")
         if place in robot.motor_locations and motors == "held":
             raise StudyError(
                 "fit/posture",

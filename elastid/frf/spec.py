@@ -69,7 +69,7 @@ class EstimatorSpec:
         "the bristles; `auto` takes nothing out unless realisations agree better.")] = "auto"
     local_order: Annotated[int | Literal["auto"], Key("Degree of the local polynomials; `auto` is 2, rational up to 3.",
         "higher where a window is wider than a resonance; each degree costs n_u lines of window, which widens it "
-        "again.")] = "auto"
+        "again.", least=1, most=6)] = "auto"
     window: Annotated[Window, Key("Window of each segment in Welch's method.", "`boxcar` where signals die out within "
         "a segment, as after a hammer; `flattop` only for the height of single lines, `hann` loses least for "
         "noise.")] = "hann"
@@ -86,8 +86,6 @@ class EstimatorSpec:
     def __post_init__(self) -> None:
         """Check band and order."""
         check_band(self.band_hz)
-        if self.local_order != "auto" and not 1 <= self.local_order <= 6:
-            raise ValueError(f"local_order is {self.local_order}; it must be 1 to 6")
 
     def experiments_needed(self, n_u: int, realisations: int) -> int:
         """Experiments of each realisation that are needed to separate n_u inputs."""

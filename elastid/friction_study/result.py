@@ -240,9 +240,9 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
         load = float(np.mean(static.levels.load)) if by_load else 0.0
         curve = placed.curve(load, float(np.mean(degc)) if len(degc) else None)
         F_c, F_s, inverse_nu_s, _, alpha_T, F_l = curve[:6].tolist()
-        own = {"coulomb": F_c, "stiction": F_s + F_l, "stribeck_velocity": 1 / inverse_nu_s if inverse_nu_s else None}
-        own |= {name: paths[name] + alpha_T for name in ("viscous", "temperature.viscous") if name in paths}
-        paths |= {name: value for name, value in own.items() if name in paths and value is not None}
+        terms = {"coulomb": F_c, "stiction": F_s + F_l, "stribeck_velocity": 1 / inverse_nu_s if inverse_nu_s else None}
+        terms |= {name: paths[name] + alpha_T for name in ("viscous", "temperature.viscous") if name in paths}
+        paths |= {name: value for name, value in terms.items() if name in paths and value is not None}
     return {TERMS[path].name(joint): value for path, value in paths.items()}
 
 

@@ -107,8 +107,8 @@ class Estimated:
     def theta(self, x: FloatArray) -> FloatArray:
         """theta (n_theta,) at x (n_x + n_d,), SI."""
         n, theta = len(self.fit_x), self.base.copy()
-        own = x[:n] + sum((size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n))
-        theta[self.rows] = self.parameters.expand(own, self.where)[self.places]
+        moved = x[:n] + sum((size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n))
+        theta[self.rows] = self.parameters.expand(moved, self.where)[self.places]
         for size, doubt in zip(x[n:].tolist(), self.doubts, strict=True):
             for name in doubt.members:
                 if name in self.names:

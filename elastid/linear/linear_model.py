@@ -264,7 +264,7 @@ class LinearModel:
     def _moved(self) -> dict[str, tuple[IntArray, FloatArray]]:
         """Places in theta of the parameters that move M, D, K, and their slopes (n_p, n, n)."""
         known = {
-            letter: {name: own for name, s in self.slopes.items() if (own := getattr(s, letter)) is not None}
+            letter: {name: slope for name, s in self.slopes.items() if (slope := getattr(s, letter)) is not None}
             for letter in "MDK"
         }
         places = {letter: [self.parameters.index(name) for name in slopes] for letter, slopes in known.items()}

@@ -42,8 +42,8 @@ from elastid.response import MotorMotion, Response
 MOST_LINES, _FEW = 48, 8
 # Standard deviations that the effect may have, of all elements together, before it is worked out.
 NEGLIGIBLE = 0.1
-# An effect on m lines is off by about this over m^2 of itself. As many are taken as make that half of what is
-# negligible, since their work grows with m^2.
+# An effect on m lines is off by about this over m^2 of itself. As many are taken as make that negligible, since their
+# work grows with m^2.
 _LINES_ERROR = 30.0
 # A mean farther from the configuration than so many times the mean square of the motion is no effect of that: a zero of
 # the encoder, or a posture that was given in round numbers.
@@ -88,7 +88,7 @@ def effect_of_motion(
         size = np.sqrt(2 * float(np.sum(shares)) * response.n_lines / len(few))
         if size < NEGLIGIBLE:
             return None
-        most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / (NEGLIGIBLE / 2)))))
+        most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / NEGLIGIBLE))))
     effect = of_motion(freq_hz, max(most, _FEW))
     return effect if np.isfinite(effect).all() else None
 
@@ -201,12 +201,12 @@ class _Moved:
         e, curvature = self.expansion, self.expansion.curvature != 0
         rows, curved = np.flatnonzero(curvature.any(axis=(0, 2))), curvature.any(axis=(1, 2))
         of_order = [np.arange(e.n), e.n + np.arange(e.n_q), e.n + e.n_q + np.arange(e.n_q)]
-        unknowns = np.flatnonzero(np.any([np.pad(curved[each], (0, e.n - len(each))) for each in of_order], axis=0))
+        unknowns = np.flatnonzero(np.any([np.pad(curved[z], (0, e.n - len(z))) for z in of_order], axis=0))
         K, m = self.curved.shape[:2]
         parts = np.zeros((3, K, m, len(rows), len(unknowns)), complex)
-        for part, each in zip(parts, of_order, strict=True):
-            known = unknowns < len(each)
-            part[..., known] = self.curved[:, :, rows][..., each[unknowns[known]]]
+        for part, columns in zip(parts, of_order, strict=True):
+            known = unknowns < len(columns)
+            part[..., known] = self.curved[:, :, rows][..., columns[unknowns[known]]]
         met = np.ascontiguousarray(parts[:, :, :, rows < e.n].transpose(0, 1, 3, 2, 4))
         partners = np.ascontiguousarray(parts.conj().transpose(1, 0, 3, 4, 2))
         return rows, unknowns, met, partners.reshape(K, 3, len(rows) * len(unknowns) * m)

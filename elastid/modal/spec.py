@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import field
 from typing import Annotated
 
-import numpy as np
-
 from elastid.base.section import Key, check_band, section
 from elastid.base.units import Frequency, Length, Time
 
@@ -51,10 +49,11 @@ class ModalSpec:
         "lines with excitation and coherence).", "narrower for dense modes, band by band; modes outside it count as "
         "residuals.")] = None
     max_order: Annotated[int | None, Key("Highest order of the matrix polynomials whose poles are compared; 60 by "
-        "default, fewer with few lines.", "higher for more than about 30 modes in the band.")] = None
+        "default, fewer with few lines.", "higher for more than about 30 modes in the band.", least=2, most=200)] = None
     poles_hz: Annotated[tuple[Frequency, ...] | None, Key("Natural frequencies of the poles that are taken as modes, "
         "each the nearest stable one, in place of the automatic choice.", "give those that you choose in the "
-        "stabilisation diagram, in one band, where the automatic choice has one too many or too few.")] = None
+        "stabilisation diagram, in one band, where the automatic choice has one too many or too few.",
+        above=0, distinct=True)] = None
     exponential: Annotated[Time | None, Key("Time constant of the exponential window that was put on hits and answers "
         "before they came here; its damping is taken out.", "only where your analyser used such a window; elastid "
         "needs none, since its local methods have the transient in their model.", above=0)] = None
@@ -65,9 +64,5 @@ class ModalSpec:
     def __post_init__(self) -> None:
         """Check band, order and poles."""
         check_band(self.band_hz)
-        if self.max_order is not None and not 2 <= self.max_order <= 200:
-            raise ValueError(f"max_order is {self.max_order}; it must be 2 to 200")
-        if self.poles_hz is not None and not (self.poles_hz and all(0 < f < np.inf for f in self.poles_hz)):
-            raise ValueError("poles_hz holds frequencies above 0 Hz, one or more")
-        if self.poles_hz is not None and len(set(self.poles_hz)) < len(self.poles_hz):
-            raise ValueError("poles_hz names a frequency twice; poles with one frequency have one entry")
+        if self.poles_hz == ():
+            raise ValueError("poles_hz holds one frequency or more")

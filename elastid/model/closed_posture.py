@@ -176,11 +176,7 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
             f"loop {loop} does not close at the start posture: {gap}; correct its ends or its rod's length, "
             "or the `start` of its joints"
         )
-    if locked := _locked(parts, start):
-        return (
-            f"the loops lock {locked}, which cannot move without bending something; leave a joint of loop {loop} "
-            "without motor and spring, or drop a constraint"
-        )
+    _check_locked(parts, start)
     return (
         f"loop {loop} does not close: {gap} at the driven joints' angles "
         f"{', '.join(f'{a:.4g}' for a in angles)}, followed from the start posture; move them nearer to it, or correct "
@@ -188,15 +184,17 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
     )
 
 
-def _locked(parts: Mechanism, q: FloatArray) -> str:
-    """The driven joints that no motion of the passive ones follows."""
+def _check_locked(parts: Mechanism, q: FloatArray) -> None:
+    """StudyError for driven joints that no motion of the passive ones follows."""
     _, Phi = parts.rows(q[None])
-    left = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0)
-    return ", ".join(
-        joint.name
-        for joint, rest in zip(parts.robot.driven, left, strict=True)
-        if rest > 1e-6 * max(np.abs(Phi).max(), 1e-300)
-    )
+    left = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0) > 1e-6 * max(np.abs(Phi).max(), 1e-300)
+    if locked := ", ".join(joint.name for joint, is_left in zip(parts.robot.driven, left, strict=True) if is_left):
+        raise StudyError(
+            "robot/loops",
+            "no motion of the passive joints follows, so that only springs could give; leave "
+            "a joint of the loop without motor and spring, or drop a constraint",
+            f"the loops lock {locked}",
+        )
 
 
 def _widest(parts: Mechanism, q: FloatArray) -> tuple[str, str]:
@@ -212,37 +210,19 @@ def _widest(parts: Mechanism, q: FloatArray) -> tuple[str, str]:
 def _check_posture(parts: Mechanism, q: FloatArray) -> None:
     """Every passive joint follows the driven ones, and not by a lever that has folded up."""
     _, Phi = parts.rows(q[None])
-    if locked := _locked(parts, q):
-        raise StudyError(
-            "robot/loops",
-            "no motion of the passive joints follows, so that only springs could give; leave "
-            "a joint of the loop without motor and spring, or drop a constraint",
-            f"the loops lock {locked}",
-        )
+    _check_locked(parts, q)
     n_p = len(parts.passive)
     if not n_p:
         return
     _, s, Vt = np.linalg.svd(Phi[0][:, parts.passive])
-    smallest = s[n_p - 1] if len(s) >= n_p else 0.0
-    if smallest > LIMITS.lever_sine * parts.lever(q):
+    smallest, lever = s[n_p - 1] if len(s) >= n_p else 0.0, parts.lever(q)
+    if smallest > LIMITS.lever_sine * lever:
         return
+    sine = smallest / max(lever, 1e-300)
     free = [parts.robot.joints[parts.passive[i]].name for i in np.flatnonzero(np.abs(Vt[n_p - 1]) > 0.3)]
-    if _generic_rank(parts) < n_p:
-        raise StudyError(
-            "robot/loops",
-            f"the loops leave joint {', '.join(free)} undetermined: it can move with all motors held; close the loop "
-            "by a rod instead of a body on joints, or give the joint a spring",
-        )
     raise StudyError(
         "robot/loops",
-        f"the linkage is at a singular posture: lever and rod are aligned to within {smallest / parts.lever(q):.2g} "
-        f"rad, and joint {', '.join(free)} may fold over to either side; move the configuration away from it",
+        f"the linkage is at a singular posture: lever and rod are aligned to within {sine:.2g} rad, and joint "
+        f"{', '.join(free)} can move with all motors held; move the configuration away from it, or, where it is so "
+        "everywhere, close the loop by a rod instead of a body on joints, or give the joint a spring",
     )
-
-
-def _generic_rank(parts: Mechanism) -> int:
-    """Rank of Phi_p where no posture is special."""
-    random = np.random.default_rng(0)
-    q = random.uniform(-1.0, 1.0, (5, len(parts.robot.joints)))
-    _, Phi = parts.rows(q)
-    return int(max(np.linalg.matrix_rank(J[:, parts.passive], tol=RANK_TOLERANCE * np.abs(J).max()) for J in Phi))

@@ -38,7 +38,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.closed_posture import assembled
+from elastid.model.closed_posture import assembled, followed
 from elastid.model.drivetrain import Strain
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import tree
@@ -237,10 +237,8 @@ def held_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | N
     damping = min(scale * spring.damping for spring, scale in springs if spring is not None)
     model = formulate(robot)
     q = np.zeros(model.n_q)
-    q[[model.index(f"joint {driven.name}") for driven in robot.driven]] = angles
-    for driven, angle in zip(robot.driven, angles, strict=True):
-        if driven in robot.flexible:
-            q[model.index(f"motor {driven.name}")] = angle
+    q[: len(robot.joints)] = followed(robot, angles[None])
+    q[[model.index(motor) for motor in model.inputs]] = angles
     inertia = np.diag(np.asarray(model.mass(q, model.theta)))
     motor, link = (float(inertia[model.index(f"{part} {joint}")]) for part in ("motor", "joint"))
     return ElasticJoint(motor, link, 1 / compliance, damping)

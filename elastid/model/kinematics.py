@@ -38,17 +38,11 @@ class Knot:
     behind: int
     number: int = 0
 
-    @property
-    def name(self) -> str:
-        """Name in words."""
-        if self.kind == "base":
-            return "base"
-        if self.kind == "point":
-            return f"point {self.number} of {self.owner}"
-        return f"{self.kind}{' of' if self.kind == 'center of mass' else ''} {self.owner}"
+
+NO_POINTS: Mapping[str, Sequence[Sequence[float]]] = {}
 
 
-def knots(robot: Robot, layout: Tree, further: Mapping[str, Sequence[Sequence[float]]]) -> list[Knot]:
+def knots(robot: Robot, layout: Tree, further: Mapping[str, Sequence[Sequence[float]]] = NO_POINTS) -> list[Knot]:
     """The base first, then body by body, then the frames.  further: body name to points in the body's own axes."""
     points = [Knot("base", BASE, -1, np.zeros(3), -1)]
     origin = {BASE: 0}
@@ -80,17 +74,14 @@ def _points(seat: Attachment, body: str, behind: int, further: Mapping[str, Sequ
 
 @dataclass(frozen=True)
 class Skeleton:
-    """Points of a robot in Q postures and the straight links between them.
+    """Points (Q, n, 3) of a robot in Q postures, as `knots` lists them, and pairs of those that straight links join.
 
-    points (Q, n, 3).  names: of each point, in words.  links: pairs of points.  moves (n,): any joint does.
-    tool: the point that is the last centre of mass.
+    moves (n,): any joint does.
     """
 
     points: FloatArray
-    names: tuple[str, ...]
     links: tuple[tuple[int, int], ...]
     moves: BoolArray
-    tool: int
 
 
 @dataclass(frozen=True)
@@ -145,22 +136,15 @@ def point_jacobians(
     return J
 
 
-def skeleton(
-    robot: Robot, angles: FloatArray, further: Mapping[str, Sequence[Sequence[float]]] | None = None
-) -> Skeleton:
-    """The skeleton at the driven joints' angles (Q, n_u): base, joints, centres of mass, frames, further points.
-
-    further: body name to points in the body's own axes.
-    """
+def skeleton(robot: Robot, angles: FloatArray) -> Skeleton:
+    """The skeleton at the driven joints' angles (Q, n_u): base, joints, centres of mass, frames."""
     layout = tree(robot)
     R, p = frames(layout, followed(robot, angles))
-    points = knots(robot, layout, further or {})
+    points = knots(robot, layout)
     return Skeleton(
         np.stack([placed(R, p, knot.frame, knot.local, len(angles)) for knot in points], axis=1),
-        tuple(knot.name for knot in points),
         tuple((knot.behind, i) for i, knot in enumerate(points) if knot.behind >= 0),
         np.array([_moves(layout, knot) for knot in points]),
-        max(i for i, knot in enumerate(points) if knot.kind == "center of mass"),
     )
 
 

@@ -227,7 +227,12 @@ def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
             rows.append(int(row))
             dependent.append(int(column))
     if len(rows) < rank or (chosen and len(chosen) != model.n_q - rank):
-        raise StudyError("robot/loops", _dependent(model, chosen, int(rank), len(rows)))
+        raise StudyError(
+            "robot/loops",
+            f"model.independent: {', '.join(chosen)} are not the {model.n_q - rank} independent coordinates that "
+            "the loops leave here (elastic rods are cut and determine none); choose others of "
+            f"{', '.join(model.coordinates)}, or leave the choice to the rank",
+        )
     independent = np.setdiff1d(np.arange(model.n_q), dependent)
     return Partition(np.array(rows, np.int64), np.array(dependent, np.int64), independent)
 
@@ -243,20 +248,6 @@ def _tier(model: ElasticModel, coordinate: str) -> int:
     if joint.motor is None:
         return 2
     return 3 if kind == "joint" and joint in model.robot.flexible else 4
-
-
-def _dependent(model: ElasticModel, chosen: Sequence[str], rank: int, reached: int) -> str:
-    needed = model.n_q - rank
-    if len(chosen) != needed:
-        return (
-            f"model.independent names {len(chosen)} coordinates, but {model.n_q} coordinates with {rank} independent "
-            f"constraints leave {needed}; there are {', '.join(model.coordinates)}"
-            + ("" if rank else " (elastic rods are cut and determine none of them)")
-        )
-    return (
-        f"model.independent: {', '.join(chosen)} are not independent here: with them held, the loops leave "
-        f"{rank - reached} of the other coordinates free; choose others, or leave the choice to the rank"
-    )
 
 
 def motions(model: ElasticModel, Phi: FloatArray) -> FloatArray:

@@ -14,11 +14,9 @@ class GearsSpec:
     # fmt: off
     orders: Annotated[tuple[float, ...], Key("Orders, in turns of the motor, at which transmission error and ripple of "
         "the torque are looked for.", "add those that the gear's teeth, rollers or the motor's poles would make: 2 "
-        "for a strain wave gear, 6 times the pole pairs for a commutated motor.")] = (1.0, 2.0)
+        "for a strain wave gear, 6 times the pole pairs for a commutated motor.", above=0, distinct=True)] = (1.0, 2.0)
     # fmt: on
 
     def __post_init__(self) -> None:
-        if not self.orders or any(not order > 0 for order in self.orders):
-            raise ValueError(f"orders are {list(self.orders)}; give one or more, each positive, such as [1, 2]")
-        if len(set(self.orders)) < len(self.orders):
-            raise ValueError(f"orders are {list(self.orders)}; one is given twice, leave it out")
+        if not self.orders:
+            raise ValueError("orders is empty; give one or more, such as [1, 2]")

@@ -24,22 +24,19 @@ import numpy as np
 
 from elastid.base import arrays
 from elastid.base.arrays import FloatArray, LargeArray
-from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.errors import DataError, Note
 from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
-from elastid.recorded.files.formats import is_log, naming, size_in_pieces
+from elastid.recorded.files.formats import naming, size_in_pieces
 from elastid.recorded.link_side import (
     UNWRAPPED,
-    channel_refusals,
     drive_notes,
     hold_samples,
     in_joints,
-    link_side_factor,
-    to_joints,
 )
 from elastid.recorded.repair import Repaired, counts
 from elastid.recorded.repair.masks import STOPPED
@@ -60,25 +57,14 @@ class _Pieces:
 
 @dataclass(frozen=True)
 class RecordedRig:
-    """Lab logs as a rig; their paths are relative to base, the folder of the study.
+    """Lab logs, which `study.checks` has held against robot and files, as a rig; base: the folder of the study.
 
-    StudyError where files, channels and robot do not fit together; `measure`: DataError for a log that is of no use.
+    `measure`: DataError for a log that is of no use.
     """
 
     robot: Places
     spec: ExperimentSpec
     base: Path
-
-    def __post_init__(self) -> None:
-        checked_configurations(self.spec, self.robot)
-        _check_files(self.spec, self._recorded, self.base)
-        _check_channels(self._recorded.channels, self.robot)
-        for file in self._recorded.files:
-            samples = self._recorded.period_of(file)
-            if self._recorded.half_wave and isinstance(samples, float) and samples % 2 == 1:
-                raise StudyError(
-                    "study/recorded", f"half_wave needs an even number of samples per period, not {samples:g}"
-                )
 
     @property
     def _recorded(self) -> RecordedSpec:
@@ -214,32 +200,6 @@ def repaired_signals(
     check = partial(check_repeat, N=N, half_wave=half_wave, log=log, is_one_of_several=is_one_of_several)
     repaired = repair(gathered.signals, _columns_of_roles(gathered.channels), period, half_wave, log, check)
     return repaired, N, gathered.rate_hz if period == N else gathered.rate_hz * N / period
-
-
-def _check_files(spec: ExperimentSpec, recorded: RecordedSpec, base: Path) -> None:
-    for number, file in enumerate(recorded.files):
-        if file.configuration not in spec.configurations:
-            raise StudyError(
-                "study/recorded",
-                f"configuration '{file.configuration}' is not under experiment.configurations; "
-                f"there are {', '.join(spec.configurations) or 'none'}",
-                f"file {file.path}",
-            )
-        if refused := recorded.repeat_refusal(number):
-            raise StudyError("study/recorded", refused, f"file {file.path}")
-        for path in (file.path, *file.also):
-            if not is_log(base / path):
-                raise StudyError(
-                    "files/missing", f"log file {base / path} is not there; paths are relative to the study's folder"
-                )
-
-
-def _check_channels(channels: tuple[ChannelSpec, ...], robot: Places) -> None:
-    for i, _, text in channel_refusals(channels, robot):
-        raise StudyError("study/recorded", text, channels[i].full_name)
-    for channel in channels:
-        link_side_factor(channel, robot)
-    to_joints(channels, robot)
 
 
 # A log of fewer values is measured as a whole.

@@ -40,8 +40,8 @@ class ReportContent:
     here; forecast and limit_use belong to it, and robot is drawn in its configurations.
     friction: what was taken out of the responses.  contents: of viscous coefficients, what they contain in words.
     twin: the motors' torque part by part, and the model simulated along a record.  gears: None where not asked for.
-    model_std: for each of frf the standard deviation (F, n_y, n_u) of the model, due to that of its parameters.
-    dense: for each of frf the model on lines of its own, among them the measured ones, and that standard deviation.
+    dense: for each of frf the model on lines of its own, among them the measured ones, and its standard deviation
+    (L, n_y, n_u), due to that of its parameters.
     provenance: name to text (version, seed, ...), shown as it is; without a date in it the page is reproducible.
     """
 
@@ -59,7 +59,6 @@ class ReportContent:
     robot: Robot | None = None
     limit_use: LimitUse | None = None
     comparison: Comparison | None = None
-    model_std: tuple[FloatArray, ...] = ()
     dense: tuple[tuple[Response, FloatArray], ...] = ()
     friction: FrictionTakenOut | None = None
     contents: Mapping[str, str] | None = None

@@ -115,11 +115,6 @@ class FrictionContent:
         )
 
     @property
-    def answers(self) -> tuple[str, ...]:
-        """The sentences of all questions."""
-        return tuple(sentence for _, sentences in self.questions for sentence in sentences)
-
-    @property
     def _numbers(self) -> tuple[str, ...]:
         """A sentence for each joint, on its motions, and on the truth where the robot is simulated."""
         sentences = [answer(joint) for joint in self.result.joints]

@@ -45,7 +45,7 @@ class Body:
     joints: Annotated[tuple[Joint, ...], Key("Joints from the parent to the body, in this order.", "the driven joint "
         "first, then elastic ones: bearing tilt, then bending.")] = ()
     mass: Annotated[Mass, Key("Mass of the body, with the rotors that ride on it.", "from CAD; the fit keeps it, "
-        "unless m_NAME is named with a prior, as it sets the scale of all stiffnesses.")] = 0.0
+        "unless m_NAME is named with a prior, as it sets the scale of all stiffnesses.", least=0)] = 0.0
     center_of_mass: Annotated[Vector3, Key("Centre of mass in the body's frame.", "gravity's torque at rest checks it: "
         "compare holding torques of two postures.")] = (0.0, 0.0, 0.0)
     inertia: Annotated[InertiaTensor, Key("Inertia about the centre of mass: one number (the same about every axis), "
@@ -59,8 +59,6 @@ class Body:
 
     # Messages begin with the key at fault, at whose line a study shows them.
     def __post_init__(self) -> None:
-        if self.mass < 0:
-            raise ValueError(f"mass of body {self.name}: {self.mass:g} kg; it must not be negative")
         principal = np.linalg.eigvalsh(self.inertia_matrix)
         slack = 1e-9 * max(abs(principal).max(), 1e-300)
         if principal[0] < -slack or principal[2] > principal[0] + principal[1] + slack:

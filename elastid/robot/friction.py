@@ -23,7 +23,6 @@ from elastid.base.units import (
     TemperatureRise,
     of_translation,
 )
-from elastid.robot.placement import require_not_negative
 
 
 @section
@@ -149,9 +148,9 @@ class MeasuredRange:
 
     # fmt: off
     speed: Annotated[tuple[JointVelocity, JointVelocity] | None, Key("Lowest and highest measured speed, without sign.",
-        "of all passes used; the law is extrapolated beyond it.")] = None
+        "of all passes used; the law is extrapolated beyond it.", least=0)] = None
     load: Annotated[tuple[JointTorque, JointTorque] | None, Key("Lowest and highest measured load on the joint, "
-        "without sign.", "of postures and payloads together, as torque about the joint.")] = None
+        "without sign.", "of postures and payloads together, as torque about the joint.", least=0)] = None
     temperature: Annotated[tuple[Temperature, Temperature] | None, Key("Lowest and highest measured temperature.",
         "laws of temperature fail soon outside: one published Stribeck velocity is 0 at 25 degC.")] = None
     # fmt: on
@@ -161,8 +160,6 @@ class MeasuredRange:
             ends = getattr(self, name)
             if ends is not None and not ends[0] <= ends[1]:
                 raise ValueError(f"measured: {name} is [{ends[0]:g}, {ends[1]:g}]; give [lowest, highest]")
-            if ends is not None and name != "temperature":
-                require_not_negative(f"measured: {name}", ends[0])
 
 
 @section

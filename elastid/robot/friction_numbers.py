@@ -14,6 +14,7 @@ from elastid.robot.friction import Friction
 from elastid.robot.joint import Joint
 from elastid.robot.placement import Path, number_at, replaced
 from elastid.robot.robot import Robot
+from elastid.robot.simplified import with_joints
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,7 @@ def with_laws(robot: Robot, laws: Mapping[str, tuple[Friction, float]]) -> Robot
         motor = replace(joint.motor, viscous=viscous / n**2, coulomb=0.0, friction=through_gear(law, n, to_motor=True))
         return replace(joint, motor=motor)
 
-    bodies = (replace(body, joints=tuple(map(changed, body.joints))) for body in robot.bodies)
-    return replace(robot, bodies=tuple(bodies))
+    return with_joints(robot, changed)
 
 
 def _present(friction: Friction, keys: Path) -> bool:

@@ -9,7 +9,6 @@ before the coupling moves it, by that spring alone.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated, Any, Literal
@@ -47,8 +46,6 @@ class GearCoupling:
             raise ValueError(
                 f"the ratio of motor {self.motor} to its own joint stands in motor.ratio; gears hold couplings"
             )
-        if not math.isfinite(self.ratio):
-            raise ValueError(f"the ratio is {self.ratio:g}; it must be finite")
 
 
 def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "") -> FloatArray:

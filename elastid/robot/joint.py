@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import field, is_dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.names import PartName
 from elastid.base.section import Key, section
@@ -27,11 +27,9 @@ from elastid.base.units import (
     CubicStiffness,
     Damping,
     Inertia,
-    JointAcceleration,
-    JointJerk,
+    InUnit,
     JointPosition,
     JointTorque,
-    JointVelocity,
     Measured,
     QuadraticStiffness,
     Ratio,
@@ -224,8 +222,8 @@ class Motor:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if self.ratio == 0 or not math.isfinite(self.ratio):
-            raise ValueError(f"the gear ratio is {self.ratio:g}; it must be a finite number other than 0")
+        if self.ratio == 0:
+            raise ValueError("ratio is 0; give the turns of the motor in one of the joint")
         if self.spring is not None and not self.spring.is_linear:
             raise ValueError(
                 "the spring of a motor's shaft must be linear; give backlash and stiffening to the spring of the joint"
@@ -258,21 +256,29 @@ class Motor:
         return entries | below("spring", shaft)
 
 
+# Infinite where there is no limit.
+PositionLimit: TypeAlias = Annotated[float, InUnit("rad", "m", is_finite=False)]
+VelocityLimit: TypeAlias = Annotated[float, InUnit("rad/s", "m/s", is_finite=False)]
+AccelerationLimit: TypeAlias = Annotated[float, InUnit("rad/s^2", "m/s^2", is_finite=False)]
+JerkLimit: TypeAlias = Annotated[float, InUnit("rad/s^3", "m/s^3", is_finite=False)]
+TorqueLimit: TypeAlias = Annotated[float, InUnit("N*m", "N", is_finite=False)]
+
+
 @section
 class Limits:
     """Limits of a driven joint, link side; of a translation in m, m/s, m/s^2, m/s^3 and N."""
 
     # fmt: off
-    angle: Annotated[tuple[JointPosition, JointPosition], Key("Lowest and highest position [lower, upper].", "those of "
+    angle: Annotated[tuple[PositionLimit, PositionLimit], Key("Lowest and highest position [lower, upper].", "those of "
         "the cell where they are narrower than the robot's; designs keep excitation.margin from "
         "them.")] = (-math.inf, math.inf)
-    velocity: Annotated[JointVelocity, Key("Largest speed of the joint.", "a tenth above what the test may do; it "
+    velocity: Annotated[VelocityLimit, Key("Largest speed of the joint.", "a tenth above what the test may do; it "
         "bounds carriers, passes and multisines.")] = math.inf
-    torque: Annotated[JointTorque, Key("Largest torque of the motor.", "continuous torque of motor and gear at the "
+    torque: Annotated[TorqueLimit, Key("Largest torque of the motor.", "continuous torque of motor and gear at the "
         "link, not the peak, for experiments of minutes.")] = math.inf
-    acceleration: Annotated[JointAcceleration, Key("Largest acceleration of the joint.", "where drives trip by "
+    acceleration: Annotated[AccelerationLimit, Key("Largest acceleration of the joint.", "where drives trip by "
         "acceleration before they do by torque.")] = math.inf
-    jerk: Annotated[JointJerk, Key("Largest jerk, which the moves of `elastid tune` keep.", "where the controller "
+    jerk: Annotated[JerkLimit, Key("Largest jerk, which the moves of `elastid tune` keep.", "where the controller "
         "refuses or smooths a reference by its jerk.")] = math.inf
     # fmt: on
 

@@ -20,7 +20,7 @@ from typing import Annotated, Literal
 
 from elastid.base.section import Key, section
 from elastid.base.units import Time
-from elastid.robot.placement import Numbers, require_positive
+from elastid.robot.placement import Numbers
 
 
 def gain_name(role: str, place: str) -> str:
@@ -53,25 +53,24 @@ class Chain:
 
     # fmt: off
     torque_lag: Annotated[Time | None, Key("Time constant of the torque loop.", "0.2 to 1 ms for modern current loops, "
-        "where u is a command; leave it out for measured current.")] = None
+        "where u is a command; leave it out for measured current.", above=0)] = None
     torque_order: Annotated[Literal[1, 2], Key("Order of the torque loop: 1, or 2 with torque_damping.", "2 for loops "
         "that overshoot, or with a filter behind the controller.")] = 1
     torque_damping: Annotated[float, Key("Damping ratio of a torque loop of second order.", "lower for a loop that "
         "rings; without torque_order: 2 it does nothing.", above=0)] = 0.7
     sensor_lag: Annotated[Time | None, Key("Time constant 1 / (2 pi corner) of the low-pass filter of the logged "
-        "motions.", "from the corner in the drive's manual; in doubt let the fit find it, with a prior.")] = None
+        "motions.", "from the corner in the drive's manual; in doubt let the fit find it, with a prior.",
+        above=0)] = None
     sensor_order: Annotated[Literal[1, 2, 3, 4], Key("Order of that filter, a Butterworth filter.", "as in the data "
         "sheet of the anti-aliasing filter; order 4 delays 2.6 times as long as order 1 with the same corner.")] = 1
     differentiator: Annotated[Time | None, Key("Time over which a logged velocity is the difference of positions.",
-        "one sample or the averaging time of the drive, where it logs speed of encoder counts.")] = None
+        "one sample or the averaging time of the drive, where it logs speed of encoder counts.", above=0)] = None
     gains: Annotated[tuple[ChannelGain, ...], Key("Gains of channels that are not calibrated.", "for channels that "
         "were never calibrated, as accelerometers on magnets; keep the gain of at least one motor, since gains and "
         "inertias cannot be distinguished.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:
-        for name, value in self._times.items():
-            require_positive(name, value, " s", " (leave it out where there is none)")
         channels = [(channel.role, channel.at) for channel in self.gains]
         for role, place in channels:
             if channels.count((role, place)) > 1:

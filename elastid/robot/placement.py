@@ -25,18 +25,6 @@ Acceleration3: TypeAlias = tuple[
 _UNIT_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-def require_positive(name: str, value: float, unit: str = "", advice: str = "") -> None:
-    """ValueError for a number that is not above zero.  unit: with its blank."""
-    if not value > 0:
-        raise ValueError(f"{name} is {value:g}{unit}; it must be positive{advice}")
-
-
-def require_not_negative(name: str, value: float, unit: str = "") -> None:
-    """ValueError for a negative number.  unit: with its blank."""
-    if value < 0:
-        raise ValueError(f"{name} is {value:g}{unit}; it must not be negative")
-
-
 def unit_axis(axis: Axis) -> FloatArray:
     """A direction (3,) of length one; ValueError for the zero vector."""
     vector = np.array(_UNIT_AXES[axis] if isinstance(axis, str) else axis, dtype=float)
@@ -90,13 +78,6 @@ Numbers: TypeAlias = dict[str, tuple[str, Path]]
 def coordinates(prefix: str, path: Path) -> Numbers:
     """The three coordinates of a point: prefix_x, prefix_y and prefix_z."""
     return {f"{prefix}_{axis}": ("m", (*path, i)) for i, axis in enumerate("xyz")}
-
-
-def ends_of(prefix: str, name: str) -> Numbers:
-    """The coordinates of two points, `ends`: p1_name_x ... and p2_name_x ... of the prefix p."""
-    return coordinates(f"{prefix}1_{name}", ("ends", 0, "point")) | coordinates(
-        f"{prefix}2_{name}", ("ends", 1, "point")
-    )
 
 
 def below(path: str | Path, numbers: Numbers) -> Numbers:

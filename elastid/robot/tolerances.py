@@ -16,13 +16,6 @@ RATIO = 0.003  # of gears over less than a turn of the motor, relative
 OF_CURRENT = 0.05  # of torque constants, relative, as motors of one type scatter and warm
 
 
-def _check(owner: object, where: str) -> None:
-    for key in ("mass", "inertia", "motor_inertia", "center_of_mass", "length", "angle", "ratio", "torque_constant"):
-        value = getattr(owner, key, None)
-        if isinstance(value, float | int) and not 0 < value < float("inf"):
-            raise ValueError(f"{where}{key} is {value:g}; it must be positive, or exact")
-
-
 @section
 class BodyTolerances:
     """Tolerances of one body, rod of a loop, or payload, instead of those of all."""
@@ -31,21 +24,18 @@ class BodyTolerances:
     name: Annotated[PartName, Key("Name of the body, of the loop whose rod it is, or `payload`.", "for a body that was "
         "weighed, or swung as a pendulum, or one that carries cables that CAD does not know.")]
     mass: Annotated[Ratio | Exact | None, Key("Standard deviation of its mass, relative.", "0.5 % where it was "
-        "weighed; `exact` for a calibrated weight.")] = None
+        "weighed; `exact` for a calibrated weight.", above=0)] = None
     inertia: Annotated[Ratio | Exact | None, Key("Standard deviation of its inertia, relative, of all entries "
-        "together.", "2 % where it was swung; 20 % for a body whose cables and covers are not in CAD.")] = None
+        "together.", "2 % where it was swung; 20 % for a body whose cables and covers are not in CAD.", above=0)] = None
     motor_inertia: Annotated[Ratio | Exact | None, Key("Standard deviation of the inertia of the motors of its joints, "
-        "relative.", "2 % where brake and pinion are known to be in it.")] = None
+        "relative.", "2 % where brake and pinion are known to be in it.", above=0)] = None
     center_of_mass: Annotated[Length | Exact | None, Key("Standard deviation of each coordinate of its centre of mass.",
-        "2 mm where it was balanced on an edge.")] = None
+        "2 mm where it was balanced on an edge.", above=0)] = None
     length: Annotated[Length | Exact | None, Key("Standard deviation of the lengths of its joints and "
-        "placement.", "`exact` for a link that was measured on a coordinate measuring machine.")] = None
+        "placement.", "`exact` for a link that was measured on a coordinate measuring machine.", above=0)] = None
     angle: Annotated[Angle | Exact | None, Key("Standard deviation of the zeros of its joints.", "0.02 deg for axes "
-        "whose zero was set with a dial gauge.")] = None
+        "whose zero was set with a dial gauge.", above=0)] = None
     # fmt: on
-
-    def __post_init__(self) -> None:
-        _check(self, f"body {self.name}: ")
 
 
 @section
@@ -57,31 +47,29 @@ class Tolerances:
 
     # fmt: off
     mass: Annotated[Ratio | Exact, Key("Standard deviation of the mass of each body, relative.", "1 % for a recent CAD "
-        "model with cables and oil, 10 % for a guess from a picture; `exact` holds every mass.")] = 0.03
+        "model with cables and oil, 10 % for a guess from a picture; `exact` holds every mass.", above=0)] = 0.03
     inertia: Annotated[Ratio | Exact, Key("Standard deviation of the inertia of each body about its centre of mass, "
-        "relative, one factor a body.", "5 % for a recent CAD model, 30 % where only boxes were drawn.")] = 0.1
+        "relative, one factor a body.", "5 % for a recent CAD model, 30 % where only boxes were drawn.", above=0)] = 0.1
     motor_inertia: Annotated[Ratio | Exact, Key("Standard deviation of the inertia of each motor, relative.",
-        "10 % where brake, pinion or input stage of the gear may be missing in it.")] = 0.05
+        "10 % where brake, pinion or input stage of the gear may be missing in it.", above=0)] = 0.05
     center_of_mass: Annotated[Length | Exact, Key("Standard deviation of each coordinate of the centres of mass.",
-        "3 mm for small robots; in proportion to the length of the links.")] = 0.01
+        "3 mm for small robots; in proportion to the length of the links.", above=0)] = 0.01
     length: Annotated[Length | Exact, Key("Standard deviation of lengths and places of joints that are not zero.",
-        "0.1 mm for a calibrated robot; 5 mm where they were measured with a ruler.")] = 1e-3
+        "0.1 mm for a calibrated robot; 5 mm where they were measured with a ruler.", above=0)] = 1e-3
     angle: Annotated[Angle | Exact, Key("Standard deviation of the zeros of driven joints that turn: the angles of all "
         "postures are off by them.", "0.02 deg after a calibration, 1 deg where marks were brought into line by "
-        "eye.")] = math.radians(0.2)
+        "eye.", above=0)] = math.radians(0.2)
     ratio: Annotated[Ratio | Exact, Key("Standard deviation of each gear's ratio over less than a turn of its motor, "
         "relative; over n turns an n-th of it. An error of transmission makes it.", "its amplitude in rad times the "
-        "ratio: 20 arcsec at a ratio of 100 are 1 %; a carrier over whole turns makes it small.")] = RATIO
+        "ratio: 20 arcsec at a ratio of 100 are 1 %; a carrier over whole turns makes it small.", above=0)] = RATIO
     torque_constant: Annotated[Ratio | Exact | None, Key("Standard deviation of the torque constant of each motor, "
         "relative (default: 5 % where the logs hold current, exact where they hold torque).", "1 % for a motor that "
         "was calibrated; 5 % for a torque that a drive computes from its data sheet. No response tells a torque "
-        "constant from masses and stiffnesses together, so that each is then no better known than the masses.")] = None
+        "constant from masses and stiffnesses together, so that each is then no better known than the masses.",
+        above=0)] = None
     bodies: Annotated[tuple[BodyTolerances, ...], Key("Bodies with tolerances of their own.", "for what was measured: "
         "the end of a run says which measurement would narrow which interval.")] = ()
     # fmt: on
-
-    def __post_init__(self) -> None:
-        _check(self, "")
 
     @property
     def ratio_std(self) -> float:

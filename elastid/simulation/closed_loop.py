@@ -32,7 +32,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.model.elastic import ElasticModel
-from elastid.simulation.controller import Filters, Gains
+from elastid.record import JointLoop
+from elastid.simulation.controller import Filters
 from elastid.simulation.drives import Drives, gear_forces
 from elastid.simulation.dynamics import FIFTH_ORDER, Contacts, free_acceleration, projection, runge_kutta_step
 
@@ -273,7 +274,7 @@ def closed_loop(
 
 def simulate(
     loop: ClosedLoop,
-    gains: Gains,
+    gains: JointLoop,
     commands: Commands,
     q0: FloatArray,
     curves: FloatArray | None = None,

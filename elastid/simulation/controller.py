@@ -20,62 +20,24 @@ points over omega, of a notch with d = 0.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Protocol, TypeAlias
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from scipy.linalg import block_diag
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.model.closed_posture import followed, rates
 from elastid.model.elastic import ElasticModel
+from elastid.record import JointLoop
+from elastid.simulation.spec import ControllerSpec
 
 
-@frozen_value(eq=False)
-class Gains:
-    """Feedback of motor position and velocity: kp (n_u,) in Nm/rad, kd (n_u,) in Nm s/rad, link side, ki (n_u,) in 1/s.
-
-    ki: 0 without integral action.
-    """
-
-    kp: FloatArray
-    kd: FloatArray
-    ki: FloatArray = field(default_factory=lambda: np.zeros(1))
-
-    def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """F (..., n_u), torque over angle of the sampled controller without filters, at freq_hz (...)."""
-        step = 1 - np.exp(-2j * np.pi * np.asarray(freq_hz)[..., None] / rate_hz)
-        return np.asarray((self.kp + self.kd * rate_hz * step) * (1 + self.ki / rate_hz * (1 - step) / step))
-
-
-class Controller(Protocol):
-    """The numbers of `ControllerSpec`: a bandwidth by which gains are found, or gains."""
-
-    @property
-    def bandwidth_hz(self) -> float:
-        """Bandwidth of the position loop."""
-
-    @property
-    def damping_ratio(self) -> float:
-        """Damping ratio of the position loop."""
-
-    @property
-    def velocity_integral_time(self) -> float | None:
-        """T_i in s, or None without an integral."""
-
-    @property
-    def gains(self) -> Any:
-        """A `GainsSpec`, or None."""
-
-    @property
-    def delay_samples(self) -> int:
-        """Samples between reading and torque."""
-
-
-def gains_of(model: ElasticModel, q: FloatArray, controller: Controller) -> Gains:
+def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> JointLoop:
     """Gains of a controller, or those of its bandwidth in q (n_q,)."""
     given = controller.gains
     if given is None:
@@ -84,10 +46,10 @@ def gains_of(model: ElasticModel, q: FloatArray, controller: Controller) -> Gain
         )  # fmt: skip
     position, kd = (np.broadcast_to(part, model.n_u) for part in (given.position_gain, given.velocity_gain))
     ki = 0.0 if given.integral_time is None else 1 / np.asarray(given.integral_time)
-    return Gains(position * kd, np.asarray(kd, float), np.broadcast_to(ki, model.n_u))
+    return JointLoop(position * kd, np.asarray(kd, float), np.broadcast_to(ki, model.n_u))
 
 
-def filters_of(joints: Sequence[str], controller: Controller, rate_hz: float) -> Filters | None:
+def filters_of(joints: Sequence[str], controller: ControllerSpec, rate_hz: float) -> Filters | None:
     """Filters behind the feedback of the driven joints; None without any."""
     given = controller.gains
     sections: dict[str, list[FloatArray]] = {joint: [] for joint in joints}
@@ -99,8 +61,7 @@ def filters_of(joints: Sequence[str], controller: Controller, rate_hz: float) ->
             sections[joint].append(low_pass(corner, rate_hz))
     if not controller.delay_samples and not any(sections.values()):
         return None
-    rows = tuple(tuple(tuple(section.tolist()) for section in chain) for chain in sections.values())
-    return Filters(rows, controller.delay_samples)
+    return Filters(tuple(sections.values()), controller.delay_samples)
 
 
 def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
@@ -127,7 +88,7 @@ def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position:
 
 def tune(
     model: ElasticModel, q: FloatArray, bandwidth_hz: float, damping_ratio: float, integral_time: float | None = None
-) -> Gains:
+) -> JointLoop:
     """Gains that give the rigid robot, each axis on its own, a loop of this bandwidth and damping ratio in q (n_q,).
 
     kp = J omega^2, kd = 2 zeta omega J with J = diag(T^T M(q) T), links and motor together.  integral_time: of the
@@ -137,7 +98,7 @@ def tune(
     inertia = np.diag(T.T @ model.mass(q, model.theta).full() @ T)
     omega = 2 * np.pi * bandwidth_hz
     ki = np.full(model.n_u, 0.0 if integral_time is None else 1 / integral_time)
-    return Gains(inertia * omega**2, 2 * damping_ratio * omega * inertia, ki)
+    return JointLoop(inertia * omega**2, 2 * damping_ratio * omega * inertia, ki)
 
 
 def feed_forward(
@@ -176,43 +137,33 @@ def _inverse_dynamics(model: ElasticModel) -> ca.Function:
     return ca.Function("inverse_dynamics", [q, v, a], [model.mass(q, model.theta) @ a + model.force(q, v, model.theta)])
 
 
-# Numerator and denominator in powers of 1 / z, as second-order sections of SciPy.
-Section: TypeAlias = tuple[float, float, float, float, float, float]
+def notch(freq_hz: float, width: float, depth: float, rate_hz: float) -> FloatArray:
+    """Section (6,) of a notch N."""
+    omega = 2 * np.pi * freq_hz
+    return _sampled((1.0, depth * width * omega, omega**2), (1.0, width * omega, omega**2), omega, rate_hz)
 
 
-def notch(freq_hz: FloatArray, width: FloatArray, depth: FloatArray, rate_hz: float) -> FloatArray:
-    """Sections (..., 6) of notches N."""
-    omega = 2 * np.pi * np.asarray(freq_hz)
-    ones, square = np.ones_like(omega), omega**2
-    return _sampled((ones, depth * width * omega, square), (ones, width * omega, square), omega, rate_hz)
+def low_pass(freq_hz: float, rate_hz: float) -> FloatArray:
+    """Section (6,) of a Butterworth filter L of second order."""
+    omega = 2 * np.pi * freq_hz
+    return _sampled((0.0, 0.0, omega**2), (1.0, math.sqrt(2) * omega, omega**2), omega, rate_hz)
 
 
-def low_pass(freq_hz: FloatArray, rate_hz: float) -> FloatArray:
-    """Sections (..., 6) of Butterworth filters L of second order."""
-    omega = 2 * np.pi * np.asarray(freq_hz)
-    none, square = np.zeros_like(omega), omega**2
-    return _sampled((none, none, square), (np.ones_like(omega), np.sqrt(2) * omega, square), omega, rate_hz)
+def _sampled(b: Sequence[float], a: Sequence[float], omega: float, rate_hz: float) -> FloatArray:
+    """Section (6,) of (b_0 s^2 + b_1 s + b_2) / (a_0 s^2 + a_1 s + a_2), exact at omega."""
+    K = omega / math.tan(omega / (2 * rate_hz))
+    section = [(p * K**2 + q * K + r, 2 * (r - p * K**2), p * K**2 - q * K + r) for p, q, r in (b, a)]
+    return np.ravel(section) / section[1][0]
 
 
-def _sampled(b: tuple[FloatArray, ...], a: tuple[FloatArray, ...], omega: FloatArray, rate_hz: float) -> FloatArray:
-    """Sections (..., 6) of (b_0 s^2 + b_1 s + b_2) / (a_0 s^2 + a_1 s + a_2), exact at omega."""
-    K = omega / np.tan(omega / (2 * rate_hz))
-    parts = [(p * K**2 + q * K + r, 2 * (r - p * K**2), p * K**2 - q * K + r) for p, q, r in (b, a)]
-    return np.stack([*parts[0], *parts[1]], axis=-1) / parts[1][0][..., None]
-
-
-def section_response(sections: FloatArray, z_inverse: ComplexArray) -> ComplexArray:
-    """H of sections (..., 6) at 1 / z, of shapes that broadcast."""
-    b, a = np.moveaxis(sections, -1, 0)[:3], np.moveaxis(sections, -1, 0)[3:]
-    over = b[0] + z_inverse * (b[1] + z_inverse * b[2])
-    return np.asarray(over / (a[0] + z_inverse * (a[1] + z_inverse * a[2])))
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Filters:
-    """sections of each of n_u motors, and the samples after which their torque acts."""
+    """Second-order sections (6,) of each of n_u motors, as SciPy has them: numerator, denominator in powers of 1 / z.
 
-    sections: tuple[tuple[Section, ...], ...]
+    delay: samples after which their torque acts.
+    """
+
+    sections: tuple[Sequence[FloatArray], ...]
     delay: int = 0
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
@@ -222,7 +173,7 @@ class Filters:
         for chain in self.sections:
             H = z_inverse**self.delay
             for section in chain:
-                H = H * section_response(np.array(section), z_inverse)
+                H = H * polyval(z_inverse, section[:3]) / polyval(z_inverse, section[3:])
             columns.append(H)
         return np.stack(columns, axis=-1)
 
@@ -233,7 +184,7 @@ class Filters:
         A, B, C, D = (block_diag(*parts) for parts in zip(*systems, strict=True))
         return A, B, C, D
 
-    def _of_motor(self, sections: tuple[Section, ...]) -> tuple[FloatArray, ...]:
+    def _of_motor(self, sections: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
         from scipy.signal import tf2ss  # takes a while
 
         A, B, C, D = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))

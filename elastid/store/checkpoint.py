@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, MutableMapping
-from dataclasses import dataclass
+from collections import UserDict
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
@@ -20,50 +20,32 @@ _TYPES = {"local optimum": LocalOptimum, "refit": Refit}
 _KIND_OF = {type_: kind for kind, type_ in _TYPES.items()}
 
 
-@dataclass(frozen=True, eq=False)
-class Checkpoint(MutableMapping[str, Any]):
+class Checkpoint(UserDict[str, Any]):
     """Finished local optima and refits by name, each in a file of the folder that is whole or absent.
 
     key: hash of everything that they depend on; parts under another key are not there. Numbers are kept to the last
-    bit. A part that is absent, damaged or of another key or type is a KeyError.
+    bit. A part that is damaged or of another key or type is not there either.
     """
 
-    folder: Path
-    key: str
-
-    def __getitem__(self, name: str) -> Any:
-        try:
-            content = json.loads(self._path(name).read_text(encoding="utf-8"))
-            if content["key"] == self.key and content["sha256"] == _digest(content["value"]):
-                return from_json(content["value"], _TYPES[content["kind"]])
-        except (OSError, ValueError, TypeError, AttributeError):
-            pass
-        raise KeyError(name)
+    def __init__(self, folder: Path, key: str) -> None:
+        super().__init__()
+        self.folder, self.key = folder, key
+        for path in sorted(folder.glob("*.json")):
+            with suppress(OSError, ValueError, TypeError, AttributeError, KeyError):
+                content = json.loads(path.read_text(encoding="utf-8"))
+                if content["key"] == key and content["sha256"] == _digest(content["value"]):
+                    super().__setitem__(unquote(path.stem), from_json(content["value"], _TYPES[content["kind"]]))
 
     def __setitem__(self, name: str, value: Any) -> None:
         content = {"key": self.key, "kind": _KIND_OF[type(value)], "value": json_value(value, float)}
-        write_text(self._path(name), json.dumps(content | {"sha256": _digest(content["value"])}))
-
-    def __delitem__(self, name: str) -> None:
-        try:
-            self._path(name).unlink()
-        except FileNotFoundError:
-            raise KeyError(name) from None
-
-    def __iter__(self) -> Iterator[str]:
-        names = (unquote(path.stem) for path in sorted(self.folder.glob("*.json")))
-        return (name for name in names if name in self)
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
+        path = self.folder / f"{quote(name, safe=' ')}.json"
+        write_text(path, json.dumps(content | {"sha256": _digest(content["value"])}))
+        super().__setitem__(name, value)
 
     @property
     def words(self) -> str:
         """Their number, or an empty text."""
         return f"{n} finished parts" if (n := len(self)) else ""
-
-    def _path(self, name: str) -> Path:
-        return self.folder / f"{quote(name, safe=' ')}.json"
 
 
 def _digest(value: Any) -> str:

@@ -39,15 +39,11 @@ write_plan = writer(
     forecast=(None, None),
 )
 read_plan = reader(PLAN, "plan", Plan)
-# The peaks of the rehearsal; they bring the fit, which a reader of the plan does not need.
+# The peaks of the rehearsal, and the forecast, if any; they bring the fit, which a reader of the plan does not need.
 read_peaks: Callable[[Path | str], LimitUse] = reader(PLAN, "peaks", "elastid.design.forecast:LimitUse")
-
-
-def read_forecast(path: Path | str) -> Forecast | None:
-    """The forecast in plan.h5; None where there is none."""
-    from elastid.design.forecast import Forecast  # as above
-
-    return read_part(path, PLAN, "forecast", Forecast | None)  # type: ignore[arg-type]
+read_forecast: Callable[[Path | str], Forecast | None] = reader(
+    PLAN, "forecast", "elastid.design.forecast:Forecast", may_miss=True
+)
 
 
 def write_run(
@@ -136,9 +132,10 @@ def read_responses(path: Path | str) -> Responses:
     return Responses(read_part(path, RESPONSES, "responses", tuple[Response, ...]))
 
 
-def read_friction(path: Path | str) -> FrictionTakenOut | None:
-    """The friction that was taken out of the responses in frf.h5; None where the study asked for none."""
-    return read_part(path, RESPONSES, "friction", FrictionTakenOut | None)  # type: ignore[arg-type]
+# The friction that was taken out of the responses in frf.h5; None where the study asked for none.
+read_friction: Callable[[Path | str], FrictionTakenOut | None] = reader(
+    RESPONSES, "friction", FrictionTakenOut, may_miss=True
+)
 
 
 def write_modes(path: Path | str, modes: tuple[Modes, ...], stamp: Stamp = NO_STAMP) -> None:

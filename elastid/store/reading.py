@@ -152,12 +152,12 @@ def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
         return part
 
 
-def reader(kind: str, name: str, annotation: type[T] | str) -> Callable[[Path | str], T]:
+def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = False) -> Callable[[Path | str], T]:
     """The reader of one part of a file of a kind; annotation: "module:name" where the module is loaded for it alone."""
 
     def read(path: Path | str) -> T:
         known: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
-        part: T = read_part(path, kind, name, known)
+        part: T = read_part(path, kind, name, known | None if may_miss else known)
         return part
 
     return read

@@ -9,13 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, TypeAlias
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import one_line, printable
+from elastid.base.section import validator
 from elastid.study.reference import describe, names_in, type_at, words_in
 from elastid.study.source import KeyPath, Place, YamlSource, first_of
 
@@ -39,18 +39,12 @@ def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
     problems: list[Problem] = []
     value: Any = None
     try:
-        value = _adapter(root).validate_python(data)
+        value = validator(root).validate_python(data)
     except ValidationError as error:
         problems = _find_problems(error.errors(include_url=False), root, data)
     reported = {problem.path for problem in problems}
     problems += [problem for problem in _find_booleans(data, root) if problem.path not in reported]
     return value, problems
-
-
-@cache
-def _adapter(root: type) -> TypeAdapter[Any]:
-    """pydantic's validator of a section; building that of a study takes longer than reading one."""
-    return TypeAdapter(root)
 
 
 def _find_problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Problem]:

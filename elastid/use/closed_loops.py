@@ -32,15 +32,14 @@ import numpy as np
 from scipy.linalg import expm
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.errors import StudyError
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.fitted_model import Estimated
+from elastid.linear.fitted_model import Estimated, FittedModel
 from elastid.linear.linear_model import LinearModel, state_space, torque_elements
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
-from elastid.record import Configuration
-from elastid.simulation.controller import Filters, Gains, tune
+from elastid.record import Configuration, JointLoop
+from elastid.simulation.controller import Filters, tune
 from elastid.use.draws import draw_robots
 from elastid.use.map import largest_gain
 
@@ -87,7 +86,7 @@ class PostureFamily:
     """A fitted robot linearised in Q postures, from which plants of any numbers follow."""
 
     family: Family
-    linear: tuple[LinearModel, ...]
+    models: tuple[FittedModel, ...]
     inertia: FloatArray
     rate_hz: float
 
@@ -96,19 +95,19 @@ class PostureFamily:
         """StudyError where a posture has no rest."""
         motors = result.known_robot.motor_locations
         family = result.family(Asked(inputs=motors, outputs=motors, motors="free"))
-        linear, inertia = [], []
+        chain, e, models, inertia = torque_elements(family.robot.chain), family.estimated, [], []
         for posture in postures:
-            model = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
-            chain = torque_elements(family.robot.chain)
-            linear.append(replace(model, chain=chain, gains=(), hold=None))
+            linear = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
+            known = Estimated.of(e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, posture.name, e.doubts)
+            models.append(FittedModel(replace(linear, chain=chain, gains=(), hold=None), known))
             q = equilibrium(family.model, family.theta, posture).q
             inertia.append(tune(family.model, q, 1 / (2 * np.pi), 1.0).kp)
-        return cls(family, tuple(linear), np.array(inertia), rate_hz)
+        return cls(family, tuple(models), np.array(inertia), rate_hz)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the postures."""
-        return tuple(linear.configuration.name for linear in self.linear)
+    def configurations(self) -> tuple[Configuration, ...]:
+        """The postures."""
+        return tuple(model.linear.configuration for model in self.models)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -128,40 +127,28 @@ class PostureFamily:
 
     @cached_property
     def modes(self) -> tuple[tuple[PlantMode, ...], ...]:
-        """Modes of the fitted robot in each posture, by rising frequency; StudyError where no spring swings."""
-        return tuple(map(self._modes, self.linear))
+        """Modes of the fitted robot in each posture whose springs swing, by rising frequency."""
+        return tuple(map(self._modes, self.models))
 
-    def _modes(self, linear: LinearModel) -> tuple[PlantMode, ...]:
-        theta = self._theta(linear)
+    def _modes(self, model: FittedModel) -> tuple[PlantMode, ...]:
+        linear, theta = model.linear, model.theta
         known = modes(linear, theta)
         point = equilibrium(self.family.model, self.family.theta, linear.configuration)
         energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, known.shapes))
-        strained, M = np.nan_to_num(energy.share).argmax(axis=0), linear.matrices(theta)[0]
+        share, M = np.nan_to_num(energy.share), linear.matrices(theta)[0]
         parts = (
             np.abs(linear.B.T @ known.shapes) ** 2 / np.einsum("im,ij,jm->m", known.shapes.conj(), M, known.shapes).real
         )
         parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
         # A pendulum under gravity has less than half of its strain energy in springs.
         sprung = np.flatnonzero(energy.load <= 0.5).tolist()
-        if not sprung:
-            raise StudyError(
-                "use/gains",
-                "no spring of the robot swings behind its motors, so that none limits them",
-                f"posture {linear.configuration.name}",
-            )
         return tuple(
-            PlantMode(float(known.freq_hz[m]), energy.springs[strained[m]], tuple(parts[:, m].tolist())) for m in sprung
+            PlantMode(float(known.freq_hz[m]), energy.springs[int(share[:, m].argmax())], tuple(parts[:, m].tolist()))
+            for m in sprung
         )
 
-    def _theta(self, linear: LinearModel, x: FloatArray | None = None) -> FloatArray:
-        e = self.family.estimated
-        known = Estimated.of(
-            e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, linear.configuration.name, e.doubts
-        )  # fmt: skip
-        return known.theta(known.x if x is None else x)
-
     def _plants(self, x: FloatArray) -> Plants:
-        pieces = [_sampled(linear, self._theta(linear, x), self.rate_hz) for linear in self.linear]
+        pieces = [_sampled(model.linear, model.estimated.theta(x), self.rate_hz) for model in self.models]
         A, B, C = (np.array(part) for part in zip(*pieces, strict=True))
         return Plants(self.rate_hz, A, B, C, self.inertia)
 
@@ -194,15 +181,6 @@ def _with_input_states(
 LIMIT_DB = 6.0  # of M_S
 THRESHOLD = 10 ** (-3 / 20)  # of |E_ii| at the bandwidth
 STABLE = 1 - 1e-9  # |z| of a pole, which rounding of an integrator at 1 stays outside of
-
-
-def controller_response(
-    gains: Gains, filters: Filters | None, freq_hz: FloatArray, rate_hz: float
-) -> tuple[ComplexArray, ComplexArray]:
-    """F and F_r (..., n_u) at freq_hz (...)."""
-    H = 1.0 if filters is None else filters.response(freq_hz, rate_hz)
-    of_position = replace(gains, kd=np.zeros_like(gains.kd))
-    return gains.response(freq_hz, rate_hz) * H, of_position.response(freq_hz, rate_hz) * H
 
 
 def grid(plants: Plants, lines: int, per_mode: int) -> FloatArray:
@@ -240,10 +218,12 @@ class Scene:
         freq_hz = grid(plants, lines, per_mode)
         return cls(plants, freq_hz, plants.response(freq_hz))
 
-    def closed(self, gains: Gains, filters: Filters | None) -> Closed:
+    def closed(self, gains: JointLoop, filters: Filters | None) -> Closed:
         """The loops of gains (n_u,) or (N, n_u)."""
-        stack = Gains(*(np.atleast_2d(part)[:, None] for part in (gains.kp, gains.kd, gains.ki)))
-        F, F_r = controller_response(stack, filters, self.freq_hz, self.plants.rate_hz)
+        stack = JointLoop(*(np.atleast_2d(part)[:, None] for part in (gains.kp, gains.kd, gains.ki)))
+        rate_hz = self.plants.rate_hz
+        H = 1.0 if filters is None else filters.response(self.freq_hz, rate_hz)
+        F, F_r = (part.response(self.freq_hz, rate_hz) * H for part in (stack, replace(stack, kd=0 * stack.kd)))
         S = np.asarray(np.linalg.inv(np.eye(self.P.shape[-1]) + F[..., :, None] * self.P))
         return Closed(self, gains, filters, S, 1 - np.einsum("...ij,...ji->...i", self.P, S) * F_r)
 
@@ -253,7 +233,7 @@ class Closed:
     """Loops of N plants closed by a controller: S (N, F, n_u, n_u) and E_ii (N, F, n_u)."""
 
     scene: Scene
-    gains: Gains
+    gains: JointLoop
     filters: Filters | None
     S: ComplexArray
     E: ComplexArray
@@ -300,7 +280,7 @@ def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
     return np.asarray(np.exp(ends[0] + share * (ends[1] - ends[0])))
 
 
-def closed_loop_poles(plants: Plants, gains: Gains, filters: Filters | None) -> ComplexArray:
+def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None) -> ComplexArray:
     """z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
     N, _, n_u = plants.B.shape
     T, unit, none = 1 / plants.rate_hz, np.eye(n_u), np.zeros((n_u, n_u))

@@ -66,10 +66,3 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
             drawn.append(np.append(x - moved_by_doubts, sizes))
     held = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
     return DrawnRobots(names, np.array(drawn), np.array(values), tuple(robots), tuple(held))
-
-
-def estimated_robot(result: Result) -> Robot:
-    """The robot with the fitted numbers, those that all configurations share."""
-    numbers = result.parameters.numbers(result.x)
-    numbers.pop(DELAY, None)
-    return result.known_robot.with_parameters(numbers)

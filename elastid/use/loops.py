@@ -38,10 +38,11 @@ from scipy.optimize import minimize
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import FitError
-from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
-from elastid.simulation.controller import Filters, Gains, filters_of, gains_of, low_pass, notch
+from elastid.record import JointLoop
+from elastid.simulation.controller import Filters, filters_of, gains_of, low_pass, notch
+from elastid.simulation.spec import ControllerSpec, GainsSpec, NotchSpec
 from elastid.use.closed_loops import (
     LIMIT_DB,
     Closed,
@@ -49,7 +50,6 @@ from elastid.use.closed_loops import (
     Plants,
     PostureFamily,
     Scene,
-    controller_response,
     scaled,
 )
 
@@ -111,20 +111,20 @@ class Cascade:
         )  # fmt: skip
 
     @property
-    def gains(self) -> Gains:
+    def gains(self) -> JointLoop:
         """Gains as a simulation takes them."""
-        return Gains(self.position_gain * self.velocity_gain, self.velocity_gain, self.position_gain)
+        return JointLoop(self.position_gain * self.velocity_gain, self.velocity_gain, self.position_gain)
 
     def filters(self, rate_hz: float) -> Filters:
         """Notches, low pass and delay."""
         sections = [[low_pass(corner, rate_hz)] for corner in self.low_pass_hz]
         for axis, row in zip(self.axes, self.notches, strict=True):
             sections[axis].insert(-1, notch(row[0], row[1], row[2], rate_hz))
-        return Filters(tuple(tuple(tuple(part.tolist()) for part in chain) for chain in sections), self.delay)
+        return Filters(tuple(sections), self.delay)
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
         """F (..., n_u) at freq_hz (...)."""
-        return controller_response(self.gains, self.filters(rate_hz), freq_hz, rate_hz)[0]
+        return self.gains.response(freq_hz, rate_hz) * self.filters(rate_hz).response(freq_hz, rate_hz)
 
     def log_slopes(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
         """d ln F_i / dx (..., n_x), i the axis of each of x; axes answer independently."""
@@ -333,7 +333,9 @@ class LoopState:
     sensitivity_db: FloatArray = labelled("largest sensitivity", "dB", "postures line")
 
 
-def assess(name: str, family: PostureFamily, drawn: Plants | None, gains: Gains, filters: Filters | None) -> LoopState:
+def assess(
+    name: str, family: PostureFamily, drawn: Plants | None, gains: JointLoop, filters: Filters | None
+) -> LoopState:
     """A controller of gains (n_u,) or (Q, n_u) in the Q postures of a family; drawn: D times as many plants."""
     plants, axes = family.estimate, family.axes
     loops = Scene.of(plants, 600, 41).closed(gains, filters)
@@ -343,13 +345,13 @@ def assess(name: str, family: PostureFamily, drawn: Plants | None, gains: Gains,
     if drawn is not None:
         D = len(drawn) // len(plants)
         tiled = (np.tile(np.broadcast_to(part, bandwidth.shape), (D, 1)) for part in (gains.kp, gains.kd, gains.ki))
-        of_draws = Scene.of(drawn, 120, 9).closed(Gains(*tiled), filters).peaks_db.reshape(D, -1)
+        of_draws = Scene.of(drawn, 120, 9).closed(JointLoop(*tiled), filters).peaks_db.reshape(D, -1)
         # Sorted: quantiles of infinities would be NaN.
         ends = np.sort(of_draws, axis=0)[[int(0.025 * (D - 1)), int(np.ceil(0.975 * (D - 1)))]]
         drawn_peaks = of_draws.max(axis=1)
-    size_db = 20 * np.log10(loops.size)
+    size_db, postures = 20 * np.log10(loops.size), tuple(posture.name for posture in family.configurations)
     return LoopState(
-        name, family.names, axes, peaks, ends[0], ends[1], causes, bandwidth, drawn_peaks, loops.scene.freq_hz, size_db
+        name, postures, axes, peaks, ends[0], ends[1], causes, bandwidth, drawn_peaks, loops.scene.freq_hz, size_db
     )
 
 
@@ -404,8 +406,8 @@ class Loops:
 def todays_loops(family: PostureFamily, drawn: Plants | None, spec: ControllerSpec) -> LoopState:
     """A controller in all postures; its gains may follow from a bandwidth, which is another in each."""
     model, theta = family.family.model, family.family.theta
-    sets = [gains_of(model, equilibrium(model, theta, case.configuration).q, spec) for case in family.linear]
-    gains = Gains(*(np.array([getattr(tuning, name) for tuning in sets]) for name in ("kp", "kd", "ki")))
+    sets = [gains_of(model, equilibrium(model, theta, posture).q, spec) for posture in family.configurations]
+    gains = JointLoop(*(np.array([getattr(tuning, name) for tuning in sets]) for name in ("kp", "kd", "ki")))
     return assess(TODAY, family, drawn, gains, filters_of(family.axes, spec, family.rate_hz))
 
 
@@ -426,7 +428,8 @@ def design_loops(
     if today is not None:
         variant = replace(family, rate_hz=today_hz or family.rate_hz)
         state = todays_loops(variant, drawn_of(variant), today)
-    drawn, first_hz = drawn_of(family), min(mode.freq_hz for modes in family.modes for mode in modes)
+    drawn = drawn_of(family)
+    first_hz = min((mode.freq_hz for modes in family.modes for mode in modes), default=family.rate_hz)
     cascade = robust(family.estimate, drawn, first_hz, delay_samples)
     designed = assess(DESIGNED, family, drawn, cascade.gains, cascade.filters(family.rate_hz))
     return Loops(name, family.axes, family.rate_hz, draws, state, designed, cascade)

@@ -15,7 +15,6 @@ Hessian of the tool's error. Of plans the best within limits, and the shortest t
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -23,7 +22,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
-from scipy.sparse import csc_array, diags_array
+from scipy.sparse import csc_array
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
@@ -121,9 +120,9 @@ class CommandedRobot:
         columns = np.concatenate([np.broadcast_to(m.B, (n, *m.B.shape)), carried], axis=2)
         return np.asarray((np.linalg.pinv(columns) @ force.T[:, :, None])[:, : m.n_u, 0])
 
-    def poses(self, q: FloatArray) -> Poses:
-        """Poses of the frame at q (N, n_q)."""
-        return frame_poses(self.robot, q[:, : len(self.robot.joints)], self.frame)
+    def poses(self, q: FloatArray, robot: Robot | None = None) -> Poses:
+        """Poses of the frame at q (N, n_q), of this robot or of another of its kind."""
+        return frame_poses(robot or self.robot, q[:, : len(self.robot.joints)], self.frame)
 
     def rigid(self, move: Move, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """q, v, a (N, n_q) of the robot without deflection along a move at times (N,)."""
@@ -210,7 +209,8 @@ def plan(
         raise KeyboardInterrupt
     g = solution["g"].full()[:, 0]
     violation = float(np.maximum(problem.low - g, g - problem.high).max(initial=0.0))
-    return Planned(problem.spline(solution["x"].full()[:, 0]), status, violation)
+    spline = BSpline(problem.knots, problem.coefficients(solution["x"]).full().T, DEGREE)
+    return Planned(spline, status, violation)
 
 
 class _Problem:
@@ -227,8 +227,8 @@ class _Problem:
         self.n, self.n_q, self.n_u, self.n_c = N - 1, model.n_q, model.n_u, len(commanded.rows)
         self.ends = [commanded.rest(angles) for angles in move.ends]
         self.count = N + DEGREE  # of coefficients
-        self.bases = [basis_of(self.knots, times[1:-1], order) for order in range(4)]
-        self.inner = slice(_HELD, self.count - _HELD)
+        splines = BSpline(self.knots, np.eye(self.count), DEGREE)
+        self.bases = [csc_array(splines(times[1:-1], order)) for order in range(4)]
         self.target = commanded.poses(commanded.rigid(move, times[1:-1])[0])
         still = np.zeros((2, self.n_q))
         self.holding = commanded.torque(np.array(self.ends), still, still)
@@ -238,7 +238,7 @@ class _Problem:
         self.u_0 = np.maximum(np.where(np.isfinite(limits.torque), np.minimum(limits.torque, peak), peak), 1e-6)
         self.force_0 = float(self.u_0.max())
         clipped = np.clip(u, -limits.torque, limits.torque) / self.u_0
-        self.start = np.concatenate([guess[self.inner].ravel(), clipped.ravel(), np.zeros(self.n_c * self.n)])
+        self.start = np.concatenate([guess[_HELD:-_HELD].ravel(), clipped.ravel(), np.zeros(self.n_c * self.n)])
         self._build()
 
     def _guess(self, move: Move) -> FloatArray:
@@ -254,15 +254,12 @@ class _Problem:
         n, n_q, n_u, n_c = self.n, self.n_q, self.n_u, self.n_c
         sizes = n_q * n, n_u * n, n_c * n
         x = ca.MX.sym("x", sum(sizes))
-        C_x, U_x, L_x = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist()) if n_c else (*ca.vertsplit(
-            x, [0, sizes[0], sizes[0] + sizes[1]]), ca.MX(0, 1))  # fmt: skip
+        C_x, U_x, L_x = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist())
         C, U, L = ca.reshape(C_x, n_q, n), ca.reshape(U_x, n_u, n), ca.reshape(L_x, n_c, n)
-        inner = [ca.DM(basis[:, self.inner]) for basis in self.bases]
-        outer = [
-            np.outer(self.ends[0], basis[:, :_HELD].sum(axis=1)) + np.outer(self.ends[1], basis[:, -_HELD:].sum(axis=1))
-            for basis in self.bases
-        ]
-        Q, V, A, jerk = (C @ inside.T + ca.DM(fixed) for inside, fixed in zip(inner, outer, strict=True))
+        first, last = (ca.repmat(ca.DM(end), 1, _HELD) for end in self.ends)
+        whole = ca.horzcat(first, C, last)
+        self.coefficients = ca.Function("coefficients", [x], [whole])
+        Q, V, A, jerk = (whole @ ca.DM(basis).T for basis in self.bases)
         B = ca.DM(self.commanded.model.B) @ ca.diag(ca.DM(self.u_0))
         force, phi, _ = self.commanded.balance.map(n)(Q, V, A, L * self.force_0)
         dynamics = (force - B @ U) / self.force_0
@@ -274,12 +271,8 @@ class _Problem:
         held = [ca.DM(u / self.u_0) for u in self.holding]
         rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (_RATE_S / np.sqrt(self.step))
         # Sixth differences of coefficients: small of any smooth motion, large of one from knot to knot.
-        sixth = [math.comb(6, i) * (-1.0) ** i * np.sqrt(self.step) / _RIPPLE for i in range(7)]
-        ripple = diags_array(sixth, offsets=range(7), shape=(self.count - 6, self.count)).tocsc()
-        whole = ca.horzcat(
-            *(ca.DM(self.ends[0]) for _ in range(_HELD)), C, *(ca.DM(self.ends[1]) for _ in range(_HELD))
-        )
-        residual = ca.vertcat(tool, ca.vec(rate), ca.vec(whole @ ca.DM(ripple).T))
+        ripple = ca.diff(whole, 6, 1) * (np.sqrt(self.step) / _RIPPLE)
+        residual = ca.vertcat(tool, ca.vec(rate), ca.vec(ripple))
         self.nlp = {"x": x, "f": ca.sumsqr(residual), "g": g}
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
         slopes = ca.jacobian(residual, x)
@@ -306,25 +299,6 @@ class _Problem:
                 value = motion[rows[motor], :] - (0.0 if order else middle[motor])
                 bounded.append(ca.vec(value / bounds[motor]))
         return bounded
-
-    def spline(self, x: FloatArray) -> BSpline:
-        """q(t) of the variables."""
-        c = np.empty((self.count, self.n_q))
-        c[:_HELD], c[-_HELD:] = self.ends
-        c[self.inner] = x[: self.n_q * self.n].reshape(self.n, self.n_q)
-        return BSpline(self.knots, c, DEGREE)
-
-
-def basis_of(knots: FloatArray, x: FloatArray, order: int, degree: int = DEGREE) -> csc_array:
-    """Splines on the knots, or their derivatives of an order, at x (n,): sparse (n, count)."""
-    if order == 0:
-        return csc_array(BSpline.design_matrix(x, knots, degree))
-    count = len(knots) - degree - 1
-    slope = degree / (knots[degree + 1 : count + degree] - knots[1:count])
-    D = diags_array([-slope, slope], offsets=[0, 1], shape=(count - 1, count))
-    basis = csc_array(basis_of(knots[1:-1], x, order - 1, degree - 1) @ D)
-    basis.sort_indices()  # CasADi takes no others
-    return basis
 
 
 def margin_of(commanded: CommandedRobot, move: Move) -> float:

@@ -18,17 +18,13 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError
 from elastid.base.execution import Progress, silent
-from elastid.experiment.simulated.hardware import drives
-from elastid.friction.robot_friction import frictions
+from elastid.experiment.simulated.plant import Plant, true_plant
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
-from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import formulate
-from elastid.model.kinematics import frame_poses
-from elastid.record import Configuration
+from elastid.record import Configuration, JointLoop
 from elastid.robot import Robot
-from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop, simulate
-from elastid.simulation.controller import Gains, tune
-from elastid.simulation.dynamics import affordable_steps, contacts, poles
+from elastid.simulation.closed_loop import Commands, simulate
+from elastid.simulation.controller import tune
 from elastid.use.moves import KINDS, MotionLimits, Move, References
 from elastid.use.plans import (
     CommandedRobot,
@@ -70,33 +66,26 @@ class Outcome:
 class TwinLoop:
     """A robot in the loops of its drives, its numbers given run by run."""
 
+    commanded: CommandedRobot
     robot: Robot
-    model: ElasticModel
-    loop: ClosedLoop
-    gains: Gains
-    frame: str
+    plant: Plant
+    gains: JointLoop
 
     @classmethod
     def of(
-        cls, robot: Robot, model: ElasticModel, frame: str, gains: Gains, rate_hz: float, samples: int = 0,
-        *, clips: bool = False,
+        cls, commanded: CommandedRobot, robot: Robot, start: FloatArray, rate_hz: float, bandwidth_hz: float,
+        samples: int = 0, *, clips: bool = False,
     ) -> TwinLoop:  # fmt: skip
-        """Loop of a robot with `model`; samples: about how many will be simulated; clips: torques at their limits.
+        """Loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
 
-        StudyError for poles that are too fast.
-
-        The steps are short enough for its fastest pole in the start posture, with a fifth to spare for draws.
+        samples: about how many will be simulated.  clips: torques at their limits.  StudyError for poles that are too
+        fast.
         """
-        placed = contacts(model, frictions(robot))
-        q = np.zeros(model.n_q)
-        start = np.array([joint.start for joint in robot.driven])
-        q = equilibrium(model, model.theta, Configuration("start", start)).q if robot.loops else q
-        substeps = affordable_steps(1.2 * poles(model, placed, q), rate_hz, robot.name)
         clips = clips and any(np.isfinite(joint.limits.torque) for joint in robot.driven)
-        hardware = drives(robot, 0, (), clips)
-        limits = np.tile([-np.inf, np.inf], (model.n_u, 1))
-        loop = closed_loop(model, placed, limits, rate_hz, substeps, hardware, samples, of_numbers=True)
-        return cls(robot, model, loop, gains, frame)
+        spec, posture = SimulatedSpec(model=commanded.spec, saturation=clips), Configuration("start", start)
+        plant = true_plant(robot, spec, rate_hz, posture, samples=samples, is_free=True, of_numbers=True)
+        gains = tune(commanded.model, commanded.rigid_posture(start), bandwidth_hz, DAMPING_RATIO)
+        return cls(commanded, robot, plant, gains)
 
     def follow(self, references: References, robot: Robot | None = None) -> tuple[FloatArray, FloatArray]:
         """q (N, n_q), torque of the drives (N, n_u) of this robot, or another of its kind, from rest.
@@ -104,14 +93,15 @@ class TwinLoop:
         DataError where a motor is lost, StudyError where it finds no rest at the start.
         """
         table = (robot or self.robot).parameters()
-        theta = np.array([table[name][0] for name in self.model.parameters])
-        rest = equilibrium(self.model, theta, Configuration("start", references.position[0])).q
+        model = self.plant.model
+        theta = np.array([table[name][0] for name in model.parameters])
+        rest = equilibrium(model, theta, Configuration("start", references.position[0])).q
         # As the loop differentiates what it reads, so that its torque is of the error alone.
         velocity = np.diff(references.position, axis=0, prepend=references.position[:1]) * references.rate_hz
         none = np.zeros_like(velocity)
         commands = Commands(references.position, velocity, references.torque, none, none)
         try:
-            moved = simulate(self.loop, self.gains, commands, rest, theta=theta)
+            moved = simulate(self.plant.loop, self.gains, commands, rest, theta=theta)
         except DataError as error:
             advice = "lower --bandwidth, or raise --rate"
             if robot is not None:
@@ -122,14 +112,10 @@ class TwinLoop:
             raise DataError("experiment/diverged", f"{error}; {advice}") from error
         return moved.q, moved.u
 
-    def tool(self, q: FloatArray, robot: Robot) -> FloatArray:
-        """Place (N, 3) of the frame of a robot of this kind at q (N, n_q)."""
-        return frame_poses(robot, q[:, : len(robot.joints)], self.frame).position
-
     def outcome(self, name: str, references: References, target: FloatArray, end_s: float) -> Outcome:
         """The error from target (N, 3) of a move that ends at end_s."""
         q, _ = self.follow(references)
-        at = self.tool(q, self.robot) - target
+        at = self.commanded.poses(q, self.robot).position - target
         error, after = np.linalg.norm(at, axis=1), references.time_s > end_s
         # The static error is the mean of the last 0.1 s.
         static = at[-max(1, round(0.1 * references.rate_hz)) :].mean(axis=0)
@@ -224,12 +210,6 @@ class _Asked:
     limits: MotionLimits
     margin_s: float
 
-    @property
-    def gains(self) -> Gains:
-        """Gains of the drives' loops."""
-        start = self.commanded.rigid_posture(self.move.ends[0])
-        return tune(self.commanded.model, start, self.given.bandwidth_hz, DAMPING_RATIO)
-
     def tuned(self, name: str, progress: Progress) -> TunedMove:
         """The best move with its outcomes."""
         given, limits, joints = self.given, self.limits, self.commanded.robot.driven
@@ -265,7 +245,8 @@ class _Asked:
         given, commanded, limits = self.given, self.commanded, self.limits
         n = len(given.draws)
         samples = round((self.move.duration + 2 * self.margin_s + SETTLING_S) * given.rate_hz) * n
-        loop = TwinLoop.of(given.identified, commanded.model, given.frame, self.gains, given.rate_hz, samples)
+        start, hz = self.move.ends[0], (given.rate_hz, given.bandwidth_hz)
+        loop = TwinLoop.of(commanded, given.identified, start, *hz, samples)
         narrowed = limits
         for attempt in range(PASSES):
             progress(attempt * (n + 1), PASSES * (n + 1))
@@ -284,7 +265,7 @@ class _Asked:
             errors, most = [], np.abs(references.torque).max(axis=0)
             for i, robot in enumerate(given.draws):
                 q, torque = loop.follow(references, robot)
-                errors.append(np.linalg.norm(loop.tool(q, robot) - target, axis=1))
+                errors.append(np.linalg.norm(commanded.poses(q, robot).position - target, axis=1))
                 most = np.maximum(most, np.abs(torque).max(axis=0))
                 velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * given.rate_hz
                 used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
@@ -306,11 +287,10 @@ class _Asked:
 
     def _outcomes(self, references: References, target: FloatArray, drawn: FloatArray) -> tuple[Outcome, ...]:
         """Rigid feedforward, catalogue and identified stiffness on the robot to judge by, this with 95 % of draws."""
-        given, spec, move = self.given, self.commanded.spec, self.move
-        model = self.commanded.model if given.judge is given.identified else formulate(given.judge, spec)
-        samples = 3 * len(references.time_s)
-        judge = TwinLoop.of(given.judge, model, given.frame, self.gains, given.rate_hz, samples, clips=True)
-        of_catalogue = CommandedRobot.of(given.catalogue, given.frame, move.ends[0], spec)
+        given, move = self.given, self.move
+        start, hz, samples = move.ends[0], (given.rate_hz, given.bandwidth_hz), 3 * len(references.time_s)
+        judge = TwinLoop.of(self.commanded, given.judge, start, *hz, samples, clips=True)
+        of_catalogue = CommandedRobot.of(given.catalogue, given.frame, start, self.commanded.spec)
         elastic = best_plan(of_catalogue, move, MotionLimits.of(given.catalogue), self.margin_s)
         commands = {
             RIGID: rigid_references(given.catalogue, of_catalogue, move, references.time_s),

@@ -1,14 +1,9 @@
-r"""Agreement of modelled FRFs with measured ones: errors, resonances between the lines, noise, and the verdict.
+"""Agreement of modelled FRFs with measured ones: errors, noise, and the verdict.
 
     E(k) = Ghat(k) - G(k),   sigma^2(k) = measured variance of Ghat(k)
 
 A variance estimated from few realisations is smoothed over neighbouring lines, as for the fit. Magnitude and phase
 are judged on the lines where |Ghat| is at least 2 sigma; the statistical tests use every line.
-
-.. math:: f_r^2 = \arg\min_x p(x), \qquad p(f^2) \text{ a parabola through } 1/|G|^2 \text{ near a peak of } |G|
-
-1/|G|^2 of a single mode is a parabola in f^2, however sharp its peak between two lines; one through log |G| is not.
-Antiresonances are the resonances of 1/G.
 
 Responses measured at the tool, by a hammer or an accelerometer, stand next to the prediction of `Result.at` with its
 band, which has the errors of parameters, of the robot's file and of a misfit.
@@ -19,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -78,7 +72,7 @@ class PredictedResponse:
     @property
     def rms_log_db(self) -> float:
         """Root mean square of 20 log10 of measured over predicted magnitude, of lines well above the noise."""
-        return agreement(self.measured, self.predicted, peaks=False).overall_rms_log_db
+        return agreement(self.measured, self.predicted).overall_rms_log_db
 
     @property
     def words(self) -> str:
@@ -106,92 +100,6 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
     )  # fmt: skip
 
 
-PeakKind: TypeAlias = Literal["resonance", "antiresonance"]
-
-
-@dataclass(frozen=True)
-class PeakLimits:
-    """Limits of the judgement of peaks."""
-
-    min_prominence_db: float = 3.0
-    min_prominence_sigmas: float = 6.0  # the same in standard deviations
-    max_frequency_ratio: float = 1.25  # up to which two frequencies may be of the same mode
-
-
-PEAKS = PeakLimits()
-
-
-@dataclass(frozen=True)
-class Peak:
-    """A resonance or antiresonance of one element as measured and as modelled; modelled_hz is NaN without a partner."""
-
-    output: str
-    input: str
-    kind: PeakKind
-    measured_hz: float
-    modelled_hz: float
-
-    @property
-    def error_percent(self) -> float:
-        """Modelled against measured frequency."""
-        return 100 * (self.modelled_hz / self.measured_hz - 1)
-
-
-def resonances(
-    freq_hz: FloatArray,
-    G: ComplexArray,
-    std: FloatArray | None = None,
-    prominence_db: float = PEAKS.min_prominence_db,
-    sign: int = 1,
-) -> FloatArray:
-    """Frequencies (n,) of the peaks of |G| (F,) (sign 1) or of its dips (-1), increasing, none at the ends of the band.
-
-    A peak has a prominence of prominence_db, and with std (F,) of G of 6 standard deviations, in |G| or in 1/|G|, one
-    of which may be mostly noise.  An element that is zero somewhere has none.
-    """
-    from scipy.signal import find_peaks  # slow to load, and a fit looks for no peaks
-
-    magnitude = np.abs(G)
-    if len(G) < 3 or not np.all(magnitude > 0):
-        return np.array([])
-    level, std = sign * 20 * np.log10(magnitude), np.zeros(len(G)) if std is None else std
-    peaks, of_peaks = find_peaks(level, prominence=prominence_db)
-    left, right = of_peaks["left_bases"], of_peaks["right_bases"]
-    base = np.where(level[left] > level[right], left, right)  # from which prominence counts
-    pairs = ((magnitude, std), (1 / magnitude, std / magnitude**2))
-    sigmas = [np.abs(m[peaks] - m[base]) / np.maximum(np.hypot(s[peaks], s[base]), 1e-300) for m, s in pairs]
-    is_significant = np.max(sigmas, axis=0) > PEAKS.min_prominence_sigmas / math.sqrt(2)
-    return np.array([_minimum(freq_hz, magnitude ** (-2 * sign), peak) for peak in peaks[is_significant].tolist()])
-
-
-def paired_resonances(measured: FloatArray, modelled: FloatArray) -> FloatArray:
-    """The modelled partner (n,) of each measured frequency: mutually nearest on a logarithmic axis, NaN without one."""
-    partner = np.full(len(measured), np.nan)
-    if len(measured) == 0 or len(modelled) == 0:
-        return partner
-    distance = np.abs(np.log(measured[:, None] / modelled[None, :]))
-    nearest, rows = distance.argmin(axis=1), np.arange(len(measured))
-    is_mutual = distance.argmin(axis=0)[nearest] == rows
-    near = is_mutual & (distance[rows, nearest] < math.log(PEAKS.max_frequency_ratio))
-    partner[near] = modelled[nearest[near]]
-    return partner
-
-
-def _minimum(freq_hz: FloatArray, p: FloatArray, line: int) -> float:
-    """Frequency of the minimum of a parabola through p (F,) over f^2, at the lines around a low one.
-
-    As many on either side, those within 1.5 dB of it, at least one; beyond may be other modes.
-    """
-    above = np.flatnonzero(np.append(p > 1.4 * p[line], True))
-    before = above[above < line][-1] if np.any(above < line) else -1
-    reach = max(1, min(line - before, above[above > line][0] - line) - 1)
-    near = slice(line - reach, line + reach + 1)
-    low, middle, high = freq_hz[[near.start, line, near.stop - 1]] ** 2
-    x = (freq_hz[near] ** 2 - middle) / (high - low)
-    a, b, _ = np.linalg.lstsq(np.vander(x, 3), p[near] / p[line])[0].tolist()
-    return math.sqrt(min(max(middle - b / (2 * a) * (high - low), low), high) if a > 0 else middle)
-
-
 @frozen_value
 class Agreement:
     """Agreement of the model of a configuration with its measurement; arrays by element (n_y, n_u).
@@ -209,7 +117,6 @@ class Agreement:
     rms_log_db: FloatArray = labelled("rms of 20 log10 |measured / modelled|", "dB", "outputs inputs")
     phase_rms_deg: FloatArray = labelled("rms of the phase of measured / modelled", "deg", "outputs inputs")
     rms_sigma: FloatArray = labelled("rms of the residual over its standard deviation", "", "outputs inputs")
-    peaks: tuple[Peak, ...]
     power_ratio: float = math.nan
     power_dof: float = 0.0
     white_p: float = math.nan
@@ -229,11 +136,6 @@ class Agreement:
         """Residual over its standard deviation, rms over all elements with one."""
         known = self.rms_sigma[np.isfinite(self.rms_sigma)]
         return math.sqrt(np.mean(known**2)) if known.size else math.nan
-
-    def worst(self, kind: PeakKind) -> Peak | None:
-        """The resonance or antiresonance whose modelled frequency is furthest off; None where none was matched."""
-        matched = [peak for peak in self.peaks if peak.kind == kind and math.isfinite(peak.modelled_hz)]
-        return max(matched, key=lambda peak: abs(peak.error_percent), default=None)
 
 
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
@@ -304,9 +206,6 @@ def generalises(left_out_db: float, fitted_db: float) -> bool:
     return left_out_db <= 1.5 * fitted_db + 0.1
 
 
-_SIGNS: dict[PeakKind, int] = {"resonance": 1, "antiresonance": -1}
-
-
 def validate(
     measured: Sequence[Response],
     modelled: Sequence[Response],
@@ -329,13 +228,11 @@ def agreement(
     modelled: Response,
     left_out: bool = False,
     shifts: ComplexArray | None = None,
-    peaks: bool = True,
 ) -> Agreement:
     """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
 
     shifts (n_x, F, n_y, n_u): changes of a model that was not fitted to it by a standard deviation of its parameters,
-    in independent directions; tests allow for them, as for the systematic errors of the measured one.  peaks: with its
-    resonances, which take most of the time.
+    in independent directions; tests allow for them, as for the systematic errors of the measured one.
     """
     for name in ("inputs", "outputs", "quantity", "freq_hz"):
         if not np.array_equal(getattr(measured, name), getattr(modelled, name)):
@@ -359,7 +256,6 @@ def agreement(
         rms_log_db=np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, judged)),
         phase_rms_deg=np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, judged)),
         rms_sigma=np.sqrt(_mean(np.abs(e) ** 2, known)),
-        peaks=_peaks(measured, modelled, sigma) if peaks else (),
         power_ratio=ratio,
         power_dof=ratio_dof,
         white_p=white_p,
@@ -388,20 +284,6 @@ def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
     return np.asarray(np.where(where, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
 
 
-def _peaks(measured: Response, modelled: Response, sigma: FloatArray) -> tuple[Peak, ...]:
-    """Measured peaks and dips with their modelled partners; the model has no noise, so smaller bumps count there."""
-    freq_hz = measured.freq_hz
-    peaks: list[Peak] = []
-    for i, output in enumerate(measured.outputs):
-        for j, source in enumerate(measured.inputs):
-            for kind, sign in _SIGNS.items():
-                f = resonances(freq_hz, measured.G[:, i, j], sigma[:, i, j], sign=sign)
-                of_model = resonances(freq_hz, modelled.G[:, i, j], None, PEAKS.min_prominence_db / 3, sign)
-                partner = paired_resonances(f, of_model)
-                peaks += [Peak(output, source, kind, *pair) for pair in zip(f.tolist(), partner.tolist(), strict=True)]
-    return tuple(peaks)
-
-
 def _verdict(agreements: Sequence[Agreement]) -> str:
     fitted, left_out = ([a for a in agreements if a.left_out is is_out] for is_out in (False, True))
     judged = left_out or fitted
@@ -425,7 +307,7 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
             f"On the fitted configurations the model is {sentence}; its error on others is unknown, because "
             "validation.left_out names none"
         )
-    return sentence + _noise_clause(judged) + _resonance_clause(judged) + "."
+    return sentence + _noise_clause(judged) + "."
 
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
@@ -447,14 +329,4 @@ def _noise_clause(agreements: Sequence[Agreement]) -> str:
     return (
         f"; residuals are {times:.3g} times the noise{'' if white else ' and coloured'}, {meaning} (of a true model, "
         f"each of these two tests says more in {100 * FALSE_ALARM:g} % of measurements)"
-    )
-
-
-def _resonance_clause(agreements: Sequence[Agreement]) -> str:
-    worst = [(peak, a.configuration) for a in agreements if (peak := a.worst("resonance")) is not None]
-    if not worst:
-        return ""
-    peak, configuration = max(worst, key=lambda pair: abs(pair[0].error_percent))
-    return (
-        f"; the worst resonance is {abs(peak.error_percent):.2g} % off ({configuration}, {peak.input} to {peak.output})"
     )

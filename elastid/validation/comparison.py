@@ -221,19 +221,11 @@ class ComparedVariant:
     model: ModelSpec
 
 
-@dataclass(frozen=True)
-class RefitTask:
-    """One fit: of a variant to all responses but those of the configurations left out."""
-
-    variant: ComparedVariant
-    left_out: tuple[str, ...]
-
-
-def refit(responses: Sequence[Response], task: RefitTask) -> Refit:
-    """Fit a variant without some configurations and compare its prediction with them."""
-    fitted = [response for response in responses if response.configuration.name not in task.left_out]
-    out = [response for response in responses if response.configuration.name in task.left_out]
-    variant = task.variant
+def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[str]]) -> Refit:
+    """Fit a variant to all responses but those of configurations left out, and compare its prediction with them."""
+    variant, left_out = task
+    fitted = [response for response in responses if response.configuration.name not in left_out]
+    out = [response for response in responses if response.configuration.name in left_out]
     weights, names = variant.fit.weights, [response.configuration.name for response in fitted]
     spec = replace(variant.fit, weights=replace(weights, factors=_factors(weights.factors, names)))
     try:
@@ -304,7 +296,7 @@ def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:
     weights = weigh(measured, spec)
     used = weights.used
     error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]
-    off = agreement(measured, modelled, left_out=True, peaks=False)
+    off = agreement(measured, modelled, left_out=True)
     misfit = float(np.mean(error**2)) if error.size else math.nan
     return Fold(off.configuration, misfit, off.overall_rms_log_db, off.overall_phase_rms_deg)
 

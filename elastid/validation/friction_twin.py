@@ -1,14 +1,15 @@
-r"""The twin of a friction study: torque of motions part by part, and a log simulated with the identified friction.
+r"""The torque of motions part by part, and the twin along their logs, with the identified friction.
 
-A joint that moved alone has inertia and gravity of its own; of joints that moved together the rigid body is what their
-regression took out of the log, gravity and offset with it.
+Of a motion the parts are those of its regression. A joint that moved alone has inertia and gravity of its own; of
+joints that moved together the rigid body is what their regression took out of the log, gravity and offset with it.
+
+Along the log of a motion
 
 .. math:: M(q) \ddot q + f(q, \dot q) + \tau_f(\dot q, z) = B\, [u - (\tau_r - \hat \tau_r)]
 
 tau_r is the rigid body's torque that the identification found in the log (for a joint alone its inertia, gravity and
 offset), hat tau_r that of the robot's file, both along the logged motion: a counterbalance or a payload that the file
-lacks acts on the twin as it does on the robot. Joints that rest are held by a loop of RESTING_HZ on the model's torque.
-
+lacks acts on the twin as it does on the robot. Joints that rest are held by a loop of 5 Hz on the model's torque.
 Logs are judged by the numbers of others, too (`predict_logs`).
 """
 
@@ -38,32 +39,24 @@ from elastid.robot import Robot
 from elastid.robot.simplified import without_friction
 from elastid.simulation.closed_loop import Commands, Trajectory
 from elastid.simulation.controller import feed_forward, gains_of
+from elastid.validation.torque_balance import DRY, GRAVITY, INERTIA, RIGID_BODY, VISCOUS, TorqueBalance, torque_balance
 from elastid.validation.twin import (
-    DRY,
-    GRAVITY,
-    INERTIA,
     LINK,
     LONGEST_S,
     MOTION,
-    RIGID_BODY,
     TORQUE,
-    VISCOUS,
     Drive,
     SignalKind,
-    TorqueBalance,
     TwinFindings,
     TwinRun,
     TwinSignal,
     follow,
     holding_gains,
     run_along,
-    torque_balance,
 )
 
 # Parts of a regression as the twin names them.
 PART_OF = dict(zip(PARTS, (INERTIA, GRAVITY, VISCOUS, DRY), strict=True))
-# Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
-HELD_HZ = 0.5
 
 
 def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords) -> tuple[TorqueBalance, ...]:
@@ -95,26 +88,45 @@ def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
     )
 
 
+# Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
+HELD_HZ = 0.5
+
+
 @frozen_value
 class _Log:
-    """A log of n samples along which joints move: records and signals of those, the whole robot's motion (n, n_u).
+    """A log of n samples along which the joints `moving`, of n_u, move: their regressions, records and signals.
 
-    moving (n_u,): true for a joint that does.  torque (n, n_u): logged; rigid (n, n_u): found of the rigid body.
+    rest (n_u,): angles of the posture, at which the others are held.
     """
 
+    n: int
+    rest: FloatArray
+    moving: tuple[int, ...]
+    regressions: tuple[MotionFriction, ...]
     records: tuple[FrictionRecord, ...]
     signals: tuple[MotionSignals, ...]
-    moving: tuple[bool, ...]
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    torque: FloatArray
-    rigid: FloatArray
+
+    @classmethod
+    def of(cls, robot: Robot, members: Sequence[tuple[MotionFriction, FrictionRecord]]) -> _Log:
+        """The log of joints that moved together, up to LONGEST_S."""
+        names, (regressions, records) = [joint.name for joint in robot.driven], zip(*members, strict=True)
+        posture, n = records[0].configuration, round(LONGEST_S * records[0].rate_hz)
+        rest = np.zeros(len(names)) if posture is None else posture.angles
+        signals = tuple(MotionSignals.of(fit.motion, fit.passband_hz) for fit in regressions)
+        moving = tuple(names.index(record.joint) for record in records)
+        return cls(min(len(records[0].position), n), rest, moving, regressions, records, signals)
+
+    def whole(self, columns: Iterable[FloatArray], rest: FloatArray | float = 0.0) -> FloatArray:
+        """Signals (n, n_u) of all joints by those of the joints that move; rest: of the others."""
+        values = np.full((self.n, len(self.rest)), rest)
+        for i, column in zip(self.moving, columns, strict=True):
+            values[:, i] = column[: self.n]
+        return values
 
     @property
-    def rate_hz(self) -> float:
-        """Rate of the samples."""
-        return self.records[0].rate_hz
+    def position(self) -> FloatArray:
+        """Angles (n, n_u) of the motors."""
+        return self.whole((signals.position for signals in self.signals), self.rest)
 
 
 def friction_twin(
@@ -129,14 +141,14 @@ def friction_twin(
     Under its torque and its reference.  robot: with the friction of `joints`.  controller: None where it is not known;
     no reference drives the twin then.
     """
-    groups: dict[str, list[tuple[JointFriction, FrictionRecord]]] = {}
+    groups: dict[str, list[tuple[MotionFriction, FrictionRecord]]] = {}
     for joint in joints:
         if joint.motion is not None and not joint.motion.motion.is_run_down and joint.friction is not None:
             record = _record_of(joint.motion, measured.of(joint.joint, "motion"))
-            groups.setdefault(record.name, []).append((joint, record))
+            groups.setdefault(record.name, []).append((joint.motion, record))
     driven: list[tuple[_Log, CascadeSpec | None]] = []
     for members in groups.values():
-        log = _log(robot, members)
+        log = _Log.of(robot, members)
         driven.append((log, None))
         if controller is not None and all(record.reference is not None for record in log.records):
             driven.append((log, controller))
@@ -144,35 +156,13 @@ def friction_twin(
     return TwinFindings(friction_balances(joints, measured), tuple(runs))
 
 
-def _log(robot: Robot, members: Sequence[tuple[JointFriction, FrictionRecord]]) -> _Log:
-    names = [joint.name for joint in robot.driven]
-    rate_hz = members[0][1].rate_hz
-    n = min(len(members[0][1].position), round(LONGEST_S * rate_hz))
-    posture = members[0][1].configuration
-    angles = np.zeros(len(names)) if posture is None else posture.angles
-    position = np.tile(angles, (n, 1))
-    velocity, acceleration, torque, rigid = (np.zeros_like(position) for _ in range(4))
-    signals = []
-    for joint, record in members:
-        assert joint.motion is not None
-        i, motion = names.index(joint.joint), MotionSignals.of(joint.motion.motion, joint.motion.passband_hz)
-        position[:, i], velocity[:, i] = motion.position[:n], motion.velocity[:n]
-        acceleration[:, i], torque[:, i] = motion.acceleration[:n], record.torque[:n]
-        rigid[:, i] = _rigid_torque(joint.motion, motion, record.torque)[:n]
-        signals.append(motion)
-    moving = tuple(name in [joint.joint for joint, _ in members] for name in names)
-    return _Log(
-        tuple(record for _, record in members), tuple(signals), moving, position, velocity, acceleration, torque, rigid
-    )
-
-
-def _rigid_torque(fit: MotionFriction, signals: MotionSignals, torque: FloatArray) -> FloatArray:
+def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionRecord) -> FloatArray:
     """The torque (n,) at full rate of all that is no friction in its log: rigid body, gravity and offset.
 
-    torque (n,): with the rigid body, of which a joint that moved with others has no numbers of its own.
+    A joint that moved with others has no numbers of its own of the rigid body.
     """
     if fit.rigid_body is not None:
-        return torque - fit.motion.torque
+        return record.torque - fit.motion.torque
     parts = motion_parts(fit.chosen, full_rate_columns(signals, fit.terms))
     return np.asarray(parts["inertia"] + parts.get("gravity", 0.0))
 
@@ -182,58 +172,56 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
     log, controller = driven
     drive: Drive = "torque" if controller is None else "reference"
     held_hz = HELD_HZ if controller is None else 0.0
-    empty = TwinRun(log.records[0].name, drive, held_hz, len(log.position) / log.rate_hz, log.rate_hz)
-    start = Configuration(log.records[0].name, log.position[0])
+    name, rate_hz = log.records[0].name, log.records[0].rate_hz
+    empty = TwinRun(name, drive, held_hz, log.n / rate_hz, rate_hz)
+    start = Configuration(name, log.position[0])
     spec = SimulatedSpec() if controller is None else SimulatedSpec(controller=controller.spec)
-    run = run_along(empty, robot, start, spec, partial(_signals, log, controller))
-    return replace(run, rate_hz=log.rate_hz / int(log.signals[0].kept.step)) if run.signals else run
+    run = run_along(empty, robot, start, spec, partial(_along_motion, log, controller))
+    return replace(run, rate_hz=rate_hz / int(log.signals[0].kept.step)) if run.signals else run
 
 
-def _signals(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[TwinSignal]:
+def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[TwinSignal]:
     """Signals of a plant under reference, torque and gains; joints that rest have the same in all."""
-    q, moving = plant.point.q, np.array(log.moving)
-    smooth = formulate(without_friction(plant.model.robot))
-    demand = feed_forward(smooth, q, log.position - log.position[0], log.velocity, log.acceleration)
-    lacking = np.where(moving, demand - log.rigid, 0.0)
-    still = np.zeros_like(demand)
+    q, moving = plant.point.q, np.isin(np.arange(len(log.rest)), log.moving)
+    smooth, path = formulate(without_friction(plant.model.robot)), log.position
+    rate, curvature = (log.whole(getattr(part, name) for part in log.signals) for name in ("velocity", "acceleration"))
+    torque = log.whole(record.torque for record in log.records)
+    demand = feed_forward(smooth, q, path - path[0], rate, curvature)
+    rigid = log.whole(map(_rigid_torque, log.regressions, log.signals, log.records))
     if controller is None:
         # The plant holds a torque from sample to sample: the mean of both ends acts on it.
-        acting = (log.torque + np.vstack([log.torque[1:], log.torque[-1:]])) / 2
+        acting = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
         held = holding_gains(plant, HELD_HZ)
         # As the loop differentiates what it reads, so that its torque is of the error alone.
-        position = log.position
-        velocity = np.diff(position, axis=0, prepend=position[:1]) * log.rate_hz
+        position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
     else:
-        held = gains_of(plant.model, q, controller.spec)
-        position, known = log.position.copy(), np.zeros_like(demand)
-        for record, i in zip(log.records, np.flatnonzero(moving), strict=True):
-            assert record.reference is not None
-            position[:, i] = record.reference[: len(position)]
-            if record.disturbance is not None:
-                known[:, i] = record.disturbance[: len(position)]
-        velocity = controller.velocity_feed_forward * np.gradient(position, 1 / log.rate_hz, axis=0)
+        held, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
+        position = log.whole((record.reference for record in log.records if record.reference is not None), log.rest)
+        known = log.whole(still if record.disturbance is None else record.disturbance for record in log.records)
+        velocity = controller.velocity_feed_forward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
-        error = held.kp * (position[0] - log.position[0]) + held.kd * (velocity[0] - log.velocity[0])
-        acting = known + np.where(held.ki > 0, log.torque[0] - known[0] - error, 0.0)
-    commands = Commands(position, velocity, np.where(moving, acting, demand), lacking, still)
-    return _compared(log, plant.model, follow(plant, commands, moving, held, log.position[0], log.velocity[0]))
+        error = held.kp * (position[0] - path[0]) + held.kd * (velocity[0] - rate[0])
+        acting = known + np.where(held.ki > 0, torque[0] - known[0] - error, 0.0)
+    lacking = np.where(moving, demand - rigid, 0.0)
+    commands = Commands(position, velocity, np.where(moving, acting, demand), lacking, np.zeros_like(demand))
+    return _in_passband(log, plant.model, follow(plant, commands, moving, held, path[0], rate[0]))
 
 
-def _compared(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[TwinSignal]:
+def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[TwinSignal]:
     """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
-    names, n = [joint.name for joint in model.robot.driven], len(moved.u)
-    for record, signals in zip(log.records, log.signals, strict=True):
+    for i, record, signals in zip(log.moving, log.records, log.signals, strict=True):
         # Of a log that is not simulated to its end, without the rest.
-        kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, n), signals.kept.step))
-        i, k = names.index(record.joint), model.index(f"joint {record.joint}")
-        motor, turning = f"motor {record.joint}", motion_unit("position", record.slides)
-        simulated = moved.reading[:, i], moved.u[:, i], moved.q[:, k]
-        measured = record.position, record.torque, record.link_position
-        kinds: tuple[SignalKind, ...] = (MOTION, TORQUE, LINK)
-        places = (motor, turning), (motor, drive_unit(record.slides)), (f"joint {record.joint}", turning)
-        for kind, (place, unit), y, y_twin in zip(kinds, places, measured, simulated, strict=True):
+        kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, log.n), signals.kept.step))
+        motor, link = f"motor {record.joint}", f"joint {record.joint}"
+        turning, driving = motion_unit("position", record.slides), drive_unit(record.slides)
+        rows: tuple[tuple[SignalKind, str, str, FloatArray | None, FloatArray], ...] = (
+            (MOTION, motor, turning, record.position, moved.reading[:, i]),
+            (TORQUE, motor, driving, record.torque, moved.u[:, i]),
+            (LINK, link, turning, record.link_position, moved.q[:, model.index(link)]),
+        )
+        for kind, place, unit, y, y_twin in rows:
             if y is not None:
-                yield TwinSignal(kind, place, unit, kept.filtered(y[:n]), kept.filtered(y_twin[:n]))
+                yield TwinSignal(kind, place, unit, kept.filtered(y[: log.n]), kept.filtered(y_twin[: log.n]))
 
 
 def predict_logs(

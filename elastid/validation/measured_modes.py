@@ -102,11 +102,10 @@ def _beside(response: Response, modelled: Response, linear: LinearModel) -> Meas
     agreement = mac(modes.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((modes.n_modes, 0))
     partner = _partners(modes, known.freq_hz, known.zeta, agreement)
     missed = np.array([_is_missed(modes, r, response, modelled) for r in range(modes.n_modes)], dtype=bool)
-    table = np.full((modes.n_modes, 3), np.nan)
-    for r in np.flatnonzero(partner >= 0):
-        k = partner[r]
-        table[r] = known.freq_hz[k], known.zeta[k], agreement[r, k]
-    return MeasuredModes(modes, table[:, 0], table[:, 1], table[:, 2], (partner < 0) & missed)
+    # Without a partner, -1, the NaN behind the last mode.
+    model_hz, model_zeta = (np.append(values, np.nan)[partner] for values in (known.freq_hz, known.zeta))
+    mac_of_each = np.pad(agreement, ((0, 0), (0, 1)), constant_values=np.nan)[np.arange(modes.n_modes), partner]
+    return MeasuredModes(modes, model_hz, model_zeta, mac_of_each, (partner < 0) & missed)
 
 
 def _partners(modes: Modes, freq_hz: FloatArray, zeta: FloatArray, agreement: FloatArray) -> IntArray:

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, gammaincc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise, smooth_variance
-from elastid.response import Covariance, Response
+from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
+from elastid.response import Response
 
 # Probability of a verdict against a true model.
 FALSE_ALARM = 0.005
@@ -119,15 +119,6 @@ def sigma_of(measured: Response, noise: SmoothedNoise | None = None) -> FloatArr
     """
     known = noise or smooth_noise(measured)
     return np.zeros(measured.G.shape) if known is None else np.asarray(np.sqrt(known.variance))
-
-
-def smoothed_std(measured: Response, covariance: Covariance) -> FloatArray:
-    """Standard deviation (F, n_y, n_u) of G, smoothed over lines where its degrees of freedom are few."""
-    G, variance = measured.G, covariance.variance
-    smooth = np.empty(G.shape)
-    for i, j in np.ndindex(G.shape[1:]):
-        smooth[:, i, j] = smooth_variance(variance[:, i, j], G[:, i, j], covariance.dof)[0]
-    return np.sqrt(smooth)
 
 
 def above_2sigma(measured: Response, sigma: FloatArray | None = None) -> BoolArray:

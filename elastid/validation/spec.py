@@ -16,16 +16,12 @@ class ValidationSpec:
     # fmt: off
     left_out: Annotated[tuple[str, ...], Key("Configurations that are not fitted; in a study of friction logs of "
         "motions, by the names of their files without extension.", "one where there are five or more, and not the most "
-        "extreme one, which the others cannot predict; none leaves residual tests on fitted data alone.")] = ()
+        "extreme one, which the others cannot predict; none leaves residual tests on fitted data alone.",
+        distinct=True)] = ()
     tool: Annotated[ToolSpec | None, Key("Responses measured at the tool, which the fitted robot predicts.", "where "
         "the model is to say how the tool behaves: a few taps with a hammer show whether it does; taps under the "
         "section tool are fitted, too.")] = None
     # fmt: on
-
-    def __post_init__(self) -> None:
-        """Refuse repeated configurations."""
-        if len(set(self.left_out)) < len(self.left_out):
-            raise ValueError(f"left_out repeats a name ({', '.join(self.left_out)})")
 
 
 @section

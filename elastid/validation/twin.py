@@ -1,167 +1,48 @@
-r"""The twin of a robot along a log: torque part by part for the measured motion, and motion simulated forwards.
-
-.. math:: u(t) = \sum_i \tau_i(t) + e(t), \qquad
-          share_i = \overline{\tau_i u} \,/\, \overline{u^2}, \qquad left = \overline{e^2} \,/\, \overline{u^2}
-
-tau_i: the torque that a part of the model takes for the *measured* motion, so that no controller and no stability is
-needed. Shares do not depend on the order of the parts, and together with that of e they sum to 1. Parts that work
-against each other have more than 1 and less than 0: above an antiresonance a spring takes the link's inertia back.
-Over frequency the same with spectra U, T_i of Hann's window, summed over the lines of a band (Parseval).
+r"""The twin of a robot moved along a log, simulated forwards, by its torque or under its controller.
 
 .. math:: error_i = \sqrt{\overline{(y_i - \hat y_i)^2}} \,/\, \sqrt{\overline{(y_i - \bar y_i)^2}}
 
-Of the identified model, simulated forwards. What drives the twin is one of two:
+What drives the twin is one of two:
 
 `reference`: that of the robot's controller, through the same controller. Motion and torque are the twin's own.
 `torque`: that of the log. A robot under a torque alone drifts, since its motors have no springs and gravity may pull it
 further away; so a loop about the logged motion, slower than what is judged, holds the twin. The torque that this loop
 adds is what the model lacks at low frequencies, and is shown as error of the torque.
+
+Along a record signals are compared at all lines between the lowest and the highest of the response, in the last period
+that counts. Below them the twin is held by a loop of a fifth of the lowest line; an error at that line is changed by
+4 % in its amplitude, higher ones by less. The torque between samples is that of the record's hold; its mean is the
+holding torque of the model, since that of a log contains what no response shows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from functools import partial
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError, StudyError
+from elastid.excitation.grids import grid_lines, line_frequencies
+from elastid.excitation.multisine import synthesise
+from elastid.experiment.simulated.hardware import filter_motions, logged_quantity, sense
 from elastid.experiment.simulated.plant import Plant, true_plant
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.record import Configuration
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration, JointLoop, Record, motion_unit
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
-from elastid.simulation.controller import Gains, rigid_motion, rigid_path, tune
-
-# Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
-INERTIA, GRAVITY, RIGID_BODY, ELASTICITY = "inertia", "gravity and offset", "rigid body", "elasticity"
-VISCOUS, DRY = "viscous friction", "dry friction"
-FRICTION = (VISCOUS, DRY)
-# An octave with less of the torque's power holds noise, or what the window leaks.
-MIN_POWER_SHARE = 1e-4
-
-
-@dataclass(frozen=True)
-class BandBalance:
-    """The torque between two frequencies in Hz: power, its share of all; share of each part in it; what is left.
-
-    left_without_friction: by the model without its friction.
-    """
-
-    low_hz: float
-    high_hz: float
-    power: float
-    shares: tuple[float, ...]
-    left: float
-    left_without_friction: float
-
-
-@frozen_value
-class TorqueBalance:
-    """The torque of one motor in one log, link side.
-
-    place: of its motor or joint.  log: name of the record.  unit: of the torque.  rate_hz: of the samples; without a
-    known rate frequencies are in units of it.  parts: names; torques (n_p, n): of each.  measured (n,).
-    shares: of each part in the mean square of the torque.  left: of it by the whole model, and left_without_friction by
-    the model without its friction.  bands: the same by octave, upwards.
-    """
-
-    place: str
-    log: str
-    unit: str
-    rate_hz: float
-    parts: tuple[str, ...]
-    measured: FloatArray = labelled("torque as measured, link side", "{unit}", "sample")
-    torques: FloatArray = labelled("torque of each part of the model", "{unit}", "parts sample")
-    shares: tuple[float, ...]
-    left: float
-    left_without_friction: float
-    bands: tuple[BandBalance, ...]
-    rate_is_known: bool = True
-
-    @property
-    def worst(self) -> BandBalance:
-        """The octave of which the model leaves most, of those with power."""
-        return max((band for band in self.bands if band.power >= MIN_POWER_SHARE), key=lambda band: band.left)
-
-    @property
-    def residual(self) -> FloatArray:
-        """Measured less modelled torque (n,)."""
-        return np.asarray(self.measured - self.torques.sum(axis=0))
-
-    def part(self, names: Sequence[str]) -> FloatArray:
-        """The torque (n,) of these parts together, 0 of those that the model lacks."""
-        return np.asarray(self.torques[[name in names for name in self.parts]].sum(axis=0))
-
-
-def torque_balance(
-    place: str,
-    log: str,
-    unit: str,
-    rate_hz: float,
-    measured: FloatArray,
-    parts: Mapping[str, FloatArray],
-    band_hz: tuple[float, float],
-    rate_is_known: bool = True,
-) -> TorqueBalance:
-    """Shares of the parts (n,) in the measured torque (n,), over all and in octaves below the end of band_hz."""
-    names, torques = tuple(parts), np.stack(list(parts.values()))
-    dry = np.array([name not in FRICTION for name in names])
-    shares, left, without = _explained(measured[None], torques[:, None], dry)
-    window = np.hanning(len(measured) + 1)[:-1]
-    U, T = np.fft.rfft(window * measured), np.fft.rfft(window * torques)
-    octaves = list(octave_lines(band_hz, rate_hz, len(measured)))
-    total = max(float(sum(np.sum(np.abs(U[inside]) ** 2) for _, _, inside in octaves)), 1e-300)
-    bands = tuple(
-        BandBalance(low, high, float(np.sum(np.abs(U[inside]) ** 2)) / total, *_explained(U[inside], T[:, inside], dry))
-        for low, high, inside in octaves
-    )
-    return TorqueBalance(
-        place, log, unit, rate_hz, names, measured, torques, shares, left, without, bands, rate_is_known
-    )
-
-
-def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
-    """Octaves below the top of band_hz, upwards, the lowest down to its bottom: ends, and lines of a DFT of n."""
-    low, high = band_hz
-    edges = [high]
-    # Below four lines, those of the window, a band is that of a neighbour.
-    while edges[-1] / 2 > max(2 * low, 4 * (rate_hz / n)):
-        edges.append(edges[-1] / 2)
-    if low < edges[-1]:
-        edges.append(low)
-    freq_hz = np.fft.rfftfreq(n, 1 / rate_hz)
-    for first, last in pairwise(reversed(edges)):
-        yield first, last, (freq_hz >= first) & (freq_hz < last)
-
-
-def describe_balance(balance: TorqueBalance) -> str:
-    """Shares of the parts in a sentence."""
-    shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(balance.parts, balance.shares, strict=True))
-    worst, unit = balance.worst, "Hz" if balance.rate_is_known else "of the sampling rate"
-    return (
-        f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left "
-        f"(without friction {balance.left_without_friction:.1%}), most from {worst.low_hz:.3g} to {worst.high_hz:.3g} "
-        f"{unit}: {worst.left:.0%} of the {worst.power:.2%} of the power there."
-    )
-
-
-def _explained(
-    measured: FloatArray | ComplexArray, torques: FloatArray | ComplexArray, no_friction: FloatArray
-) -> tuple[tuple[float, ...], float, float]:
-    """Shares of torques (n_p, ...), and those of the residuals of all of them and of those without friction."""
-    n_p = len(torques)
-    u, parts = measured.ravel(), torques.reshape(n_p, -1)
-    power = max(float(np.sum(np.abs(u) ** 2)), 1e-300)
-    shares = tuple(float(share) for share in (parts @ u.conj()).real / power)
-    left, without = (
-        float(np.sum(np.abs(u - chosen.sum(axis=0)) ** 2)) / power for chosen in (parts, parts[no_friction])
-    )
-    return shares, left, without
-
+from elastid.simulation.controller import rigid_motion, rigid_path, tune
+from elastid.validation.torque_balance import (
+    TorqueBalance,
+    last_counted,
+    last_period,
+)
 
 Drive: TypeAlias = Literal["reference", "torque"]
 SignalKind: TypeAlias = Literal["torque", "motor angle", "link motion"]
@@ -210,6 +91,20 @@ class TwinRun:
         """The signals of a kind."""
         return tuple(signal for signal in self.signals if signal.kind == kind)
 
+    @property
+    def words(self) -> str:
+        """Errors of the twin along its log, in a sentence or two."""
+        driven = f"driven by its {_DRIVES[self.drive]}"
+        if self.lost:
+            return f"Simulated forwards on {self.log}, {driven}, the twin is lost: {self.lost}."
+        held = f", held on the log by a loop of {self.held_hz:.2g} Hz" if self.held_hz else ""
+        errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
+        parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
+        return (
+            f"Simulated forwards over {self.seconds:.3g} s of {self.log}, {driven}{held}, the twin is off by (rms "
+            f"error over rms signal): {'; '.join(parts)}."
+        )
+
 
 @dataclass(frozen=True)
 class TwinFindings:
@@ -220,30 +115,12 @@ class TwinFindings:
     missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def run_words(self) -> tuple[str, ...]:
-        """Errors of the twin in each run."""
-        return tuple(map(describe_run, self.runs))
-
-    @property
     def words(self) -> tuple[str, ...]:
         """The torque of each joint, then the simulations."""
-        return (*map(describe_balance, self.balances), *self.run_words)
+        return (*(balance.words for balance in self.balances), *(run.words for run in self.runs))
 
 
 NO_TWIN = TwinFindings()
-
-
-def describe_run(run: TwinRun) -> str:
-    """Errors of the twin along its log, in a sentence or two."""
-    if run.lost:
-        return f"Simulated forwards on {run.log}, driven by its {_DRIVES[run.drive]}, the twin is lost: {run.lost}."
-    held = f", held on the log by a loop of {run.held_hz:.2g} Hz" if run.held_hz else ""
-    errors = {kind: [100 * signal.error for signal in run.of(kind)] for kind in (MOTION, TORQUE, LINK)}
-    parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
-    return (
-        f"Simulated forwards over {run.seconds:.3g} s of {run.log}, driven by its {_DRIVES[run.drive]}{held}, the twin "
-        f"is off by (rms error over rms signal): {'; '.join(parts)}."
-    )
 
 
 def run_along(
@@ -264,19 +141,110 @@ def run_along(
         return replace(empty, lost=str(error))
 
 
-def holding_gains(plant: Plant, bandwidth_hz: float) -> Gains:
+def holding_gains(plant: Plant, bandwidth_hz: float) -> JointLoop:
     """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
     return tune(plant.model, plant.point.q, bandwidth_hz, 1.0)
 
 
 def follow(
-    plant: Plant, commands: Commands, moving: BoolArray, held: Gains, position: FloatArray, velocity: FloatArray
+    plant: Plant, commands: Commands, moving: BoolArray, held: JointLoop, position: FloatArray, velocity: FloatArray
 ) -> Trajectory:
     """Trajectory from position and velocity (n_u,) of the motors; DataError where one is lost.
 
     held: gains of motors that move (n_u,); others are held by a loop of 5 Hz.
     """
     model, point, resting = plant.model, plant.point, holding_gains(plant, 5.0)
-    gains = Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
+    gains = JointLoop(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
     (q,) = rigid_path(model, point.q, point.configuration.angles, position[None])
     return simulate(plant.loop, gains, commands, q, v0=rigid_motion(model, q) @ velocity)
+
+
+def elastic_runs(
+    record: Record, robot: Robot, band_hz: tuple[float, float], delay_s: float = 0.0, spec: ModelSpec = EXACT
+) -> tuple[TwinRun, ...]:
+    """The run along a record, driven by its torque and compared within band_hz; none without a rate.
+
+    robot: with its fitted elasticity and friction.  delay_s: of its torques.  spec: the equations that it has.  Of a
+    record without a period at most LONGEST_S from its beginning are simulated.
+    """
+    if not record.rate_is_known:
+        return ()
+    n = round(LONGEST_S * record.rate_hz)
+    if not record.is_periodic and record.n_samples > n:
+        record = replace(record, u=record.u[:n], y=record.y[:n], r=None, period_samples=n)
+    held_hz = 0.2 * band_hz[0]
+    empty = TwinRun(record.name, "torque", held_hz, record.period_samples / record.rate_hz, record.rate_hz)
+    moved = partial(_along_record, record, held_hz, band_hz, delay_s)
+    return (run_along(empty, robot, record.configuration, SimulatedSpec(model=spec), moved),)
+
+
+def _along_record(
+    record: Record, held_hz: float, band_hz: tuple[float, float], delay_s: float, plant: Plant
+) -> Iterator[TwinSignal]:
+    """Signals of a plant under the torque of the last period of a record, over and over, held on its motion."""
+    model, angles, chain = plant.model, record.configuration.angles, plant.model.robot.chain
+    N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
+    last = last_counted(record.n_periods, {index // (2 if record.half_wave else 1) for index in record.left_out})
+    period = slice(last * N, (last + 1) * N)
+    position = np.tile(angles, (N, 1))
+    for i, place in zip(motors, record.inputs, strict=True):
+        if (place, "position") in zip(record.outputs, record.quantities, strict=True):
+            position[:, i] = record.y[period, record.outputs.index(place)] / chain.gain("y", place)
+    # As the loop differentiates what it reads, so that its torque is of the error alone.
+    velocity = (position - np.roll(position, 1, axis=0)) * record.rate_hz
+    if not record.is_periodic:
+        velocity[0] = velocity[1]
+    torque = np.tile(plant.point.u, (N, 1))
+    torque[:, motors] += _held(record, record.u[period]) / [chain.gain("u", place) for place in record.inputs]
+    period_s = N / record.rate_hz
+    # A critically damped loop leaves a thousandth of an error at the start after one and a half of its periods.
+    lead = min(max(0, math.floor(LONGEST_S / period_s) - 1), math.ceil(1.5 / held_hz / period_s))
+    lead = lead if record.is_periodic else 0  # periods before the one that is compared
+    still = np.zeros(((lead + 1) * N, model.n_u))
+    path, rate, driving = (np.tile(signal, (lead + 1, 1)) for signal in (position, velocity, torque))
+    commands = Commands(path, rate, driving, still, still)
+    moving, held = np.isin(np.arange(model.n_u), motors), holding_gains(plant, held_hz)
+    return _in_band(record, band_hz, delay_s, plant, follow(plant, commands, moving, held, position[0], velocity[0]))
+
+
+def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
+    """The last period of a trajectory as it would be logged."""
+    N, model, chain = record.period_samples, plant.model, plant.model.robot.chain
+    y = sense(moved.q, moved.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
+    y = filter_motions(model.robot, y, record.rate_hz) * [chain.gain("y", place) for place in record.outputs]
+    motors = [model.inputs.index(place) for place in record.inputs]
+    u = moved.u[:, motors] * [chain.gain("u", place) for place in record.inputs]
+    return replace(
+        record, u=u[-N:], y=y[-N:], r=None, left_out=(), hold="zero-order", hold_samples=(),
+        quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs),
+    )  # fmt: skip
+
+
+def _held(record: Record, u: FloatArray) -> FloatArray:
+    """The command (N, n_u), held from sample to sample, whose torque acts as that of one period u does; no mean."""
+    N = record.period_samples
+    freq_hz = line_frequencies(np.arange(N // 2 + 1), record.rate_hz, N)
+    held = replace(record, hold="zero-order", hold_samples=())
+    factor = record.hold_response(freq_hz) / held.hold_response(freq_hz)
+    factor[0] = 0.0
+    return np.asarray(np.fft.irfft(np.fft.rfft(u, axis=0) * factor, N, axis=0))
+
+
+def _in_band(
+    record: Record, band_hz: tuple[float, float], delay_s: float, plant: Plant, moved: Trajectory
+) -> Iterator[TwinSignal]:
+    """Torques and motions of the last period, at the lines within the band."""
+    N = record.period_samples
+    lines = grid_lines("odd" if record.half_wave else "full", band_hz, record.rate_hz, N)
+    late = np.exp(-2j * np.pi * line_frequencies(lines, record.rate_hz, N) * delay_s)[:, None]
+
+    def in_time(log: Record, factor: ComplexArray | float) -> FloatArray:
+        (Y,), (U,) = last_period(log, lines, "position")
+        return synthesise(lines, np.hstack([U, factor * Y]), N)
+
+    kinds: list[SignalKind] = [TORQUE] * len(record.inputs)
+    kinds += [MOTION if place in record.inputs else LINK for place in record.outputs]
+    units = *record.units_of_inputs, *(motion_unit("position", place in record.sliding) for place in record.outputs)
+    measured, simulated = in_time(record, 1.0).T, in_time(_logged(record, plant, moved), late).T
+    for row in zip(kinds, (*record.inputs, *record.outputs), units, measured, simulated, strict=True):
+        yield TwinSignal(*row)

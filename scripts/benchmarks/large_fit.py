@@ -38,8 +38,7 @@ import numpy as np
 from fit import IDENTIFIED, build_robot, measured
 from timing import bare_work_s, machine
 
-from elastid.base.execution import Execution
-from elastid.base.workers import lasting_workers
+from elastid.base.execution import Execution, lasting_workers
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.store.measured import read_responses, write_responses

@@ -27,9 +27,11 @@ import numpy as np
 from elastid.friction.robot_friction import frictions
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import serial
+from elastid.record import JointLoop
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
+from elastid.robot.simplified import with_joints
 from elastid.simulation.closed_loop import MIN_CALLS, Commands, Trajectory, closed_loop, compiler, simulate
-from elastid.simulation.controller import Gains, tune
+from elastid.simulation.controller import tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import contacts, free_acceleration
 from elastid.study import load
@@ -63,14 +65,11 @@ def six_axes() -> Robot:
 def rough(robot: Robot) -> Robot:
     """The robot with LuGre friction at every motor: 0.3 to 0.45 Nm on the motor side, bristles of 70 Nm/rad."""
     law = Friction(0.3, 0.45, 1.5, lugre=LuGre(70.0, 0.02, 30.0))
-
-    def changed(joint: Joint) -> Joint:
-        return replace(joint, motor=replace(joint.motor, coulomb=0.0, friction=law)) if joint.motor else joint
-
-    return replace(robot, bodies=tuple(replace(b, joints=tuple(map(changed, b.joints))) for b in robot.bodies))
+    motors = {joint.name: replace(joint.motor, coulomb=0.0, friction=law) for joint in robot.driven if joint.motor}
+    return with_joints(robot, lambda joint: replace(joint, motor=motors.get(joint.name)))
 
 
-def elastid_run(model: ElasticModel, gains: Gains, torque: np.ndarray, samples: int) -> Callable[[], Trajectory]:
+def elastid_run(model: ElasticModel, gains: JointLoop, torque: np.ndarray, samples: int) -> Callable[[], Trajectory]:
     """One run of the sampled loop, ready to go; samples: that decide whether it is compiled."""
     n_u, rest = model.n_u, np.zeros(model.n_q)
     limits, drives = np.array([[-9.0, 9.0]] * n_u), Drives(np.zeros(n_u), np.full(n_u, np.inf))
@@ -91,7 +90,7 @@ def in_mujoco(robot: Robot) -> Any:
     return machine
 
 
-def mujoco_run(robot: Robot, gains: Gains, torque: np.ndarray) -> Callable[[], object]:
+def mujoco_run(robot: Robot, gains: JointLoop, torque: np.ndarray) -> Callable[[], object]:
     """The same time of the same robot in MuJoCo, rolled out by its own loop."""
     import mujoco
     from mujoco import rollout

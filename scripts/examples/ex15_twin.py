@@ -12,9 +12,8 @@ import ex01_identify_from_python as bench
 import numpy as np
 from matplotlib.figure import Figure
 
-from elastid.use.draws import estimated_robot
-from elastid.validation.elastic_twin import elastic_runs
-from elastid.validation.twin import MOTION, describe_run
+from elastid.fit.fitted_robot import estimated_robot
+from elastid.validation.twin import MOTION, elastic_runs
 
 robot, (low_hz, high_hz) = estimated_robot(bench.result), bench.excitation["band_hz"]
 soft = robot.with_parameters({"k_1": bench.result["k_1"].value / 2})
@@ -22,7 +21,7 @@ runs = [run for each in (robot, soft) for run in elastic_runs(bench.records[0], 
 twin, poor = (run.of(MOTION)[0] for run in runs)
 
 if __name__ == "__main__":
-    print(*map(describe_run, runs), sep="\n")
+    print(*(run.words for run in runs), sep="\n")
     figure = Figure(figsize=(8, 4), layout="constrained")
     ax, t = figure.subplots(), np.arange(len(twin.measured)) / runs[0].rate_hz
     ax.plot(t, twin.measured, lw=4, alpha=0.4, label="measured")

@@ -10,8 +10,8 @@ and what limits them.
 from __future__ import annotations
 
 import elastid as ei
+from elastid.record import JointLoop
 from elastid.robot import Placement
-from elastid.simulation.controller import Gains
 from elastid.use.closed_loops import PostureFamily
 from elastid.use.loops import assess, robust
 
@@ -37,7 +37,7 @@ cascade = robust(family.estimate, draws, first_hz, delay)
 designed = assess("designed", family, draws, cascade.gains, cascade.filters(rate_hz))
 
 # The same numbers without notches and low pass, at three times the gain.
-harder = Gains(9 * cascade.gains.kp, 3 * cascade.gains.kd, cascade.gains.ki)
+harder = JointLoop(9 * cascade.gains.kp, 3 * cascade.gains.kd, cascade.gains.ki)
 wild = assess("three times", family, None, harder, None)
 
 if __name__ == "__main__":

@@ -46,7 +46,6 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 from scipy.stats import beta
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
@@ -67,6 +66,7 @@ from elastid.response import Response
 from elastid.robot import Robot
 from elastid.study import load
 from elastid.validation.agreement import noise_p, validate
+from elastid.validation.measured_modes import measured_modes
 from elastid.validation.residual_tests import FALSE_ALARM
 
 RIG_EVERY = 10
@@ -131,11 +131,10 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
         codes |= _codes(result.notes)
         if result.status != "converged":
             codes[f"status-{result.status}"] = result.message
-        modelled = FittedRobot.of(result, robot, responses).responses
-        judged = validate(responses, modelled, ())
+        fitted = FittedRobot.of(result, robot, responses)
+        judged = validate(responses, fitted.responses, ())
         codes |= {"excess-of-cost": judged.verdict} if noise_p(judged.configurations) < FALSE_ALARM else {}
-        without = [peak for each in judged.configurations for peak in each.peaks if np.isnan(peak.modelled_hz)]
-        codes |= {"peak-without-partner": str(without)} if without else {}
+        codes |= _codes(note for modes in measured_modes(fitted) for note in modes.notes)
     except ElastidError as error:
         codes["refused"] = str(error)
     return Alarms(name, {code: text for code, text in codes.items() if code not in true})

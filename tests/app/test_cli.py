@@ -201,12 +201,9 @@ if stage == "measure":
         inner(*arguments)
         stop()
     module._measure_part = measure_part
-elif stage == "report":
-    import elastid.report.page.page as page
-    page.html = stop
 elif module is not None:
     name = dict(design="write_plan", estimate="write_responses", fit="write_fit", validate="write_validation")
-    setattr(module, name[stage], stop)
+    setattr(module, (name | dict(report="html"))[stage], stop)
 sys.exit(run_command(["run", sys.argv[3], "--run", sys.argv[4], "--jobs", "1"]))
 """
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from plants.refusals import refused
 
-from elastid.base.execution import Execution, on_dask, surviving
-from elastid.base.workers import lasting_workers
+from elastid.base.execution import Execution, lasting_workers, on_dask, surviving
 
 distributed = pytest.importorskip("distributed")
 

@@ -28,7 +28,7 @@ def robot_called(joint: str, body: str = "arm") -> Robot:
 @pytest.mark.parametrize("name", REFUSED)
 def test_anything_else_is_refused_in_python(name: str) -> None:
     for make in (robot_called, lambda text: robot_called("1", text), lambda text: Frame(text, "arm")):
-        with pytest.raises(ValueError, match=r"^name: the name "):
+        with pytest.raises(ValueError, match=r"name: the name "):
             make(name)
 
 

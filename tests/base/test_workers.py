@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from elastid.base import workers
-from elastid.base.execution import Execution, surviving
-from elastid.base.workers import _NAMES, End, Kept, LostError, lasting_workers
+from elastid.base.execution import Execution, lasting_workers, surviving
+from elastid.base.workers import _NAMES, End, Kept, LostError
 
 LOADING = """
 import os, signal, sys

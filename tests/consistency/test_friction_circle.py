@@ -9,7 +9,7 @@ from plants.dry_friction import COULOMB, RATIO, measured, measured_robot, robot
 from elastid.design.friction import design_friction
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import ControllerSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
@@ -21,6 +21,8 @@ from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import net_record
 from elastid.record import FrictionRecords
 from elastid.robot import Limits, Robot
+from elastid.robot.simplified import with_joints
+from elastid.simulation.spec import ControllerSpec
 
 AUTO = EstimatorSpec(friction="auto")
 LIMITS = Limits((-1.5, 1.5), velocity=2.0, torque=2000.0, acceleration=10.0)
@@ -31,11 +33,7 @@ FAR = 2.6
 
 def limited(machine: Robot) -> Robot:
     """With limits, within which passes are designed."""
-    bodies = tuple(
-        replace(body, joints=tuple(replace(joint, limits=LIMITS) if joint.motor else joint for joint in body.joints))
-        for body in machine.bodies
-    )
-    return replace(machine, bodies=bodies)
+    return with_joints(machine, lambda joint: replace(joint, limits=LIMITS) if joint.motor else joint)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,8 @@ from plants.refusals import refused
 
 from elastid.design.choice import draw_candidates
 from elastid.design.spec import BoxSpec, CandidateSpec
-from elastid.model.kinematics import skeleton
+from elastid.model.frame_tree import tree
+from elastid.model.kinematics import knots, skeleton
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot
 
 MOTOR = Motor(1e-3)
@@ -57,15 +58,17 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -
     kept = np.array([c.angles for c in found.configurations])
     every = _angles(CandidateSpec(random=500))
 
+    owners = [knot.owner for knot in knots(ARM, tree(ARM))]
+
     def is_free(angles: np.ndarray) -> bool:
         drawn = skeleton(ARM, angles[None])
         points = drawn.points[0][drawn.moves]
-        joint3, tool, point = (drawn.names.index(n) for n in ("joint 3", "center of mass of fore", "frame hand"))
+        joint2, joint3, tool, point = map(owners.index, ("2", "3", "fore", "hand"))
         way = np.linspace(0, 1, 7)[:, None]
         for end in (tool, point):
             along = drawn.points[0][joint3] + way * (drawn.points[0][end] - drawn.points[0][joint3])
             points = np.concatenate([points, along])
-        upper = drawn.points[0][drawn.names.index("joint 2")]
+        upper = drawn.points[0][joint2]
         points = np.concatenate([points, upper + way[1:] * (drawn.points[0][joint3] - upper)])
         in_box = np.all((points > np.array(box.lower) - 0.05) & (points < np.array(box.upper) + 0.05), axis=1)
         return bool(points[:, 2].min() >= 0.15 and not in_box.any())

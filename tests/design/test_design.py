@@ -32,6 +32,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.response import Response
 from elastid.robot import Tolerances
+from elastid.robot.simplified import with_joints
 from elastid.store.measured import read_forecast, read_plan
 from elastid.study import load
 
@@ -255,11 +256,8 @@ def test_wrong_designs_are_refused_by_their_code(
 
 def _rough(problem: DesignProblem, coulomb: float) -> DesignProblem:
     """With Coulomb friction of so many Nm at both motors, link side."""
-    bodies = tuple(
-        replace(body, joints=tuple(replace(j, motor=replace(j.motor, coulomb=coulomb / 30)) for j in body.joints))  # type: ignore[type-var]
-        for body in problem.robot.bodies
-    )
-    return replace(problem, robot=replace(problem.robot, bodies=bodies))
+    rough = with_joints(problem.robot, lambda j: replace(j, motor=j.motor and replace(j.motor, coulomb=coulomb / 30)))
+    return replace(problem, robot=rough)
 
 
 @pytest.mark.parametrize(("realisations", "is_left"), [(1, True), (2, False)])

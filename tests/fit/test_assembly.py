@@ -16,12 +16,13 @@ from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
-from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, TieSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
+from elastid.parameters import Tie
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from elastid.validation.comparison import ComparedVariant, RefitTask, refit
+from elastid.validation.comparison import ComparedVariant, refit
 
 FREQ = np.linspace(2, 60, 60)
 # Joint 1 carries 850, 760, 290, 40, 990 Nm: from nearly its stiffness without load to five times as much.
@@ -158,9 +159,9 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     (predicted,) = FittedRobot.of(result, data_sheet_arm.arm(), data[-1:]).responses
     assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
     own = ComparedVariant("own", data_sheet_arm.arm(), SPEC, EXACT)
-    fold = refit(data, RefitTask(own, ("b3",)))
+    fold = refit(data, (own, ("b3",)))
     assert fold.left_out["b3"].misfit < 1.2
-    without = refit(data, RefitTask(own, ROBOTS["B"]))
+    without = refit(data, (own, ROBOTS["B"]))
     assert without.left_out["b1"].misfit > 10
 
 
@@ -175,7 +176,7 @@ def test_an_export_is_of_one_robot_each() -> None:
     """The linear models of robot B have its numbers: their response is that of the fit, and A's are another's."""
     data = both(0)
     ratio = {"beta": RatioSpec(start=2e-3)}
-    tied = SPEC.parameters | {"d_*": ParameterSpec(tie=TieSpec("k_*", by="beta"))}
+    tied = SPEC.parameters | {"d_*": ParameterSpec(tie=Tie("k_*", by="beta"))}
     result = identify(data, data_sheet_arm.arm(), replace(SPEC, parameters=tied, ratios=ratio, starts=1))
     models = models_by_group(result, data_sheet_arm.arm(), data)
     assert {name: tuple(G.configuration.name for G in of.measured) for name, of in models.items()} == ROBOTS

@@ -34,10 +34,10 @@ def result(measured) -> Result:
 def test_the_result_has_the_model_of_each_configuration(measured, result) -> None:
     """Response, deviation and modes of the linearised robot, on lines of one's own; no robot is asked for."""
     fitted = FittedRobot.of(result, arm(), measured)
-    for G, linear, modelled, std in zip(measured, fitted.linear, fitted.responses, fitted.response_std, strict=True):
+    for G, linear, modelled, own in zip(measured, fitted.linear, fitted.responses, fitted.models, strict=True):
         model = result.model(G.configuration.name)
         np.testing.assert_allclose(model.response(G.freq_hz).G, modelled.G, rtol=1e-6)
-        np.testing.assert_allclose(model.response_std(G.freq_hz), std, rtol=1e-4)
+        np.testing.assert_allclose(model.response_std(G.freq_hz), own.response_std(G.freq_hz), rtol=1e-4)
         np.testing.assert_allclose(model.modes().freq_hz, modes(linear, fitted.theta).freq_hz, rtol=1e-7)
         np.testing.assert_allclose(model.state_space().response(np.array([7.0])), model.response(7.0).G, rtol=1e-9)
     with pytest.raises(KeyError, match=f"configuration nowhere; there are {measured[0].configuration.name}"):

@@ -87,7 +87,7 @@ def test_gains_have_names_and_values_that_can_be() -> None:
         choose(FitSpec(parameters={"gain_y_motor_1_": ParameterSpec()}), arm())
     with pytest.raises(ValueError, match="no u is at 'joint 1'; there are motor 1, motor 2"):
         replace(arm(), chain=Chain(gains=(ChannelGain("u", "joint 1", 1.1),)))
-    with pytest.raises(ValueError, match="gain is -1"):
+    with pytest.raises(ValueError, match=r"^gain: "):
         ChannelGain("y", "motor 1", -1.0)
     with pytest.raises(ValueError, match="gains has y at motor 1 twice"):
         Chain(gains=(ChannelGain("y", "motor 1", 1.1), ChannelGain("y", "motor 1")))

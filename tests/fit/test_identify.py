@@ -16,7 +16,8 @@ from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import DISTORTED, Result
 from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
+from elastid.parameters import Tie
 from elastid.response import UNEXPLAINED, Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.study import load_robot
@@ -93,7 +94,7 @@ def test_inertia_friction_and_delay_of_a_bench_are_recovered():
     robot = pendulum()
     (response,) = measure(robot, [(0.0,)], np.random.default_rng(5), 2e-4, ("motor 1", "joint 1"))
     free = {name: ParameterSpec() for name in ("Jm_1", "I_load", "k_1", "d_1", "fm_1", "delay")}
-    spec = FitSpec(parameters=free | {"f_1": ParameterSpec(tie=TieSpec("fm_1"))}, starts=8)
+    spec = FitSpec(parameters=free | {"f_1": ParameterSpec(tie=Tie("fm_1"))}, starts=8)
     result = identify([response], started_elsewhere(robot, 2.0), replace(spec, seed=3))
     low, high = result.interval("delay")
     assert low < 2e-4 < high

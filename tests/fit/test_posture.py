@@ -9,11 +9,11 @@ from plants.predicted_arm import LENGTH, MASS, STD, STIFFNESS, TOOL, closed_form
 from plants.refusals import refused
 
 from elastid.base.errors import UnknownNameError
-from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.result import ModificationIndex
 from elastid.model.spec import ModelSpec
 from elastid.record import JointLoop
 from elastid.robot import Frame, Payload, Placement
+from elastid.simulation.spec import ControllerSpec
 
 ANGLES = np.array([0.2, 0.9])
 LINES = np.linspace(1.0, 60.0, 40)

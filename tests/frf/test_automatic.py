@@ -210,11 +210,11 @@ def test_every_refusal_names_a_remedy_that_works(wrong: EstimatorSpec, code: str
     ("changes", "says"),
     [
         ({"band_hz": (20.0, 10.0)}, r"give \[lowest, highest\]"),
-        ({"local_order": 7}, "it must be 1 to 6"),
-        ({"transient_periods": -1}, "must not be negative"),
-        ({"resolution_hz": 0.0}, "resolution_hz is 0; it must be positive"),
-        ({"segment": -1.0}, "segment is -1 s; it must be positive"),
-        ({"outlier_sigma": 0.0}, "outlier_sigma is 0; it must be positive"),
+        ({"local_order": 7}, "^local_order: .*6"),
+        ({"transient_periods": -1}, "^transient_periods: "),
+        ({"resolution_hz": 0.0}, "^resolution_hz: "),
+        ({"segment": -1.0}, "^segment: "),
+        ({"outlier_sigma": 0.0}, "^outlier_sigma: "),
     ],
 )
 def test_values_without_a_meaning_are_refused(changes: dict[str, object], says: str) -> None:

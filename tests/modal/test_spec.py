@@ -23,12 +23,12 @@ def test_geometry_names_what_is_wrong(keys: dict, says: str) -> None:
     ("keys", "says"),
     [
         ({"band_hz": (5.0, 2.0)}, "give .lowest, highest"),
-        ({"max_order": 1}, "must be 2 to 200"),
-        ({"exponential": 0.0}, "must be positive"),
-        ({"poles_hz": ()}, "one or more"),
-        ({"poles_hz": (11.0, -5.0)}, "above 0 Hz"),
-        ({"poles_hz": (11.0, float("nan"))}, "above 0 Hz"),
-        ({"poles_hz": (11.0, 11.0)}, "names a frequency twice"),
+        ({"max_order": 1}, "^max_order: .*2"),
+        ({"exponential": 0.0}, "^exponential: .*0"),
+        ({"poles_hz": ()}, "^poles_hz"),
+        ({"poles_hz": (11.0, -5.0)}, "^poles_hz: .*-5"),
+        ({"poles_hz": (11.0, float("nan"))}, "^poles_hz.1: "),
+        ({"poles_hz": (11.0, 11.0)}, "^poles_hz: 11"),
     ],
 )
 def test_numbers_have_their_limits(keys: dict, says: str) -> None:

@@ -106,11 +106,11 @@ def test_wrong_compensators_are_refused() -> None:
         arm(Compensator("c", (ends[0], Anchor("fore")), coil))
     with pytest.raises(ValueError, match="compensator c is given twice"):
         arm(Compensator("c", ends, coil), Compensator("c", ends, gas=gas))
-    with pytest.raises(ValueError, match="column is 0 m; it must be positive"):
+    with pytest.raises(ValueError, match=r"^column: "):
         GasSpring(1e3, 0.5, 0.0)
-    with pytest.raises(ValueError, match=r"kappa is 0\.9; it is 1"):
+    with pytest.raises(ValueError, match=r"^kappa: "):
         GasSpring(1e3, 0.5, 0.4, 0.9)
-    with pytest.raises(ValueError, match="rest_length is -1 m"):
+    with pytest.raises(ValueError, match=r"^rest_length: "):
         CoilSpring(1e4, -1.0)
 
 

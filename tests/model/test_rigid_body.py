@@ -13,6 +13,7 @@ from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, frame_poses
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import BASE, Body, Frame, Joint, Motor, Payload, Placement, Robot, unit_axis
+from elastid.robot.simplified import with_joints
 from elastid.study import load_robot
 
 seeds = st.integers(0, 2**31)
@@ -161,11 +162,7 @@ def assert_equal_to_pinocchio(pin, robot: Robot, seed: int) -> None:
 def rigid(robot: Robot) -> Robot:
     """The same bodies on joints without springs, friction and rotors; one motor is left that hardly counts."""
     motor = Motor(inertia=1e-300)
-    bodies = tuple(
-        replace(body, joints=tuple(replace(j, spring=None, gear=None, motor=motor, viscous=0.0) for j in body.joints))
-        for body in robot.bodies
-    )
-    return replace(robot, bodies=bodies)
+    return with_joints(robot, lambda joint: replace(joint, spring=None, gear=None, motor=motor, viscous=0.0))
 
 
 def test_a_frame_that_is_not_there_is_refused():

@@ -172,10 +172,10 @@ def test_slopes_follow_the_operating_point() -> None:
         ({"quadratic": 1e9, "cubic": 1e11}, "loses its stiffness at a negative deflection of 0.0005"),
         ({"symmetric_quadratic": -1e9}, "loses its stiffness at a positive deflection of 0.0005"),
         ({"backlash": 1e-4, "quadratic": 1e6}, "inside the backlash"),
-        ({"backlash": 0.0}, "backlash is 0; it must be positive"),
+        ({"backlash": 0.0}, "^backlash: "),
         ({"inner_stiffness": 10.0}, "inner_stiffness is that inside the backlash, and there is none"),
-        ({"backlash": 1e-4, "inner_stiffness": -1.0}, "inner_stiffness is -1"),
-        ({"backlash": 1e-4, "rounding": 0.0}, "rounding is 0"),
+        ({"backlash": 1e-4, "inner_stiffness": -1.0}, "^inner_stiffness: "),
+        ({"backlash": 1e-4, "rounding": 0.0}, "^rounding: "),
     ],
 )
 def test_springs_that_pull_are_refused(fields: dict[str, float], message: str) -> None:

@@ -22,8 +22,9 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, ColoredNoiseSpec, ControllerSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, ColoredNoiseSpec, NoiseSpec, SimulatedSpec
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+from elastid.simulation.spec import ControllerSpec
 
 RATE_HZ, PERIOD = 200.0, 400
 # Lines 0.5 Hz apart: all from 1 to 40 Hz, odd ones, odd ones with gaps, every fourth.

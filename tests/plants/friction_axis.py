@@ -6,9 +6,10 @@ from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.friction_study.spec import FrictionSpec
 from elastid.robot import Body, Frame, Friction, Joint, Limits, LuGre, Motor, Placement, Robot, Spring
+from elastid.simulation.spec import ControllerSpec
 
 # Motor side; Nm of the link are a hundred times as many.
 LAW = Friction(0.25, stiction=0.34, stribeck_velocity=8.0, lugre=LuGre(30.0, 0.02, 5.0))

@@ -1,7 +1,10 @@
 """The content of a report, made up: responses, a fit, a plan, modes, replays."""
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -12,7 +15,9 @@ from elastid.fit.result import Result
 from elastid.parameters import Parameter, Parameters, Tie
 from elastid.record import Configuration
 from elastid.report.content import ReportContent
+from elastid.report.figures.drawings import drawings
 from elastid.report.modes import ModeRow
+from elastid.report.page.page import html, write_page
 from elastid.response import Covariance, Response
 from elastid.validation.agreement import validate
 
@@ -134,7 +139,12 @@ def modes(configuration="c1"):
 def full_content():
     """A report of everything."""
     content = report_content(modes=(modes("c1"), modes("c2")))
-    return replace(content, model_std=tuple(0.01 * np.abs(G.G) for _, G in content.frf))
+    return replace(content, dense=tuple((G, 0.01 * np.abs(G.G)) for _, G in content.frf))
+
+
+def write_report(content: ReportContent, folder: Path, formats: Collection[str]) -> Path:
+    """The page of a content with its figures."""
+    return write_page(partial(html, content), drawings(content), folder, formats)
 
 
 def lines_of(axes):

@@ -22,6 +22,8 @@ from elastid.recorded.files.formats import contents
 from elastid.recorded.rig import RecordedRig, joined_periods
 from elastid.response import Response
 from elastid.store.reading import described
+from elastid.study import Study
+from elastid.study.checks import check_study
 
 N, RATE = 240, 100.0
 LINES = np.arange(5, 81, 4)
@@ -142,11 +144,10 @@ def test_another_excitation_is_refused_with_both_files(second: np.ndarray, words
 
 def test_files_without_a_period_in_common_are_refused_before_they_are_read(tmp_path: Path) -> None:
     logs = [run(4 * N, 1), run(4 * N, 2)]
-    with refused("study/recorded", place="file log_1.csv", holds="log_0.csv"):
-        study(tmp_path, logs, period_samples=None)
     files = (FileSpec("log_0.csv", "bench"), FileSpec("log_1.csv", "bench", period_samples=N // 2))
-    with refused("study/recorded", place="file log_1.csv"):
-        study(tmp_path, logs, files=files)
+    for rig in (study(tmp_path, logs, period_samples=None), study(tmp_path, logs, files=files)):
+        problems = {problem.path: problem.message for problem in check_study(Study("a", experiment=rig.spec), tmp_path)}
+        assert "log_0.csv" in problems["experiment", "recorded", "files", 1]
 
 
 def test_a_clean_pair_of_logs_is_never_refused(tmp_path: Path) -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from plants.report_values import report_content
+from plants.report_values import report_content, write_report
 
 from elastid.report.content import ReportContent
-from elastid.report.page.page import html, write_report
+from elastid.report.page.page import html
 
 # Without background traffic: a page that opens offline must not wait for anything.
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

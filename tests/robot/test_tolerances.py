@@ -31,9 +31,9 @@ def test_each_number_has_the_tolerance_of_its_kind_and_body() -> None:
 
 def test_tolerances_are_positive_and_of_bodies_that_exist() -> None:
     """Zero is written `exact`."""
-    with pytest.raises(ValueError, match="mass is 0; it must be positive, or exact"):
+    with pytest.raises(ValueError, match=r"^mass: "):
         Tolerances(mass=0.0)
-    with pytest.raises(ValueError, match="body fore: inertia is -1; it must be positive, or exact"):
+    with pytest.raises(ValueError, match=r"^inertia: "):
         BodyTolerances("fore", inertia=-1.0)
     with pytest.raises(ValueError, match="tolerances: no body is called for; did you mean 'fore'"):
         replace(arm(), tolerances=Tolerances(bodies=(BodyTolerances("for"),)))

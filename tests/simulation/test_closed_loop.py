@@ -19,7 +19,7 @@ from elastid.friction.dynamic import Bristle
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import serial
-from elastid.record import Configuration
+from elastid.record import Configuration, JointLoop
 from elastid.robot import Friction
 from elastid.simulation.closed_loop import (
     CHUNK_SAMPLES,
@@ -30,7 +30,7 @@ from elastid.simulation.closed_loop import (
     compiled,
     simulate,
 )
-from elastid.simulation.controller import Gains, tune
+from elastid.simulation.controller import tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import FIFTH_ORDER, contacts
 
@@ -83,7 +83,7 @@ def test_a_motion_begins_as_it_goes_on() -> None:
     drives = Drives(np.zeros(1), np.array([np.inf]))
     sliding = closed_loop(model, bristles, FREE[:1], 1000.0, 1, drives)
     z = np.zeros((n, 1))
-    free = Gains(np.zeros(1), np.zeros(1))
+    free = JointLoop(np.zeros(1), np.zeros(1))
     run = simulate(sliding, free, Commands(z, z, z + 30.0, z, z), np.zeros(1), v0=np.full(1, speed))
     np.testing.assert_allclose(run.q[:, 0], speed * np.arange(n) / 1000, rtol=1e-6, atol=1e-9)
 

@@ -16,7 +16,6 @@ from plants.two_links import (
 )
 from scipy import signal
 
-from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import serial
 from elastid.record import Configuration
@@ -32,6 +31,7 @@ from elastid.simulation.controller import (
     tune,
 )
 from elastid.simulation.drives import Drives
+from elastid.simulation.spec import ControllerSpec, GainsSpec, NotchSpec
 
 
 def test_the_controller_has_its_bandwidth_and_damping() -> None:
@@ -71,10 +71,10 @@ def test_a_low_pass_is_that_of_scipy() -> None:
 
 def test_a_notch_leaves_its_depth_at_its_frequency() -> None:
     """And nothing at rest and at half the rate; its width is that between -3 dB points where its depth is 0."""
-    filters = Filters(((tuple(notch(40.0, 0.5, 0.1, 500.0)),),))
+    filters = Filters(((notch(40.0, 0.5, 0.1, 500.0),),))
     H = np.abs(filters.response(np.array([1e-6, 40.0, 250.0]), 500.0)[:, 0])
     np.testing.assert_allclose(H, [1, 0.1, 1], atol=1e-9)
-    narrow = Filters(((tuple(notch(5.0, 0.1, 0.0, 5000.0)),),))
+    narrow = Filters(((notch(5.0, 0.1, 0.0, 5000.0),),))
     ends = 5.0 * (np.array([-0.05, 0.05]) + np.sqrt(1 + 0.05**2))
     np.testing.assert_allclose(np.abs(narrow.response(ends, 5000.0)[:, 0]), np.sqrt(0.5), rtol=1e-4)
 
@@ -119,7 +119,7 @@ def test_the_simulated_loop_filters_and_delays_its_feedback() -> None:
     [
         ({"kind": "pd", "gains": GainsSpec(1.0, 1.0)}, "gains belong to kind: cascade"),
         ({"kind": "cascade", "integral_time": 0.4, "gains": GainsSpec(1.0, 1.0)}, "one of gains"),
-        ({"delay_samples": 21}, "answers within 20 samples"),
+        ({"delay_samples": 21}, "at most 20"),
     ],
 )
 def test_contradictions_are_refused(words: dict[str, object], says: str) -> None:

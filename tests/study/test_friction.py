@@ -107,7 +107,7 @@ def test_sticking_is_told_for_every_law(tiny: Path) -> None:
         ("saturaton: true", "did you mean 'saturation'?"),
         ("controller: {kind: pid}", "expected one of pd, cascade"),
         ("controller: {kind: cascade, integral_time: -1}", "integral_time is -1 s"),
-        ("torque_ripple: [{amplitude: 1, periods: 0}]", "periods is 0"),
+        ("torque_ripple: [{amplitude: 1, periods: 0}]", "at least 1"),
     ],
 )
 def test_wrong_hardware_is_refused_at_its_line(tiny: Path, key: str, word: str) -> None:

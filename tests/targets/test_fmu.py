@@ -12,8 +12,9 @@ from elastid.base.arrays import FloatArray
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
+from elastid.record import JointLoop
 from elastid.simulation.closed_loop import Commands, Trajectory, closed_loop, simulate
-from elastid.simulation.controller import Gains, tune
+from elastid.simulation.controller import tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import contacts
 from elastid.targets.fmu import write_fmu
@@ -27,7 +28,7 @@ SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("manutec", "arm"
 ROBOTS = ["bench", *SLOW, "linkage_arm minimal"]
 
 
-def gains_of(model: FittedRobot) -> Gains:
+def gains_of(model: FittedRobot) -> JointLoop:
     """Feedback with a bandwidth of 3 Hz in the first configuration."""
     point = equilibrium(model.model, model.theta[:-1], model.linear[0].configuration)
     return tune(model.model, point.q, 3.0, 0.7)

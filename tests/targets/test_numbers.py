@@ -43,7 +43,7 @@ def test_arrays_for_control_and_matlab_have_nan_where_a_number_was_held(fitted: 
     assert [found[SPRING][key].item() for key in ("lower_95", "upper_95")] == pytest.approx(list(expected[2:]))
     assert np.isnan([found["Jm_1"][key].item() for key in ("std", "lower_95", "upper_95")]).all()
     covariance = np.moveaxis(content["fitted"][0, 0]["CovarianceData"][..., 0, 0], 2, 0)
-    np.testing.assert_allclose(2 * covariance, fitted.response_std[0] ** 2)
+    np.testing.assert_allclose(2 * covariance, fitted.models[0].response_std(fitted.measured[0].freq_hz) ** 2)
 
 
 def test_every_export_parts_the_deviation_by_noise_and_by_file(fitted: FittedRobot, tmp_path: Path) -> None:

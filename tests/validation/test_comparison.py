@@ -23,7 +23,6 @@ from elastid.validation.comparison import (
     ComparedVariant,
     Comparison,
     Refit,
-    RefitTask,
     describe_search,
     divide,
     final_model,
@@ -183,7 +182,7 @@ SPEC = FitSpec(starts=1, parameters={"k_2x": ParameterSpec()}, weights=WeightSpe
 def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(robot: Robot, responses: list[Response]) -> None:
     """|E|^2 / sigma^2 is 1 for the true model, 1 + 1 / 0.02^2 / 100 or more for responses a tenth larger."""
     scaled = [*responses[:2], replace(responses[2], G=1.1 * responses[2].G)]
-    task = RefitTask(ComparedVariant("own", robot, SPEC, EXACT), ("c",))
+    task = (ComparedVariant("own", robot, SPEC, EXACT), ("c",))
     true, off = refit(responses, task), refit(scaled, task)
     assert (true.status, true.n_free, list(true.left_out)) == ("converged", 1, ["c"])
     assert true.cost == off.cost
@@ -197,9 +196,9 @@ def test_masks_apply_to_the_configurations_that_they_name(robot: Robot, response
     low = replace(SPEC, weights=WeightSpec(floor=0.0, factors=(FactorSpec(0.0, ("c",), band_hz=(0.0, 30.0)),)))
     low_lines = (responses[2].freq_hz < 30)[:, None, None]
     spoilt = [*responses[:2], replace(responses[2], G=responses[2].G + 9 * low_lines)]
-    found = refit(spoilt, RefitTask(ComparedVariant("own", robot, low, EXACT), ("c",)))
+    found = refit(spoilt, (ComparedVariant("own", robot, low, EXACT), ("c",)))
     assert found.left_out["c"].misfit == pytest.approx(1, abs=0.3)
     nothing = replace(SPEC, weights=WeightSpec(floor=0.0, factors=(FactorSpec(0.0, ("a", "b")),)))
-    failed = refit(responses, RefitTask(ComparedVariant("own", robot, nothing, EXACT), ("c",)))
+    failed = refit(responses, (ComparedVariant("own", robot, nothing, EXACT), ("c",)))
     assert (failed.status, failed.n_free, failed.left_out) == ("failed", 0, {})
     assert failed.message

@@ -14,11 +14,10 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
-from elastid.record import Configuration, FrictionRecord, FrictionRecords
+from elastid.record import Configuration, FrictionRecord, FrictionRecords, JointLoop
 from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
 from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.closed_loop import Commands, simulate
-from elastid.simulation.controller import Gains
 from elastid.validation.friction_twin import friction_twin
 from elastid.validation.twin import TORQUE, TwinRun
 
@@ -58,7 +57,7 @@ def recorded(pulse: float = 0.0) -> FrictionRecord:
     velocity, still = np.gradient(reference, 1 / RATE_HZ, axis=0), np.zeros_like(reference)
     pushed = still.copy()
     pushed[:, 0] = np.where(t % 1.7 > 1.5, pulse, 0.0)
-    gains = Gains(np.array([12000.0, 12000.0]), np.array([400.0, 400.0]), np.array([20.0, 0.0]))
+    gains = JointLoop(np.array([12000.0, 12000.0]), np.array([400.0, 400.0]), np.array([20.0, 0.0]))
     run = simulate(plant.loop, gains, Commands(reference, velocity, pushed, still, still), plant.point.q)
     noise = TORQUE_STD * np.random.default_rng(1).standard_normal(len(t))
     link = run.q[:, plant.model.index("joint 1")]

@@ -10,7 +10,8 @@ from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_twin import friction_balances
-from elastid.validation.twin import DRY, INERTIA, MOTION, VISCOUS, TwinSignal, torque_balance
+from elastid.validation.torque_balance import DRY, INERTIA, VISCOUS, torque_balance
+from elastid.validation.twin import MOTION, TwinSignal
 
 RATE_HZ, N = 200.0, 2000
 

@@ -59,7 +59,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     result = replace(result, notes=(*result.notes, *(note for response in tapped for note in response.notes)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     agreements = [
-        agreement(m, G, m.configuration.name in left_out, peaks=False)
+        agreement(m, G, m.configuration.name in left_out)
         for m, G in zip(responses, model_of_all.responses, strict=True)
     ]
     notes = [note for response in responses for note in response.notes]

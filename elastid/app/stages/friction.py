@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -37,12 +37,13 @@ from elastid.friction_study.result import JointFriction, JointLevels, held_sprin
 from elastid.friction_study.spec import FilterSpec
 from elastid.record import FrictionRecord
 from elastid.recorded.friction_logs import read_friction_logs
+from elastid.report.figures.drawings import friction_study_drawings
 from elastid.report.friction_content import FrictionContent, part_words, refusals
-from elastid.report.page.page_of_friction import write_page_of_friction
+from elastid.report.page.page_of_friction import html_of_friction
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import with_laws
 from elastid.store import friction_study as stored
-from elastid.store.artefacts import Stamp
+from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.measured import write_reference
 from elastid.store.results import read_twin
 from elastid.study import Study
@@ -157,21 +158,24 @@ def friction(study: Study, work: Work) -> Artefacts:
 
 def report_friction(study: Study, work: Work) -> Artefacts:
     """The page and figures of a friction study."""
-    files, stamp = work.sources, work.stamp
+    content = _content(study.name, work.sources, work.stamp)
+    drawn = friction_study_drawings(content.result, content.filters, content.twin, content.left_out)
+    return page_artefacts(partial(html_of_friction, content), drawn, study, work)
+
+
+def _content(name: str, files: Mapping[str, Path], stamp: Stamp = NO_STAMP) -> FrictionContent:
+    """The results of a study by their stages, as far as they are there."""
     plan = stored.read_friction_plan(files["design"]) if "design" in files else None
     filters = stored.read_filter(files["follow"]) if "follow" in files else ()
     result, twin = stored.read_friction_result(files["friction"]), read_twin(files["friction"], stored.FRICTION)
     left_out = stored.read_left_out(files["friction"])
-    content = FrictionContent(study.name, result, stamp.study, stamp.shown, plan, filters, twin, left_out)
-    return page_artefacts(write_page_of_friction, content, study, work)
+    return FrictionContent(name, result, stamp.study, stamp.shown, plan, filters, twin, left_out)
 
 
 def conclude(run: Run) -> None:
     """Show the numbers, the files, and in the last line the parts that were not identified."""
-    path = run.path("friction")
-    result = stored.read_friction_result(path)
-    twin, left_out = read_twin(path, stored.FRICTION), stored.read_left_out(path)
-    content = FrictionContent(run.study.name, result, "", {}, twin=twin, left_out=left_out)
+    content = _content(run.study.name, {"friction": run.path("friction")})
+    result = content.result
     run.console.table(result_table(result.display, result.numbers))
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:

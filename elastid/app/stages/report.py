@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -13,11 +13,11 @@ from elastid.app.console import Console
 from elastid.app.identified_robot import contents, truth
 from elastid.app.run import Artefacts, Work, Write
 from elastid.app.summaries import modes_of
-from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.content import ReportContent, dense_models
-from elastid.report.page.page import write_report
+from elastid.report.figures.drawings import Drawing, drawings, drawings_of_responses
+from elastid.report.page.page import EmbeddedFigure, html, html_of_responses, write_page
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_responses, write_modes
 from elastid.store.results import read_comparison, read_fit, read_gears, read_twin, read_validation
@@ -43,7 +43,6 @@ def report(study: Study, work: Work) -> Artefacts:
         limit_use=None if plan is None else read_peaks(plan),
         robot=robot,
         comparison=read_comparison(work.parts.with_name("compare.json"), read_stamp(estimates) or Stamp()),
-        model_std=fitted.response_std,
         dense=dense_models(fitted),
         friction=friction,
         twin=read_twin(validated, "validation"),
@@ -52,23 +51,23 @@ def report(study: Study, work: Work) -> Artefacts:
         measured_modes=measured_modes(fitted),
     )
     lines = [f"report: {note}" for note in content.missing_modes]
-    return page_artefacts(write_report, content, study, work, lines=lines)
+    return page_artefacts(partial(html, content), drawings(content), study, work, lines=lines)
 
 
 def page_artefacts(
-    write_page: Callable[[Any, Path, Collection[str], Execution], Path],
-    content: Any,
+    page: Callable[[list[EmbeddedFigure]], str],
+    drawn: Iterable[Drawing],
     study: Study,
     work: Work,
     further: Mapping[str, Write] = MappingProxyType({}),
     lines: Sequence[str] = (),
 ) -> Artefacts:
-    """A page of some content with its figures, after further files; lines of the report before its path."""
+    """A page with the figures drawn for it, after further files; lines of the report before its path."""
     pages: list[Path] = []
 
     def write(path: Path, stamp: Stamp) -> None:
         with work.execution() as execution:
-            pages.append(write_page(content, path.parent, study.report.formats, execution))
+            pages.append(write_page(page, drawn, path.parent, study.report.formats, execution))
 
     def report(console: Console) -> None:
         for line in (*lines, *(f"report: {page}" for page in pages)):
@@ -84,7 +83,6 @@ def report_responses(study: Study, work: Work) -> Artefacts:
     from elastid.recorded.responses.table import geometry_of_files
     from elastid.report.content import ResponsesContent
     from elastid.report.overview import questions_of_responses
-    from elastid.report.page.page import write_page_of_responses
     from elastid.targets.csv import write_modes_csv
 
     estimates, modal = work.sources["estimate"], study.modal
@@ -109,4 +107,5 @@ def report_responses(study: Study, work: Work) -> Artefacts:
         "modes.csv": lambda path, stamp: write_modes_csv(path, modes),
         "modes.h5": lambda path, stamp: write_modes(path, modes, stamp),
     }
-    return page_artefacts(write_page_of_responses, content, study, work, tables, lines)
+    page, drawn = partial(html_of_responses, content), drawings_of_responses(content)
+    return page_artefacts(page, drawn, study, work, tables, lines)

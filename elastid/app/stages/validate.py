@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -24,10 +25,16 @@ from elastid.response import Response
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
 from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.study import Study
-from elastid.validation import elastic_twin
-from elastid.validation.agreement import predict_response
+from elastid.validation.agreement import Validation, predict_response
 from elastid.validation.agreement import validate as validate_responses
-from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
+from elastid.validation.torque_balance import (
+    Part,
+    TorqueBalance,
+    elastic_balances,
+    model_parts,
+    rigid_linearisation,
+)
+from elastid.validation.twin import NO_TWIN, TwinFindings, TwinRun, elastic_runs
 
 
 @dataclass(frozen=True)
@@ -52,15 +59,9 @@ def validate(study: Study, work: Work) -> Artefacts:
     records = work.sources.get("measure")
     if records is None and study.experiment.responses is None:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is simulated in time")
-    with work.execution() as execution:
-        twin = in_time(basis, records, work.console, execution)
     left_out = study.validation.left_out
-    shifts = {
-        G.configuration.name: fitted.at(G.configuration.name).response_shifts(G.freq_hz)
-        for G in responses
-        if G.configuration.name in left_out
-    }
-    judged = validate_responses(responses, fitted.responses, left_out, shifts)
+    with work.execution() as execution:
+        judged, twin = judge(basis, left_out, records, work.console, execution)
     counted = result.tool is not None and not result.tool.disagrees
     predictions = [predict_response(result, G) for G in tool_responses(study.validation.tool, study, work.base)]
     predictions += [
@@ -74,7 +75,7 @@ def validate(study: Study, work: Work) -> Artefacts:
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
         worst = sorted(twin.balances, key=lambda balance: balance.left)[-1:]
-        for words in (*map(describe_balance, worst), *twin.run_words):
+        for words in replace(twin, balances=tuple(worst)).words:
             console.detail(f"validate: {words}")
 
     return Artefacts(
@@ -86,11 +87,22 @@ def validate(study: Study, work: Work) -> Artefacts:
     )
 
 
-def in_time(basis: Validated, records: Path | None, console: Console, execution: Execution) -> TwinFindings:
-    """The torques of the fitted robot part by part, and its motion along a record; nothing without records."""
-    if records is None:
-        return NO_TWIN
-    return TwinFindings(_balances(basis, records, console, execution), _twin_runs(basis, records))
+def judge(
+    basis: Validated, left_out: Sequence[str], records: Path | None, console: Console, execution: Execution
+) -> tuple[Validation, TwinFindings]:
+    """Errors of the responses, of those left out with the interval of a prediction; and the robot in time.
+
+    That is its torques part by part, and its motion along a record; nothing without records.
+    """
+    twin, fitted = NO_TWIN, basis.fitted
+    if records is not None:
+        twin = TwinFindings(_balances(basis, records, console, execution), _twin_runs(basis, records))
+    shifts = {
+        name: fitted.at(name).response_shifts(G.freq_hz)
+        for G in fitted.measured
+        if (name := G.configuration.name) in left_out
+    }
+    return validate_responses(fitted.measured, fitted.responses, left_out, shifts), twin
 
 
 def _balances(basis: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
@@ -100,15 +112,14 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
     """
     fitted, names, E = basis.fitted, read_configurations(path), shaft_couplings(basis.study.robot)
     try:
-        rigid = elastic_twin.rigid_linearisation(fitted, basis.study.model)
+        rigid = rigid_linearisation(fitted, basis.study.model)
     except StudyError as error:
         console.say(f"validate: the torque is not divided into parts: {error}")
         return ()
     models = [
         (parts, response)
         for response in fitted.measured
-        if (name := response.configuration.name) in names
-        and (parts := elastic_twin.model_parts(fitted, rigid, name)) is not None
+        if (name := response.configuration.name) in names and (parts := model_parts(fitted, rigid, name)) is not None
     ]
     of_each = execution.ordered(partial(_balanced, path, basis.friction, E, basis.study.estimator), models)
     return tuple(balance for of_motors in of_each for balance in of_motors)
@@ -116,12 +127,12 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
 
 def _balanced(
     path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec,
-    model: tuple[elastic_twin.ModelParts, Response],
+    model: tuple[Sequence[Part], Response],
 ) -> tuple[TorqueBalance, ...]:  # fmt: skip
     parts, response = model
     first = next(read_records(path, response.configuration.name))
     net = next(net_records([first], friction, E))
-    return elastic_twin.elastic_balances(first, net, parts, response.freq_hz, spec)
+    return elastic_balances(first, net, parts, response.freq_hz, spec)
 
 
 def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
@@ -137,4 +148,4 @@ def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
     delay_s = result.parameters.numbers(result.x, chosen).get(DELAY, 0.0)
-    return elastic_twin.elastic_runs(record, moved, band_hz, delay_s, basis.study.model)
+    return elastic_runs(record, moved, band_hz, delay_s, basis.study.model)

@@ -85,17 +85,14 @@ def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
         )
     if refused:
         raise StudyError("experiment/simulated", refused, "experiment.simulated.carrier")
-    position = movement(carrier, plan).position
+    low, high = np.array([end(movement(carrier, plan).position, axis=0) for end in (np.min, np.max)])
     for configuration in plan.configurations:
-        for i, (joint, angle) in enumerate(zip(robot.driven, configuration.angles, strict=True)):
-            lower, upper = joint.limits.angle
-            low, high = position[:, i].min(), position[:, i].max()
-            if angle + low < lower or angle + high > upper:
+        middle, swings = (configuration.angles + (low + high) / 2).tolist(), ((high - low) / 2).tolist()
+        for joint, at, swing in zip(robot.driven, middle, swings, strict=True):
+            if refused := joint.position_refusal(at, swing):
                 raise StudyError(
                     "experiment/simulated",
-                    f"{max(-low, high):.3g} {joint.unit} about {angle:g} {joint.unit} "
-                    f"take joint {joint.name} out of its limits [{lower:g}, {upper:g}] {joint.unit} in configuration "
-                    f"{configuration.name}; make the carrier smaller or move the configuration",
+                    f"{refused}; make the carrier smaller or move configuration {configuration.name}",
                     "experiment.simulated.carrier",
                 )
 
@@ -151,7 +148,7 @@ def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, F
 def _constant_velocity(v: FloatArray, s: FloatArray, ds: FloatArray, plan: Plan) -> Movement:
     """Movement through the configuration in the middle of the measured periods."""
     travelled = np.concatenate([[0.0], np.cumsum((s[1:] + s[:-1]) / 2)]) / plan.rate_hz
-    middle = plan.first_sample + plan.transient_periods * plan.period_samples + plan.periods * plan.period_samples // 2
+    middle = (plan.measured.start + plan.measured.stop) // 2
     return Movement(np.outer(travelled - travelled[middle], v), np.outer(s, v), np.outer(ds, v), s)
 
 

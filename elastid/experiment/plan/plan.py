@@ -213,6 +213,12 @@ class Plan:
         return self.hold_samples + self.ramp_samples
 
     @property
+    def measured(self) -> slice:
+        """Samples of a run in the measured periods."""
+        first = self.first_sample + self.transient_periods * self.period_samples
+        return slice(first, first + self.periods * self.period_samples)
+
+    @property
     def run_samples(self) -> int:
         """Samples of a whole run, from standstill to standstill."""
         return 2 * self.first_sample + (self.transient_periods + self.periods) * self.period_samples

@@ -28,7 +28,7 @@ from elastid.experiment.plan.friction import (
 from elastid.experiment.simulated.hardware import Noise, draw_noise, loads_of
 from elastid.experiment.simulated.plant import Plant, limit_notes, model_of, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import ControllerSpec, HeatSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import HeatSpec, SimulatedSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
@@ -37,6 +37,7 @@ from elastid.robot import Robot
 from elastid.robot.simplified import with_point_mass
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import feed_forward, tune
+from elastid.simulation.spec import ControllerSpec
 
 
 @dataclass(frozen=True)

@@ -202,8 +202,8 @@ def filter_motions(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:
     for element in sensor_elements(robot.chain):
         T = robot.chain.sensor_lag
         if isinstance(element, LagElement) and T is not None:
-            there = np.concatenate([y, 2 * y[-1] - y[::-1]])
-            period = np.concatenate([there, there[::-1]]) - y[0]
+            half = np.concatenate([y, 2 * y[-1] - y[::-1]])
+            period = np.concatenate([half, half[::-1]]) - y[0]
             s = (2j * np.pi * np.fft.rfftfreq(len(period), 1 / rate_hz)).astype(np.complex128)
             spectrum = np.fft.rfft(period, axis=0) * element.response(s, T)[:, None]
             y = y[0] + np.fft.irfft(spectrum, len(period), axis=0)[: len(y)]

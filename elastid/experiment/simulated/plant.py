@@ -25,7 +25,7 @@ from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.movement import FeedForward, Movement
 from elastid.experiment.plan.plan import ClosedLoopResponse, PredictClosedLoop
 from elastid.experiment.simulated.hardware import drives
-from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec, TorqueRippleSpec
+from elastid.experiment.specs.simulated import SimulatedSpec, TorqueRippleSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.linear.linear_model import torque_elements
@@ -40,6 +40,7 @@ from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.controller import feed_forward, filters_of, gains_of
 from elastid.simulation.dynamics import affordable_steps, contacts, least_steps, poles
+from elastid.simulation.spec import ControllerSpec
 
 MAX_CLIPPED_SHARE = 0.5  # of the samples, beyond which a motor cannot control the robot
 
@@ -90,6 +91,7 @@ def _loop_of(
     controller: ControllerSpec,
     samples: int,
     is_free: bool,
+    of_numbers: bool,
 ) -> ClosedLoop:
     """The closed loop of a robot, built once in a process: CasADi expressions do not pickle."""
     model = model_of(robot, equations)
@@ -97,23 +99,25 @@ def _loop_of(
     hardware = drives(robot, encoder_counts, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
     filters = filters_of([joint.name for joint in robot.driven], controller, rate_hz)
-    return closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, filters=filters)
+    return closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, of_numbers, filters)
 
 
 def true_plant(
     robot: Robot, spec: SimulatedSpec, rate_hz: float, start: Configuration, highest_hz: float = 0.0, samples: int = 0,
-    is_free: bool = False,
+    is_free: bool = False, of_numbers: bool = False,
 ) -> Plant:  # fmt: skip
     """The plant of a section `simulated`, with its truth, at rest in `start`.
 
     highest_hz: the end of the band, if any.  samples: about how many the whole plan has, for which steps are compiled
-    where the section asks for it.  is_free: without limits of the motors' angles.  StudyError where the integration
-    steps are too long for the fastest pole.
+    where the section asks for it.  is_free: without limits of the motors' angles.  of_numbers: each run has numbers of
+    its own, for whose poles a fifth is to spare.  StudyError where the integration steps are too long for the fastest
+    pole.
     """
     robot = true_robot(robot, spec.truth).carrying(start.carries)
     model = model_of(robot, spec.model)
     point = equilibrium(model, model.theta, start)
     s, substeps = poles(model, contacts(model, frictions(robot)), point.q), spec.steps(rate_hz, highest_hz)
+    s = 1.2 * s if of_numbers else s
     if spec.substeps is None:
         substeps = max(substeps, affordable_steps(s, rate_hz, robot.name))
     elif substeps < (needed := least_steps(s, 1 / rate_hz)):
@@ -126,7 +130,7 @@ def true_plant(
         )
     hardware = spec.noise.encoder_counts, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
-    return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free), point)
+    return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free, of_numbers), point)
 
 
 def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) -> Iterator[Note]:

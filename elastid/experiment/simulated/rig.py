@@ -27,10 +27,10 @@ from elastid.experiment.simulated.hardware import (
 from elastid.experiment.simulated.plant import Plant, beyond, feed_forward_of, limit_notes, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.record import Motion, Record, motion_unit
+from elastid.record import JointLoop, Motion, Record, motion_unit
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
-from elastid.simulation.controller import Gains, gains_of, rigid_path
+from elastid.simulation.controller import gains_of, rigid_path
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class _Run:
     experiment: Experiment
     plant: Plant
     given: Reference
-    gains: Gains
+    gains: JointLoop
     noise: Noise
 
 

@@ -22,12 +22,6 @@ MOTIONS = tuple(MOTION_UNIT)
 TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}
 
 
-def check_rate(rate_hz: float | str | None) -> None:
-    """ValueError where a sampling rate is given as a number that is not positive."""
-    if isinstance(rate_hz, float | int) and not rate_hz > 0:
-        raise ValueError(f"rate_hz is {rate_hz:g}; it must be positive")
-
-
 @section
 class ChannelSpec:
     """One signal of the log files: its place in the file, and its place and quantity on the robot or structure.
@@ -74,7 +68,7 @@ class ChannelSpec:
         "hold.")] = 1
     rate_hz: Annotated[Frequency | None, Key("Sampling rate of the channel where it differs; all channels are brought "
         "to the lowest one, band-limited.", "a temperature at 1 Hz or an accelerometer at 10 kHz, unlike the "
-        "controller's rate; slower ones bound the band of all.")] = None
+        "controller's rate; slower ones bound the band of all.", above=0)] = None
     hold: Annotated[Hold | None, Key("Course of an acting torque (role u) between its samples, where it differs from "
         "that of the section.", "where commanded and measured torques stand in one log.")] = None
     # fmt: on
@@ -101,7 +95,6 @@ class ChannelSpec:
             raise ValueError(f"hold is of an acting torque (role u), not of role {self.role}; leave it out here")
         if self.scale == 0:
             raise ValueError("scale is 0; the channel would be lost")
-        check_rate(self.rate_hz)
 
     @property
     def is_motion(self) -> bool:

@@ -35,7 +35,7 @@ class ExperimentSpec:
     realisations: Annotated[int, Key("Number of independent draws of the random phases on a simulated rig; logs number "
         "theirs.", "more where friction distorts: variance and distortion fall as one over their number, the time "
         "grows with it; 4 to 10 are usual on a robot. Two is the least that shows the level of distortion, and the "
-        "default for that reason.", least=1)] = 2
+        "default for that reason.", least=1, most=MAX_REALISATIONS)] = 2
     periods: Annotated[int, Key("Number of periods that each experiment of a simulated rig measures.", "more where "
         "noise is what limits: its variance falls as one over their number, distortion stays. Two are the least that "
         "show the noise level, hence the default.", least=2)] = 2
@@ -44,9 +44,9 @@ class ExperimentSpec:
         "first period counts, and estimator.transient_periods must find whether it rings.", least=0)] = 1
     ramp: Annotated[Time, Key("Time in which torque and movement of a simulated rig grow at the start and fade at the "
         "end.", "longer where the start shakes the robot or trips a drive; it adds its length twice to each "
-        "experiment. 0.5 s is several times the swing of a first mode of 5 to 10 Hz.")] = 0.5
+        "experiment. 0.5 s is several times the swing of a first mode of 5 to 10 Hz.", least=0)] = 0.5
     hold: Annotated[Time, Key("Rest of a simulated rig before the start and after the end.", "give a second where a "
-        "logger needs time to begin; the references then start at rest.")] = 0.0
+        "logger needs time to begin; the references then start at rest.", least=0)] = 0.0
     experiments: Annotated[int | None, Key("Number of experiments in each realisation (default: as many as motors, "
         "each with all motors moving).", "fewer save robot time by that factor, for the local methods of `estimator` "
         "alone, which separate inputs by neighbouring lines; they need periods so long that many lines lie within each "
@@ -69,10 +69,6 @@ class ExperimentSpec:
             raise ValueError(
                 "give exactly one of simulated, recorded and responses; an experiment yet to be run is simulated"
             )
-        if self.realisations > MAX_REALISATIONS:
-            raise ValueError(f"realisations is {self.realisations}; at most {MAX_REALISATIONS}, commonly 2 to 20")
-        if self.ramp < 0 or self.hold < 0:
-            raise ValueError("ramp and hold are times; they must not be negative")
 
     def runs(self, n_u: int) -> int:
         """How many experiments a realisation has on a robot of n_u motors."""

@@ -8,9 +8,9 @@ from typing import Annotated, Literal, TypeAlias
 from elastid.base.names import at_level
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointVelocity, Temperature, Time
-from elastid.experiment.specs.channels import ChannelSpec, check_rate
-from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.record import Hold
+from elastid.simulation.spec import ControllerSpec, GainsSpec
 
 
 @section
@@ -23,13 +23,8 @@ class CascadeSpec(GainsSpec):
     # fmt: off
     velocity_feed_forward: Annotated[float, Key("Share s of the reference's velocity that is fed forward, 0 to 1. The "
         "reference is in the log as channels of role reference.", "1 for controllers that follow without lag; too "
-        "small a number shows as a position error in proportion to speed.")] = 0.0
+        "small a number shows as a position error in proportion to speed.", least=0, most=1)] = 0.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0 <= self.velocity_feed_forward <= 1:
-            raise ValueError(f"velocity_feed_forward is {self.velocity_feed_forward:g}; it is a share, 0 to 1")
 
     @property
     def spec(self) -> ControllerSpec:
@@ -76,7 +71,7 @@ class FileSpec:
         "logs, or for a repeat.")] = 0
     level: Annotated[int, Key("Number of the amplitude at which the configuration was measured, from 1.", "2 and so on "
         "for logs of the same posture with less or more torque: each amplitude is a response of its own, and `gears` "
-        "fits all of them together.")] = 1
+        "fits all of them together.", least=1)] = 1
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the samples that are used.", "to cut off "
         "what is before the start, or after a stop; whole periods are found by themselves.")] = None
     also: Annotated[tuple[str, ...], Key("Other logs of the same experiment. One that started at another time must "
@@ -106,7 +101,7 @@ class FileSpec:
         "it.")] = None
     speed: Annotated[JointVelocity | None, Key("Speed of the passes in the file (default: plateaus are found at any "
         "speed).", "where plateaus of several speeds lie close together, or noise makes the finder take a wrong "
-        "one.")] = None
+        "one.", above=0)] = None
     load: Annotated[str, Key("Name of one of friction.loads.", "name it in every log of a study with loads; logs "
         "without it count as the robot alone.")] = ""
     temperature: Annotated[Temperature | None, Key("Temperature of the joint, of a warm-up at its start, where no "
@@ -122,10 +117,6 @@ class FileSpec:
 
     def __post_init__(self) -> None:
         _check_period(self.period, self.period_samples)
-        if self.level < 1:
-            raise ValueError(f"level is {self.level}; amplitudes are numbered from 1")
-        if self.speed is not None and not self.speed > 0:
-            raise ValueError(f"speed is {self.speed:g}; it must be positive: passes go there and back")
 
 
 @section
@@ -135,7 +126,7 @@ class RecordedSpec:
     # fmt: off
     rate_hz: Annotated[Frequency | Literal["unknown"], Key("Sampling rate of the logs, or `unknown`: frequencies are "
         "then in units of it.", "the clock of the log; a wrong number scales all frequencies and, squared, all "
-        "stiffnesses. `unknown` is for structures without a robot.")]
+        "stiffnesses. `unknown` is for structures without a robot.", above=0)]
     channels: Annotated[tuple[ChannelSpec, ...], Key("Signals of the logs.", "at least one torque (u) and one motion "
         "(y); give r as well where the injected torque is logged, which closed-loop estimators use.")]
     files: Annotated[tuple[FileSpec, ...], Key("Log files.", "one entry an experiment; realisations and experiments "
@@ -169,7 +160,6 @@ class RecordedSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        check_rate(self.rate_hz)
         self._check_files_and_rates()
         _check_period(self.period, self.period_samples)
         periods = (self.period, *(file.period for file in self.files))
@@ -187,6 +177,8 @@ class RecordedSpec:
                     f"half_wave says that {file.path} repeats with opposite sign, but it has no period; give period or "
                     "period_samples, or leave half_wave out"
                 )
+            if self.half_wave and isinstance(samples, float) and samples % 2 == 1:
+                raise ValueError(f"half_wave needs an even number of samples per period, not {samples:g}")
             if isinstance(samples, float) and samples < 2:
                 raise ValueError(
                     f"the period of {file.path} is {samples:.6g} samples; it must be 2 at least: check period and "
@@ -320,13 +312,12 @@ class ResponsesSpec:
         "the images of the held torque as they have.", "zero-order for responses of commands to encoder angles, as "
         "most controllers' own tools give them.")] = "band-limited"
     rate_hz: Annotated[Frequency | None, Key("Rate of the held commands, needed with hold: zero-order (or in their "
-        "channels).", "the controller's, since half a sample of it is the delay that is taken out.")] = None
+        "channels).", "the controller's, since half a sample of it is the delay that is taken out.", above=0)] = None
     # fmt: on
 
     def __post_init__(self) -> None:
         if not self.files:
             raise ValueError("files is empty; list at least one file")
-        check_rate(self.rate_hz)
         roles = {channel.role for channel in self.channels}
         if self.channels and roles != {"u", "y"}:
             raise ValueError("channels must have roles u (inputs) and y (outputs), at least one of each and no other")

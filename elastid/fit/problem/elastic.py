@@ -318,9 +318,9 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
     for kind, wanted, known in (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs)):
         if missing := ", ".join(name for name in wanted if name not in known):
             has_not = f"the response has the {kind} {missing}, which the model has not"
-            there = ", ".join(known) or "none"
+            names = ", ".join(known) or "none"
             raise StudyError(
-                "fit/responses", f"{has_not}; there are {there}", f"configuration {response.configuration.name}"
+                "fit/responses", f"{has_not}; there are {names}", f"configuration {response.configuration.name}"
             )
     if loads and model.inputs != response.inputs:
         model = acted_on(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)
@@ -350,5 +350,5 @@ def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -
     moved, theta = parameters.moved(model.configuration.name), parameters.expand(parameters.x, model.configuration.name)
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     slopes = {name: model.slopes[name] for name in moved if name in model.slopes}
-    here = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
-    return Kernel(here, freq_hz, moved)
+    local = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
+    return Kernel(local, freq_hz, moved)

@@ -200,11 +200,11 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
     """
     if noise is None or math.isinf(noise.measured.dof):
         return _ones(floor.shape)
-    own = noise.own_matrix if together else noise.own_variance
+    share_of_itself = noise.own_matrix if together else noise.own_variance
     v = noise.variance
     share = np.divide(v, v + floor, out=np.zeros_like(v), where=v > 0)
     # A variance that weighs by itself alone, of one degree of freedom, has an inverse without an expectation.
-    return np.asarray(1 / np.sqrt(np.maximum(1 - own[:, None, None] * share / noise.measured.dof, 0.1)))
+    return np.asarray(1 / np.sqrt(np.maximum(1 - share_of_itself[:, None, None] * share / noise.measured.dof, 0.1)))
 
 
 def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:

@@ -338,11 +338,11 @@ def merge_repeats(spectra: Sequence[SettledSpectra], closed: bool) -> list[Settl
     """One experiment for each excitation, in order; the reference excites if closed, otherwise the inputs do."""
     groups: list[list[SettledSpectra]] = []
     for spectrum in spectra:
-        own = next((g for g in groups if _gain(driver_of(g[0], closed), driver_of(spectrum, closed)) is not None), None)
-        if own is None:
-            groups.append([spectrum])
-        else:
-            own.append(spectrum)
+        driver = driver_of(spectrum, closed)
+        twins = next((group for group in groups if _gain(driver_of(group[0], closed), driver) is not None), [])
+        if not twins:
+            groups.append(twins)
+        twins.append(spectrum)
     return [group[0] if len(group) == 1 else _merged(group, closed) for group in groups]
 
 

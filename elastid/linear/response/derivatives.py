@@ -247,10 +247,10 @@ class Columns:
                 of_elements[place] -= (
                     pieces.sigma[t, place] * part.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
                 )
-            for values, own in ((G, part.G), (dG, of_elements)):
-                values[..., part.block, rows, columns] = own
+            for values, elements in ((G, part.G), (dG, of_elements)):
+                values[..., part.block, rows, columns] = elements
                 if self.is_symmetric:
-                    values[..., part.block, columns, rows] = own
+                    values[..., part.block, columns, rows] = elements
         return G, dG
 
     @cached_property

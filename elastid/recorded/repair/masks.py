@@ -6,9 +6,8 @@ spike is one sample or two (Hampel's rule across periods):
 
     e = x - median of the periods,   d = |e - running median of e| > 8 sigma
 
-only where e is as far from the parabola through its neighbours, six times as far as each of
-those, and d six times as large as at its neighbours and three times as at all but 2 % of the samples of most parts of
-the log: drift, transients, steps and bursts of oscillation are no spikes, nor is what recurs, as the pulse of a
+only where d is six times as large as at its neighbours, and three times as at all but 2 % of the samples of most parts
+of the log: drift, transients, steps and bursts of oscillation are no spikes, nor is what recurs, as the pulse of a
 controller at an encoder's count.
 
 Limits and steps of a converter are reported: clipping at the highest or lowest value, and quantisation with its noise.
@@ -82,10 +81,6 @@ class MaskLimits:
     # Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
     min_clipped_share: float = 0.002
     max_clipped_share: float = 0.05
-    # A rounded signal that turns exceeds its limit by so many steps of rounding at most, by a parabola through at least
-    # so many samples on each side.
-    max_rounding: float = 2.0
-    min_side_samples: int = 3
     equal_tolerance: float = 1e-9  # values this close, as a part of the span, are equal
 
 
@@ -211,8 +206,6 @@ def _spikes(x: FloatArray, e: FloatArray, smallest: float) -> IntArray:
 
     d = np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror"))
     sigma = STD_OVER_MAD * float(np.median(d))
-    if sigma == 0:  # most samples agree exactly: from the smaller 99 %
-        sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
     least = max(LIMITS.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x), smallest)
     parts = d[: len(d) // LIMITS.parts * LIMITS.parts].reshape(LIMITS.parts, -1)
     beyond_usual = LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
@@ -223,22 +216,11 @@ def _spikes(x: FloatArray, e: FloatArray, smallest: float) -> IntArray:
         if len(run) > LIMITS.max_run or first <= n or end > len(e) - n:
             continue
         around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
-        distance, scatter = _from_parabola(e, run)
-        if d[run].max() > LIMITS.min_ratio * around.max() and distance > max(least, LIMITS.min_ratio * scatter):
+        if d[run].max() > LIMITS.min_ratio * around.max():
             spikes.append(run)
     if sum(map(len, spikes)) <= LIMITS.max_share * len(x):
         spikes = [run for run in spikes if d[run].max(initial=0.0) > beyond_usual or not run.size]
     return np.concatenate(spikes)
-
-
-def _from_parabola(e: FloatArray, run: IntArray) -> tuple[float, float]:
-    """Largest distances of a run, and of its neighbours, from the parabola through these."""
-    first, last, n = int(run[0]), int(run[-1]), LIMITS.neighbours
-    sides = np.r_[max(0, first - 1 - n) : max(0, first - 1), last + 2 : min(len(e), last + 2 + n)]
-    powers = np.vander((np.r_[sides, run] - (first + last) / 2) / n, 3)
-    coefficients = np.linalg.lstsq(powers[: len(sides)], e[sides], rcond=None)[0]
-    away = np.abs(e[np.r_[sides, run]] - powers @ coefficients)
-    return float(away[len(sides) :].max()), float(away[: len(sides)].max())
 
 
 CLIPPED = "samples at a limit"
@@ -289,7 +271,7 @@ def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
         at_limit = _at_limit(x)
         if not at_limit.any():
             continue
-        clipped = in_runs(at_limit, LIMITS.min_equal) & ~_dwells(x, at_limit)
+        clipped = in_runs(at_limit, LIMITS.min_equal)
         share, n_clipped = float(clipped.mean()), int(clipped.sum())
         if share < LIMITS.min_clipped_share or _visits(x, clipped) < LIMITS.min_places * max(1, len(x) // L):
             continue
@@ -311,23 +293,6 @@ def _at_limit(x: FloatArray) -> BoolArray:
     at_limit = (x != 0) & ((high - x <= near) | (x - low <= near))
     is_limit = at_limit.mean() >= LIMITS.min_clipped_share and step(x) <= LIMITS.max_step_share * (high - low)
     return np.asarray(at_limit & is_limit)
-
-
-def _dwells(x: FloatArray, at_limit: BoolArray) -> BoolArray:
-    """Flags (n,) of the runs in which a rounded signal turns: a parabola through the neighbours explains the limit."""
-    gaps = np.diff(np.sort(x))
-    gaps = gaps[gaps > LIMITS.equal_tolerance * float(np.ptp(x))]
-    rounding = float(gaps.min()) if gaps.size else 0.0
-    dwells = np.zeros(len(x), dtype=np.bool_)
-    for start, end in runs(at_limit):
-        reach = max(LIMITS.min_side_samples, int(end - start))
-        sides = np.r_[max(0, start - reach) : start, end : min(len(x), end + reach)]
-        if len(sides) < 2 * reach:
-            continue
-        t = (sides - (start + end - 1) / 2) / reach
-        peak = np.linalg.lstsq(np.vander(t, 3), x[sides] - x[start], rcond=None)[0][2]
-        dwells[start:end] = abs(peak) <= LIMITS.max_rounding * rounding
-    return dwells
 
 
 def _visits(x: FloatArray, clipped: BoolArray) -> int:

@@ -49,7 +49,8 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
         missing = np.flatnonzero(~good[:, c])
         text = _missing(missing, good, log, int(c))
         _check(good[:, c], P, L, log, text)
-        result[:, c] = _filled(periodic[:, c], good[:, c], L, sign)
+        shape = expected(periodic[:, c], L, sign, good[:, c], robust=False)
+        result[:, c] = np.where(good[:, c], periodic[:, c], shape)
         text = f"{text}, the first is {log.time_of(missing[0])}: filled from the same phase of the other periods"
         findings.append(Finding(FILLED, missing.size, text))
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
@@ -68,22 +69,6 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
         text = f"repetitions {numbers} of {P} lack more than {limit} of their samples and are left out"
         findings.append(Finding("repetitions left out", len(left_out), text))
     return Repaired(result, tuple(findings), tuple(int(p) for p in left_out))
-
-
-def _filled(x: FloatArray, good: BoolArray, L: int, sign: int) -> FloatArray:
-    """The common shape, moved so that it joins the good samples on both sides of a gap."""
-    shape = expected(x, L, sign, good, robust=False)
-    away = np.where(good, x - shape, 0.0)
-    known = np.flatnonzero(good)
-    result = np.where(good, x, shape)
-    for start, end in runs(~good):
-        i = int(np.searchsorted(known, start))
-        # Eight good samples on either side give the distance of the signal from the other repetitions.
-        before, after = known[max(0, i - 8) : i], known[i : i + 8]
-        sides = [side for side in (before, after) if side.size]
-        places, offsets = ([float(values[side].mean()) for side in sides] for values in (np.arange(len(x)), away))
-        result[start:end] += np.interp(np.arange(start, end), places, offsets)
-    return result
 
 
 def _check(good: BoolArray, P: int, L: int, log: Log, problem: str) -> None:
@@ -157,10 +142,6 @@ def repair(
     clock = _at_the_clock(moving.signals, drivers, N, log)
     check(clock.signals[:, drivers])
     full = filled(clock.signals, L, sign, log)
-    is_reported = len(start.signals) > len(signals) * N / period or bool(going.findings)
-    if np.isfinite(signals).all() and is_reported and not moving.findings:
-        # All that is missing is the end of the second repetition, or repetitions with a stop.
-        full = replace(full, findings=())
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
     lone = without_spikes(full.signals[:, : len(repeating.names)], L, sign, repeating)
     if lone.findings:

@@ -170,16 +170,12 @@ def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     # The first period may hold a transient.
     Z = Z[1:] if len(Z) > 3 else Z
     far = max(1, len(Z) // 2)
-    C, power = _cross(Z, 1)
+    C, _ = _cross(Z, 1)
     C_far, power_far = _cross(Z, far)
     # In eighths of a sample, from which the maximum is found.
     shifts = np.arange(-(limit := 8 * int(CLOCK.max_error * N + 2)), limit + 1)
     excess = refined_shift(C, N, float(shifts[np.argmax(np.fft.irfft(C, 8 * N)[shifts % (8 * N)])]) / 8)
     excess = refined_shift(C_far, N, far * excess) / far
-    unshifted = correlation(C, N, 0.0)
-    if correlation(C, N, excess) < unshifted:
-        # Single jumps, such as lost samples: next to each other most periods agree as they are.
-        return ClockDrift(0.0, 1 - unshifted / power, 1 - unshifted / power)
     before, after = (1 - correlation(C_far, N, e) / power_far for e in (0.0, far * excess))
     return ClockDrift(excess, before, after)
 

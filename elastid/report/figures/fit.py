@@ -24,7 +24,7 @@ from elastid.report.figures.style import Cells, Curve, Panel, in_db
 from elastid.response import Quality, Response
 from elastid.robot import Robot
 from elastid.validation.residual_tests import above_2sigma
-from elastid.validation.twin import (
+from elastid.validation.torque_balance import (
     DRY,
     ELASTICITY,
     FRICTION,

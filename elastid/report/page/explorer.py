@@ -6,6 +6,7 @@ import base64
 import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from typing import Any
 
@@ -17,8 +18,8 @@ from elastid.base.escape import embedded_json
 from elastid.report.figures import style
 from elastid.report.figures.fit import configuration_title
 from elastid.report.modes import ModeDrawing, ModeRow
-from elastid.response import Response
-from elastid.validation.residual_tests import smoothed_std
+from elastid.response import Covariance, Response
+from elastid.validation.residual_tests import sigma_of
 
 
 def asset(*path: str) -> str:
@@ -104,7 +105,9 @@ def _response(
     quality = measured.quality
     arrays = {"G": measured.G, "model": None if modelled is None else modelled.G, "std": std}
     for name, covariance in (("noise", measured.noise), ("total", measured.total)):
-        arrays[name] = None if covariance is None else smoothed_std(measured, covariance)
+        if covariance is not None:  # smoothed over lines where its degrees of freedom are few
+            alone = replace(measured, noise=None, total=Covariance(covariance.variance, covariance.dof))
+            arrays[name] = sigma_of(alone)
     arrays["coherence"] = None if quality is None else quality.coherence
     return {
         "title": configuration_title(measured, measured.configuration.name in left_out),

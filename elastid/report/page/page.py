@@ -40,11 +40,10 @@ from elastid.report.content import (
     seen_words,
 )
 from elastid.report.figures import style
-from elastid.report.figures.drawings import Drawing, drawings, drawings_of_responses
+from elastid.report.figures.drawings import Drawing
 from elastid.report.figures.style import own_style
 from elastid.report.modes import ModeDrawing, spring_names
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
-from elastid.response import Response
 from elastid.robot import Robot
 
 # Pixels of the drawing, and free ones about it.
@@ -204,16 +203,6 @@ class EmbeddedFigure:
     file: str = ""
 
 
-def write_report(
-    content: ReportContent, folder: Path, formats: Collection[str], execution: Execution | None = None
-) -> Path:
-    """Write folder/report.html, and folder/figures/* in the given formats; returns the path of the page.
-
-    Every file appears whole or not at all, the page last. The same content gives the same bytes, whatever `execution`.
-    """
-    return write_page(partial(html, content), drawings(content), folder, formats, execution)
-
-
 @own_style()
 def write_page(
     page: Callable[[list[EmbeddedFigure]], str],
@@ -223,7 +212,10 @@ def write_page(
     execution: Execution | None = None,
     name: str = "report.html",
 ) -> Path:
-    """The page of one content as folder/`name`; page(figures): its HTML.  folder/figures/* are replaced."""
+    """The page of one content as folder/`name`, its path; page(figures): its HTML.  folder/figures/* are replaced.
+
+    Every file appears whole or not at all, the page last. The same content gives the same bytes, whatever `execution`.
+    """
     figures = clear_folder(folder, "figures")
     figures.mkdir(parents=True)
     todo = [drawing for drawing in drawn if drawing.on_page or formats]
@@ -250,7 +242,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     free = set(content.result.parameters.free_names)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
     left_out = [agreement.configuration for agreement in content.validation.configurations if agreement.left_out]
-    responses = explorer(content.frf, left_out, _models(content)) if content.frf else ""
+    responses = explorer(content.frf, left_out, content.dense) if content.frf else ""
     modes = mode_viewer(content.modes, rate_is_known)
     scripts = curve_scripts() if responses else (asset("first_screen.js"),)
     scripts = (*scripts, asset("mode_viewer.js")) if modes else scripts
@@ -260,14 +252,6 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     values |= {"agreements": content.validation.configurations, **first_screen(content, rows)}
     values["hz"] = "Hz" if rate_is_known else "units of the sampling rate"
     return render("template.html.j2", content, figures, responses, scripts, **values)
-
-
-def _models(content: ReportContent) -> tuple[tuple[Response, FloatArray | None], ...]:
-    """The model of each configuration to draw: on lines of its own, else on the measured ones with its std."""
-    if content.dense:
-        return content.dense
-    std = content.model_std or (None,) * len(content.frf)
-    return tuple((modelled, spread) for (_, modelled), spread in zip(content.frf, std, strict=True))
 
 
 def render(
@@ -316,14 +300,6 @@ def rendered(figure: Figure) -> bytes:
     file = io.BytesIO()
     few.save(file, "png", dpi=(DPI, DPI))  # the highest compression takes seven times as long and saves a tenth
     return file.getvalue()
-
-
-def write_page_of_responses(
-    content: ResponsesContent, folder: Path, formats: Collection[str], execution: Execution | None = None
-) -> Path:
-    """folder/report.html and folder/figures/*; the path of the page."""
-    page = partial(html_of_responses, content)
-    return write_page(page, drawings_of_responses(content), folder, formats, execution)
 
 
 def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFigure]) -> str:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from functools import partial
-from pathlib import Path
 
 from elastid.base.display import number
-from elastid.base.execution import Execution
 from elastid.friction_study.result import JointFriction
-from elastid.report.figures.drawings import JOINT, friction_study_drawings
+from elastid.report.figures.drawings import JOINT
 from elastid.report.friction_content import NUMBER_HEADINGS, FrictionContent, number_cells, refusals
-from elastid.report.page.page import EmbeddedFigure, render, write_page
+from elastid.report.page.page import EmbeddedFigure, render
 
 # Numbers that all passes of a joint share, as people call them.
 SHARED = {
@@ -21,14 +18,6 @@ SHARED = {
     "gravity.sin": "gravity, part of sin q",
     "offset": "offset of the torque",
 }
-
-
-def write_page_of_friction(
-    content: FrictionContent, folder: Path, formats: Collection[str], execution: Execution | None = None
-) -> Path:
-    """folder/report.html and folder/figures/*; the path of the page."""
-    drawn = friction_study_drawings(content.result, content.filters, content.twin, content.left_out)
-    return write_page(partial(html_of_friction, content), drawn, folder, formats, execution)
 
 
 def html_of_friction(content: FrictionContent, figures: Collection[EmbeddedFigure]) -> str:

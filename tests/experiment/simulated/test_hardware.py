@@ -15,14 +15,7 @@ from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.hardware import draw_noise
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import (
-    CarrierSpec,
-    ColoredNoiseSpec,
-    ControllerSpec,
-    NoiseSpec,
-    SimulatedSpec,
-    TorqueRippleSpec,
-)
+from elastid.experiment.specs.simulated import CarrierSpec, ColoredNoiseSpec, NoiseSpec, SimulatedSpec, TorqueRippleSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import elements, state_space
@@ -42,6 +35,7 @@ from elastid.robot import (
     Spring,
 )
 from elastid.simulation.dynamics import contacts
+from elastid.simulation.spec import ControllerSpec
 
 ARM = (0.3,)
 

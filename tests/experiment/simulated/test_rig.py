@@ -13,7 +13,7 @@ from scipy.linalg import expm
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import ControllerSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
@@ -21,6 +21,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import serial
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.simulation.spec import ControllerSpec
 
 POSTURE = (0.2, 0.5, -0.6)
 WEIGHT = (0.0, 0.0, -9.81)

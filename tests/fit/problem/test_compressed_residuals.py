@@ -13,9 +13,8 @@ from plants.three_mass import FREQ, NO_FLOOR, circular, measured, noise_of, para
 import elastid.base.arrays as base_arrays
 import elastid.fit.problem.elastic as chunks
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.execution import HERE, Execution
+from elastid.base.execution import HERE, Execution, lasting_workers
 from elastid.base.kernels import is_compiled
-from elastid.base.workers import lasting_workers
 from elastid.fit.assembly import Assembly
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.compressed_residuals import BATCH, Full, LineResiduals, Packed

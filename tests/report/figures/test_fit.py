@@ -14,19 +14,8 @@ from elastid.report.page.page_of_friction import html_of_friction
 from elastid.response import Levels, Quality
 from elastid.store.friction_study import FRICTION, write_friction_result
 from elastid.store.results import read_twin
-from elastid.validation.twin import (
-    DRY,
-    INERTIA,
-    LINK,
-    MOTION,
-    TORQUE,
-    SignalKind,
-    TorqueBalance,
-    TwinFindings,
-    TwinRun,
-    TwinSignal,
-    torque_balance,
-)
+from elastid.validation.torque_balance import DRY, INERTIA, TorqueBalance, torque_balance
+from elastid.validation.twin import LINK, MOTION, TORQUE, SignalKind, TwinFindings, TwinRun, TwinSignal
 
 
 def test_the_forest_plot_shows_start_estimate_truth_and_bound_hits_as_ratios_to_the_truth():

@@ -54,7 +54,7 @@ def test_the_browser_shows_the_uncertainty_of_the_model(visit, written):
     page.locator("#explorer .key button", has_text="std of the model").click()
     _, frequency, numbers = hovered(page, 0, 0.4)
     line = int(np.argmin(np.abs(FREQ_HZ - frequency)))
-    assert numbers["std of the model"] == pytest.approx(20 * np.log10(content.model_std[0][line, 0, 0]), abs=0.011)
+    assert numbers["std of the model"] == pytest.approx(20 * np.log10(content.dense[0][1][line, 0, 0]), abs=0.011)
 
 
 def test_a_thumbnail_opens_large_and_the_frequency_becomes_linear(opened):

@@ -10,7 +10,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 from plants import friction_study as study
-from plants.report_values import TRUTH, bars_of, pair, report_content
+from plants.report_values import TRUTH, bars_of, pair, report_content, write_report
 from plants.taken_friction import LEFT, taken_friction
 
 from elastid.base.display import number
@@ -23,7 +23,6 @@ from elastid.report.figures.fit import fleet_parameter
 from elastid.report.page.page import (
     html,
     html_of_responses,
-    write_report,
 )
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.validation.agreement import validate

@@ -29,7 +29,7 @@ CONFIGS = Path(__file__).parents[3] / "configs"
         (["experiment.simulated.carrier={kind: offset}"], "a carrier of kind offset is given by its velocity alone"),
         (["experiment.simulated.carrier={amplitude: 0.1, velocity: 0.1}"], "sine is given by its amplitude alone"),
         (["experiment.simulated.carrier={kind: offset, velocity: [0.1, 0]}"], "must not be 0 for any joint"),
-        (["experiment.ramp=-1"], "ramp and hold are times; they must not be negative"),
+        (["experiment.ramp=-1"], "experiment.ramp: "),
     ],
 )
 def test_what_cannot_be_excited_is_refused_with_what_would_fit(tiny: Path, overrides: list[str], message: str) -> None:

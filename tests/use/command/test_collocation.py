@@ -9,10 +9,9 @@ import pytest
 from plants.commanded_arm import arm, move, rigid_gears
 
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.robot.simplified import with_joints
 from elastid.use.moves import MotionLimits, point_to_point
 from elastid.use.plans import CommandedRobot, best_plan, plan, planned_error, sampled
-
-FREE = Limits()
 
 
 def test_an_elastic_axis_is_commanded_by_its_closed_form() -> None:
@@ -39,7 +38,7 @@ def test_a_tool_behind_a_joint_that_bends_by_itself_stays_on_its_path(robot: Rob
     """Under gravity, with gears elastic or rigid: to a micrometre, where the rigid command leaves it by millimetres."""
     own = move(0.8)
     commanded = CommandedRobot.of(robot, "tool", own.ends[0])
-    planned = best_plan(commanded, own, MotionLimits.of(replace_limits(robot, FREE)), 0.1)
+    planned = best_plan(commanded, own, MotionLimits.of(replace_limits(robot, Limits())), 0.1)
     assert planned.has_converged
     assert planned_error(commanded, own, planned).max() < 2e-6
     t = np.linspace(-0.1, 0.9, 400)
@@ -68,9 +67,4 @@ def test_limits_hold_where_they_keep_the_tool_off_its_path() -> None:
 
 def replace_limits(robot: Robot, limits: Limits) -> Robot:
     """The robot with these limits of its driven joints."""
-
-    def changed(joint: Joint) -> Joint:
-        return replace(joint, limits=limits) if joint.motor is not None else joint
-
-    bodies = (replace(body, joints=tuple(map(changed, body.joints))) for body in robot.bodies)
-    return replace(robot, bodies=tuple(bodies))
+    return with_joints(robot, lambda joint: joint if joint.motor is None else replace(joint, limits=limits))

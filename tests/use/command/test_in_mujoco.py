@@ -9,8 +9,9 @@ import pytest
 from plants.commanded_arm import arm, move
 
 from elastid.base.arrays import FloatArray
+from elastid.record import JointLoop
 from elastid.robot import Robot
-from elastid.simulation.controller import Gains, tune
+from elastid.simulation.controller import tune
 from elastid.use.moves import MotionLimits, References
 from elastid.use.plans import CommandedRobot, plan, rigid_references, sampled
 
@@ -50,7 +51,7 @@ TILTING = XML.replace(
 )
 
 
-def errors(xml: str, references: References, gains: Gains, target: FloatArray) -> FloatArray:
+def errors(xml: str, references: References, gains: JointLoop, target: FloatArray) -> FloatArray:
     """Distance (N,) of the tool from its path, from the rest into which the loops have let it settle."""
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
@@ -73,7 +74,7 @@ def errors(xml: str, references: References, gains: Gains, target: FloatArray) -
 
 
 @cache
-def commands() -> tuple[References, References, Gains, FloatArray]:
+def commands() -> tuple[References, References, JointLoop, FloatArray]:
     """References of rigid and of elastic feedforward, the gains of both, and the path."""
     own = move(0.8)
     true: Robot = arm(stiffness=0.8, friction=0.0)

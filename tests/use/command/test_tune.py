@@ -13,11 +13,10 @@ from plants.refusals import refused
 from elastid.base.arrays import FloatArray
 from elastid.fit.posture import default_frame
 from elastid.robot import Frame
-from elastid.simulation.controller import tune
 from elastid.study import load_robot
 from elastid.use.moves import MotionLimits, point_to_point
 from elastid.use.plans import CommandedRobot, best_plan, sampled
-from elastid.use.tune import DAMPING_RATIO, TwinLoop, tune_move
+from elastid.use.tune import TwinLoop, tune_move
 
 HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it back
 
@@ -88,8 +87,7 @@ def test_a_linkage_follows_its_own_plan(rod: str) -> None:
     assert planned.has_converged
     references = sampled(commanded, planned, 500.0, 0.3)
     target = commanded.poses(commanded.rigid(move, references.time_s)[0]).position
-    gains = tune(commanded.model, commanded.rigid_posture(move.ends[0]), 4.0, DAMPING_RATIO)
-    loop = TwinLoop.of(robot, commanded.model, commanded.frame, gains, 500.0)
+    loop = TwinLoop.of(commanded, robot, move.ends[0], 500.0, 4.0)
     outcome = loop.outcome("own", references, target, move.duration)
     assert outcome.largest < 1e-5
     assert outcome.residual < 1e-6

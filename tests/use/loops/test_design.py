@@ -10,8 +10,8 @@ import pytest
 from plants.predicted_arm import result
 from plants.refusals import refused
 
-from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec
 from elastid.record import Configuration
+from elastid.simulation.spec import ControllerSpec, GainsSpec
 from elastid.use.closed_loops import LIMIT_DB, PostureFamily, Scene
 from elastid.use.loops import Cascade, design, design_loops, robust, room, todays_loops
 

@@ -8,8 +8,7 @@ import pytest
 from plants.predicted_arm import result
 
 from elastid.linear.linear_model import DELAY
-from elastid.record import Configuration
-from elastid.simulation.controller import Gains
+from elastid.record import Configuration, JointLoop
 from elastid.use.closed_loops import Plants, PostureFamily, Scene, _sampled, closed_loop_poles, scaled
 from elastid.use.loops import Cascade, assess, design
 from elastid.use.map import largest_gain
@@ -60,7 +59,7 @@ def test_an_ideal_cascade_has_the_bandwidth_of_its_position_gain() -> None:
     A, B = np.array([[1, 1 / rate], [0, 1]]), np.array([[0.5 / rate**2], [1 / rate]]) / J
     motor = Plants(rate, A[None], B[None], np.array([[[1.0, 0.0]]]), np.array([[J]]))
     freq_hz = np.geomspace(0.05, 500, 2000)[None]
-    gains = Gains(np.array([K_p * 2e3]), np.array([2e3]), np.zeros(1))
+    gains = JointLoop(np.array([K_p * 2e3]), np.array([2e3]), np.zeros(1))
     closed = Scene(motor, freq_hz, motor.response(freq_hz)).closed(gains, None)
     assert closed.bandwidth_hz[0, 0] == pytest.approx(K_p / (2 * np.pi), rel=0.02)
 
@@ -81,12 +80,12 @@ def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units() -> No
 def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None:
     """Of half a sample and of more than two: as the difference of two held torques, and late by whole samples."""
     own = PostureFamily.of(result(), [Configuration("a", np.array([0.3, 0.5]))], RATE_HZ)
-    linear = own.linear[0]
-    theta = own._theta(linear).copy()
+    linear, known = own.models[0].linear, own.models[0].theta
+    theta = known.copy()
     theta[list(linear.parameters).index(DELAY)] = delay_s
     A, B, C = _sampled(linear, theta, RATE_HZ)
     whole = round(delay_s * RATE_HZ * 1000)
-    fine = _sampled(linear, own._theta(linear), RATE_HZ * 1000)
+    fine = _sampled(linear, known, RATE_HZ * 1000)
     n = 12
     u = np.repeat([1.0] + [0.0] * (n - 1), 1000)
     x, y = np.zeros(len(fine[0])), []

@@ -1,0 +1,238 @@
+r"""The torque of a log part by part, for the motion as it was measured.
+
+.. math:: u(t) = \sum_i \tau_i(t) + e(t), \qquad
+          share_i = \overline{\tau_i u} \,/\, \overline{u^2}, \qquad left = \overline{e^2} \,/\, \overline{u^2}
+
+tau_i: the torque that a part of the model takes for the *measured* motion, so that no controller and no stability is
+needed. Shares do not depend on the order of the parts, and together with that of e they sum to 1. Parts that work
+against each other have more than 1 and less than 0: above an antiresonance a spring takes the link's inertia back.
+Over frequency the same with spectra U, T_i of Hann's window, summed over the lines of a band (Parseval).
+
+Of a multisine, at the lines of the response in the last period of the steady state, where this is exact:
+
+.. math:: \hat U = G_m^{-1} Y_m, \qquad G_m: \text{torques of the motors to their own motion}
+
+of three models with the fitted numbers: springs left out and no viscous friction (rigid body), with springs (elasticity
+is the difference), and with viscous friction (the same). Dry friction is what the estimator took out of the torque.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
+from elastid.excitation.grids import line_frequencies
+from elastid.excitation.multisine import synthesise
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import RecordSpectra, unit_scale
+from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
+from elastid.record import Motion, Record
+from elastid.robot.simplified import elastic_coordinates, stiffened
+
+# Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
+INERTIA, GRAVITY, RIGID_BODY, ELASTICITY = "inertia", "gravity and offset", "rigid body", "elasticity"
+VISCOUS, DRY = "viscous friction", "dry friction"
+FRICTION = (VISCOUS, DRY)
+# An octave with less of the torque's power holds noise, or what the window leaks.
+MIN_POWER_SHARE = 1e-4
+
+
+@dataclass(frozen=True)
+class BandBalance:
+    """The torque between two frequencies in Hz: power, its share of all; share of each part in it; what is left.
+
+    left_without_friction: by the model without its friction.
+    """
+
+    low_hz: float
+    high_hz: float
+    power: float
+    shares: tuple[float, ...]
+    left: float
+    left_without_friction: float
+
+
+@frozen_value
+class TorqueBalance:
+    """The torque of one motor in one log, link side.
+
+    place: of its motor or joint.  log: name of the record.  unit: of the torque.  rate_hz: of the samples; without a
+    known rate frequencies are in units of it.  parts: names; torques (n_p, n): of each.  measured (n,).
+    shares: of each part in the mean square of the torque.  left: of it by the whole model, and left_without_friction by
+    the model without its friction.  bands: the same by octave, upwards.
+    """
+
+    place: str
+    log: str
+    unit: str
+    rate_hz: float
+    parts: tuple[str, ...]
+    measured: FloatArray = labelled("torque as measured, link side", "{unit}", "sample")
+    torques: FloatArray = labelled("torque of each part of the model", "{unit}", "parts sample")
+    shares: tuple[float, ...]
+    left: float
+    left_without_friction: float
+    bands: tuple[BandBalance, ...]
+    rate_is_known: bool = True
+
+    @property
+    def worst(self) -> BandBalance:
+        """The octave of which the model leaves most, of those with power."""
+        return max((band for band in self.bands if band.power >= MIN_POWER_SHARE), key=lambda band: band.left)
+
+    @property
+    def words(self) -> str:
+        """Shares of the parts in a sentence."""
+        shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(self.parts, self.shares, strict=True))
+        worst, unit = self.worst, "Hz" if self.rate_is_known else "of the sampling rate"
+        return (
+            f"{self.place}, {self.log}: of the mean square of the torque {shares}; {self.left:.1%} is left "
+            f"(without friction {self.left_without_friction:.1%}), most from {worst.low_hz:.3g} to "
+            f"{worst.high_hz:.3g} {unit}: {worst.left:.0%} of the {worst.power:.2%} of the power there."
+        )
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured less modelled torque (n,)."""
+        return np.asarray(self.measured - self.torques.sum(axis=0))
+
+    def part(self, names: Sequence[str]) -> FloatArray:
+        """The torque (n,) of these parts together, 0 of those that the model lacks."""
+        return np.asarray(self.torques[[name in names for name in self.parts]].sum(axis=0))
+
+
+def torque_balance(
+    place: str,
+    log: str,
+    unit: str,
+    rate_hz: float,
+    measured: FloatArray,
+    parts: Mapping[str, FloatArray],
+    band_hz: tuple[float, float],
+    rate_is_known: bool = True,
+) -> TorqueBalance:
+    """Shares of the parts (n,) in the measured torque (n,), over all and in octaves below the end of band_hz."""
+    names, torques = tuple(parts), np.stack(list(parts.values()))
+    dry = np.array([name not in FRICTION for name in names])
+    shares, left, without = _explained(measured[None], torques[:, None], dry)
+    window = np.hanning(len(measured) + 1)[:-1]
+    U, T = np.fft.rfft(window * measured), np.fft.rfft(window * torques)
+    octaves = list(octave_lines(band_hz, rate_hz, len(measured)))
+    total = max(float(sum(np.sum(np.abs(U[inside]) ** 2) for _, _, inside in octaves)), 1e-300)
+    bands = tuple(
+        BandBalance(low, high, float(np.sum(np.abs(U[inside]) ** 2)) / total, *_explained(U[inside], T[:, inside], dry))
+        for low, high, inside in octaves
+    )
+    return TorqueBalance(
+        place, log, unit, rate_hz, names, measured, torques, shares, left, without, bands, rate_is_known
+    )
+
+
+def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
+    """Octaves below the top of band_hz, upwards, the lowest down to its bottom: ends, and lines of a DFT of n."""
+    low, high = band_hz
+    edges = [high]
+    # Below four lines, those of the window, a band is that of a neighbour.
+    while edges[-1] / 2 > max(2 * low, 4 * (rate_hz / n)):
+        edges.append(edges[-1] / 2)
+    if low < edges[-1]:
+        edges.append(low)
+    freq_hz = np.fft.rfftfreq(n, 1 / rate_hz)
+    for first, last in pairwise(reversed(edges)):
+        yield first, last, (freq_hz >= first) & (freq_hz < last)
+
+
+def _explained(
+    measured: FloatArray | ComplexArray, torques: FloatArray | ComplexArray, no_friction: FloatArray
+) -> tuple[tuple[float, ...], float, float]:
+    """Shares of torques (n_p, ...), and those of the residuals of all of them and of those without friction."""
+    n_p = len(torques)
+    u, parts = measured.ravel(), torques.reshape(n_p, -1)
+    power = max(float(np.sum(np.abs(u) ** 2)), 1e-300)
+    shares = tuple(float(share) for share in (parts @ u.conj()).real / power)
+    left, without = (
+        float(np.sum(np.abs(u - chosen.sum(axis=0)) ** 2)) / power for chosen in (parts, parts[no_friction])
+    )
+    return shares, left, without
+
+
+# A model of the motors' own motion in one configuration, and its numbers (n_theta,).
+Part: TypeAlias = tuple[LinearModel, FloatArray]
+
+
+def rigid_linearisation(fitted: FittedRobot, spec: ModelSpec = EXACT) -> Linearisation:
+    """The fitted robot without its springs, to be linearised; StudyError where it cannot be without them."""
+    names = [coordinate.name for coordinate in elastic_coordinates(fitted.robot)]
+    return Linearisation.of_robot(stiffened(fitted.robot, names), spec, fitted.result.parameters.names)
+
+
+def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -> Sequence[Part] | None:
+    """The robot as fitted, without viscous friction, and without springs either.
+
+    None where the motion of a motor was not measured.
+    """
+    model, theta = fitted.at(configuration).linear, fitted.theta_of(configuration)
+    if not set(model.inputs) <= set(model.outputs):
+        return None
+    motors = model.with_outputs([model.outputs.index(place) for place in model.inputs])
+    numbers = dict(zip(model.parameters, theta.tolist(), strict=True))
+    free = numbers | {name: 0.0 for name, (_, path) in fitted.robot.numbers.items() if path[-1] == "viscous"}
+    known = {name: value for name, (value, _) in rigid.model.robot.parameters().items()} | free
+    rigid_theta = np.array([known[name] for name in (*rigid.model.parameters, DELAY)])
+    alone = rigid.at(model.configuration, rigid_theta[:-1], motors.outputs, motors.quantity)
+    columns = [alone.inputs.index(place) for place in motors.inputs]
+    alone = replace(alone, B=alone.B[:, columns], inputs=motors.inputs, hold=motors.hold)
+    return (motors, theta), (motors, np.array([free[name] for name in model.parameters])), (alone, rigid_theta)
+
+
+def elastic_balances(
+    record: Record, net: Record, parts: Sequence[Part], freq_hz: FloatArray, spec: EstimatorSpec
+) -> tuple[TorqueBalance, ...]:
+    """Balances of each motor at freq_hz (F,), none of fewer than two settled periods; net: without dry friction."""
+    # Periods that count: neither dropped by the study nor left out by the repair of the log.
+    dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
+    if len({*range(dropped, record.n_samples // record.repeat_samples)} - {*record.left_out}) < 2:
+        return ()
+    (motors, _), N = parts[0], record.period_samples
+    lines = np.rint(freq_hz * N / record.rate_hz).astype(np.int64)
+    (Y,), (U,) = last_period(record, lines, motors.quantity)
+    (_,), (U_net,) = last_period(net, lines, motors.quantity)
+    Y_m = Y[:, [record.outputs.index(place) for place in motors.outputs]]
+    modelled = (frequency_response(*part, freq_hz) for part in parts)
+    torques_of_models = (np.asarray(np.linalg.solve(G, Y_m[..., None])[..., 0]) for G in modelled)
+    full, frictionless, rigid = (synthesise(lines, torque, N) for torque in torques_of_models)
+    measured, dry = synthesise(lines, U, N), synthesise(lines, U - U_net, N)
+    torques = {RIGID_BODY: rigid, ELASTICITY: frictionless - rigid, VISCOUS: full - frictionless, DRY: dry}
+    band_hz = float(freq_hz[0]), float(freq_hz[-1]) * (1 + 1e-9)
+    return tuple(
+        torque_balance(
+            place, record.name, record.units_of_inputs[i], record.rate_hz, measured[:, i],
+            {name: torque[:, i] for name, torque in torques.items() if np.any(torque)}, band_hz, record.rate_is_known,
+        )
+        for i, place in enumerate(motors.inputs)
+    )  # fmt: skip
+
+
+def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
+    """Y (1, F, n_y), U (1, F, n_u) of the last period of a record that was not left out."""
+    last = [last_counted(record.n_samples // record.repeat_samples, record.left_out)]
+    freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
+    spectra, n_y = RecordSpectra(record), len(record.outputs)
+    Y, U = (spectra.amplitudes(role, lines)[last] for role in ("y", "u"))
+    scale = unit_scale(record, freq_hz, quantity)
+    return Y * scale[:, :n_y], U * scale[:, n_y:]
+
+
+def last_counted(periods: int, left_out: Collection[int]) -> int:
+    """The last period that is not left out; the last one where all are."""
+    return max((p for p in range(periods) if p not in left_out), default=periods - 1)
