@@ -37,7 +37,6 @@ class Cell:
     """An element in one configuration: residual over its standard deviation, NaN where none is known; dB otherwise."""
 
     configuration: int
-    element: int
     name: str
     value: float
 
@@ -194,7 +193,8 @@ def strip(agreements: Sequence[Agreement]) -> Strip:
     rows = []
     for q, agreement in enumerate(agreements):
         values = agreement.rms_sigma if known else agreement.rms_log_db
-        cells = tuple(Cell(q, k, name, float(values.flat[k])) for k, name in enumerate(elements_of(agreement)))
+        elements = zip(elements_of(agreement), values.flat, strict=True)
+        cells = tuple(Cell(q, name, float(value)) for name, value in elements)
         rows.append((agreement.configuration, cells))
     every = [cell for _, cells in rows for cell in cells if math.isfinite(cell.value)]
     worst = max(every, key=lambda cell: cell.value, default=None)
@@ -233,8 +233,6 @@ def summary_line(content: ReportContent) -> str:
     if content.plan is not None:
         records = sum(content.plan.realisations) * len(content.plan.inputs)
         parts += [f"{records} records", f"{number(content.plan.robot_time_s, 3)} s of robot time"]
-    if version := content.provenance.get("elastid"):
-        parts.append(f"elastid {version}")
     return " · ".join(parts)
 
 

@@ -265,10 +265,7 @@ def _quoted(content: str, delimiter: str | None) -> list[str]:
     """The fields of a line with quotes, within which a delimiter has no meaning; None: any white space."""
     if delimiter is None:
         content, delimiter = re.sub(r"\s", " ", content).strip(), " "
-    try:
-        return next(csv.reader([content], delimiter=delimiter, skipinitialspace=True))
-    except csv.Error:  # a field of more than 128 KB: no line of a log
-        return content.split(delimiter)
+    return next(csv.reader([content], delimiter=delimiter, skipinitialspace=True))
 
 
 def _without_comment(line: str, comment: str, is_quoted: bool) -> str:

@@ -336,8 +336,6 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
     result, share = _fitted(time_s, signals, grid_s, knot_hz)
     missing = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
-    for end in (*gaps, *(gaps + 1)):  # the ends of a gap are measured
-        missing[np.abs(grid_s - time_s[end]) < 0.5 / rate_hz] = False
     result[missing] = np.nan
     text = (
         f"its time has {steps}: resampled on its stamps to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz; "
