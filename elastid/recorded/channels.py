@@ -102,7 +102,10 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     signals = np.full((n, len(channels)), np.nan)
     for part in aligned:
         signals[:, part.members] = part.signals[:n]
-    keep = sorted(_first_of_each(channels), key=lambda i: channels[i].role == "d")
+    firsts: dict[tuple[str, str], int] = {}  # a signal that two files hold is taken from the first
+    for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
+        firsts.setdefault((channels[i].role, channels[i].at), i)
+    keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
     rows = parts[0].rows if len(parts) == 1 else None
     first = 0 if file.samples is None else file.samples[0]
     drivers = [i for i in keep if channels[i].role == "r"] or [i for i in keep if channels[i].role == "u"]
@@ -334,11 +337,3 @@ def _by_motor(
         if channels[i].role == role
     }
     return {motor: x for motor, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}
-
-
-def _first_of_each(channels: Sequence[ChannelSpec]) -> list[int]:
-    """Places of the channels, a signal that two files hold being taken from the first."""
-    first: dict[tuple[str, str], int] = {}
-    for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
-        first.setdefault((channels[i].role, channels[i].at), i)
-    return sorted(first.values())

@@ -198,7 +198,10 @@ class _LogReader:
                 velocity=_signal(signals, "y", joint.name, "velocity"),
                 disturbance=_signal(signals, "d", joint.name),
                 reference=_signal(signals, "reference", joint.name),
-                link_position=_link_position(signals, joint.name),
+                # Of a link that has an encoder in addition to that of its motor.
+                link_position=signals.get(("y", f"joint {joint.name}", "position"))
+                if ("y", f"motor {joint.name}", "position") in signals
+                else None,
                 temperature=self._temperature(signals, joint.name, len(positions[joint.name])),
                 speed=self.file.speed,
                 load=self.file.load,
@@ -263,12 +266,6 @@ def _joint_of(channel: ChannelSpec) -> str:
     """The joint that a channel is of; empty where its place is a body or a frame."""
     kind, _, name = channel.at.partition(" ")
     return name if kind in ("motor", "joint") else ""
-
-
-def _link_position(signals: Signals, joint: str) -> FloatArray | None:
-    """Position of the link of a joint that has an encoder in addition to that of its motor."""
-    has_motor = ("y", f"motor {joint}", "position") in signals
-    return signals.get(("y", f"joint {joint}", "position")) if has_motor else None
 
 
 def _signal(signals: Signals, role: str, joint: str, quantity: str = "") -> FloatArray | None:

@@ -182,19 +182,14 @@ def _of_truth(rows: Sequence[ParameterRow]) -> str:
     return f"{inside} of {len(known)} true values inside their intervals" if known else ""
 
 
-def elements_of(agreement: Agreement) -> list[str]:
-    """Elements in the order of an agreement's arrays, row by row."""
-    return [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
-
-
 def strip(agreements: Sequence[Agreement]) -> Strip:
     """Residual over noise of every element in every configuration; errors in dB where no noise is known."""
     known = any(np.isfinite(agreement.rms_sigma).any() for agreement in agreements)
     rows = []
     for q, agreement in enumerate(agreements):
         values = agreement.rms_sigma if known else agreement.rms_log_db
-        elements = zip(elements_of(agreement), values.flat, strict=True)
-        cells = tuple(Cell(q, name, float(value)) for name, value in elements)
+        names = [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
+        cells = tuple(Cell(q, name, float(value)) for name, value in zip(names, values.flat, strict=True))
         rows.append((agreement.configuration, cells))
     every = [cell for _, cells in rows for cell in cells if math.isfinite(cell.value)]
     worst = max(every, key=lambda cell: cell.value, default=None)

@@ -298,17 +298,11 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     if grid is not None:
         rows, grid_hz = grid
         if abs(grid_hz / rate_hz - 1) <= CLOCK.max_error:
-            return _with_gaps(signals, rows, log)
+            lost, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
+            result[rows] = signals
+            return Repaired(result, (_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log),) if lost else ())
         time_s = rows / grid_hz
     return _at_instants(time_s, signals, rate_hz, log)
-
-
-def _with_gaps(signals: FloatArray, rows: IntArray, log: Log) -> Repaired:
-    if (lost := int(rows[-1]) + 1 - len(signals)) == 0:
-        return Repaired(signals)
-    result = np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
-    result[rows] = signals
-    return Repaired(result, (_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log),))
 
 
 def _gaps(lost: int, gaps: IntArray, log: Log) -> Finding:
