@@ -128,11 +128,6 @@ class TextLog:
         return column - 1
 
 
-def recognises(path: Path, head: bytes) -> bool:
-    """A file of no other format is taken as text."""
-    return True
-
-
 @contextmanager
 def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     """A text log; DataError where there are no numbers, StudyError for a format that contradicts itself."""
