@@ -12,25 +12,32 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.errors import Named, UnknownNameError, index_of
+from elastid.base.errors import Named, index_of
 from elastid.base.names import posture_of
+from elastid.base.section import Key, section
 
 
-@dataclass(frozen=True)
+@section
 class Tie:
     """theta_p = factor theta_to, times theta_by if `by` names a third parameter.
 
     With a ratio to identify as the third, the dampers of many springs have one loss factor: d = eta k / omega.
     """
 
-    to: str
-    factor: float = 1.0
-    by: str = ""
+    # fmt: off
+    to: Annotated[str, Key("Name of the other parameter; a * stands for what the * of the key stands for (d_*: {tie: "
+        "{to: k_*}}).", "name the parameter that is best determined; the other follows exactly.")]
+    factor: Annotated[float, Key("Factor of the other parameter.", "other than 1 where a ratio is known from the "
+        "geometry, such as the squared ratio of two lengths.")] = 1.0
+    by: Annotated[str, Key("Name of a ratio under fit.ratios that multiplies it.", "for a ratio that is to be found, "
+        "such as the loss factor common to many springs: with the factor 1 / (2 pi f) it is that at f.")] = ""
+    # fmt: on
 
 
 @dataclass(frozen=True)
@@ -161,10 +168,7 @@ class Parameters:
         return iter(self.parameters)
 
     def __getitem__(self, name: str) -> Parameter:
-        for parameter in self.parameters:
-            if parameter.name == name:
-                return parameter
-        raise UnknownNameError(f"no parameter {name}; there are {', '.join(p.name for p in self.parameters) or 'none'}")
+        return self.parameters[index_of(name, [p.name for p in self.parameters], "parameter")]
 
     def index(self, name: str) -> int:
         """The place of a name in theta; UnknownNameError lists the names there are."""

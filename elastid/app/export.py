@@ -21,7 +21,7 @@ from elastid.app.stages.fit import warn_of_distrust
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
-from elastid.fit.fitted_robot import FittedRobot, draw_robots, models_by_group, robots_by_group
+from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.recorded.responses.table import geometry_of_files
 from elastid.store.files import write_text
@@ -40,6 +40,7 @@ from elastid.targets.mujoco import write_mujoco
 from elastid.targets.numbers import interval_lines
 from elastid.targets.uff import write_uff
 from elastid.targets.urdf import write_urdf
+from elastid.use.draws import draw_robots
 
 Writer = Callable[[Path, FittedRobot], tuple[Path, ...]]
 ResponseWriter = Callable[..., tuple[Path, ...]]

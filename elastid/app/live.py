@@ -36,7 +36,7 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.fit.fitted_robot import draw_robots, estimated_robot
+from elastid.fit.fitted_robot import estimated_robot
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import Result
 from elastid.friction.robot_friction import coulomb_levels
@@ -52,6 +52,7 @@ from elastid.store.results import read_fit
 from elastid.study import Study, load
 from elastid.study.loading import study_data
 from elastid.study.robots import yaml_text
+from elastid.use.draws import draw_robots
 
 POLL_S = 0.5  # between two looks at a folder
 # Sections of a study that mean the same with other configurations than its own.

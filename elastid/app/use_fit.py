@@ -27,7 +27,7 @@ from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
 from elastid.fit import posture
-from elastid.fit.fitted_robot import FittedRobot, draw_robots, estimated_robot
+from elastid.fit.fitted_robot import FittedRobot, estimated_robot
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.answer import Answer
@@ -48,6 +48,7 @@ from elastid.study.source import read_source
 from elastid.targets.fmu import write_move_fmu
 from elastid.targets.move import write_move
 from elastid.use.closed_loops import PostureFamily
+from elastid.use.draws import draw_robots
 from elastid.use.loops import Loops, design_loops
 from elastid.use.map import Cut, map_workspace
 from elastid.use.moves import read_move

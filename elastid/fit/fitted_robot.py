@@ -1,4 +1,4 @@
-"""FittedRobot: a robot with fitted numbers, linearised where it was measured; robots of a fit, estimated and drawn."""
+"""FittedRobot: a robot with fitted numbers, linearised where it was measured: predictions, modes, exports."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import FitError, index_of
-from elastid.base.statistics import principal_axes
+from elastid.base.errors import index_of
 from elastid.fit.parameter_choice import group_labels, tolerances_of
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import Result
@@ -133,60 +132,6 @@ def estimated_robot(result: Result, robot: Robot | None = None, configuration: s
     numbers = result.parameters.numbers(result.x, configuration)
     numbers.pop(DELAY, None)
     return (robot or result.known_robot).with_parameters(numbers)
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnRobots:
-    """names (n_p,) of the parameters that move, delay included; values (N, n_p), SI; robots, their numbers exact.
-
-    x (N, n_x + n_d): as in `Estimated`.  held: parameters that the data do not reach, which keep their estimate.
-    """
-
-    names: tuple[str, ...]
-    x: FloatArray
-    values: FloatArray
-    robots: tuple[Robot, ...]
-    held: tuple[str, ...]
-
-
-def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
-    """`count` robots from the normal distribution of x (`Result.covariance_of_prediction`), within its bounds.
-
-    configuration: whose parameters count, where configurations have their own.  FitError where nearly no draw is a
-    physical robot.
-    """
-    covariance, exact = result.covariance_of_prediction, replace(result.known_robot, tolerances="exact")
-    names = result.parameters.moved(configuration)
-    axes, rng = principal_axes(covariance), np.random.default_rng(seed)
-    drawn, values, robots, refused = [], [], list[Robot](), 0
-    while len(robots) < count:
-        x = result.x + rng.standard_normal(len(axes)) @ axes
-        sizes = rng.standard_normal(len(result.doubts))
-        moved_by_doubts = sum((size * doubt.effects for size, doubt in zip(sizes, result.doubts, strict=True)), 0.0 * x)
-        x = np.clip(x + moved_by_doubts, *result.parameters.x_bounds)
-        numbers = result.parameters.numbers(x, configuration)
-        moved = [numbers[name] for name in names]
-        numbers.pop(DELAY, None)
-        for size, doubt in zip(sizes, result.doubts, strict=True):
-            numbers |= {
-                name: doubt.moved(name, numbers[name], float(size)) for name in doubt.members if name in numbers
-            }
-        try:
-            robots.append(exact.with_parameters(numbers))
-        except ValueError:
-            refused += 1
-            # A fit with more than 20 impossible draws for each robot is too uncertain to be drawn from.
-            if refused > 20 * (len(robots) + 10):
-                raise FitError(
-                    "fit/no-robot",
-                    f"of {refused + len(robots)} draws {refused} have impossible inertias: the fit knows too "
-                    "little of masses or inertias; give them a prior, or hold them",
-                ) from None
-        else:
-            values.append(moved)
-            drawn.append(np.append(x - moved_by_doubts, sizes))
-    held = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
-    return DrawnRobots(names, np.array(drawn), np.array(values), tuple(robots), tuple(held))
 
 
 def _theta(result: Result, model: ElasticModel, configuration: str) -> FloatArray:

@@ -211,7 +211,7 @@ def _linear_names(robot: Robot) -> set[str]:
 def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bool) -> Parameter:
     where = f"fit.parameters.{name}"
     if asked.tie is not None:
-        return Parameter(name, value, unit, log=log, tie=asked.tie.tie())
+        return Parameter(name, value, unit, log=log, tie=asked.tie)
     if isinstance(asked.start, str):  # a study's text has become a number when it was read
         raise StudyError("fit/parameters", f"start is '{asked.start}'; give a number in {unit}", where)
     start = value if asked.start is None else asked.start

@@ -94,24 +94,6 @@ class PriorSpec:
 
 
 @section
-class TieSpec:
-    """Tie: factor times the parameter `to`, and times the ratio `by` if one is named."""
-
-    # fmt: off
-    to: Annotated[str, Key("Name of the other parameter; a * stands for what the * of the key stands for (d_*: {tie: "
-        "{to: k_*}}).", "name the parameter that is best determined; the other follows exactly.")]
-    factor: Annotated[float, Key("Factor of the other parameter.", "other than 1 where a ratio is known from the "
-        "geometry, such as the squared ratio of two lengths.")] = 1.0
-    by: Annotated[str, Key("Name of a ratio under fit.ratios that multiplies it.", "for a ratio that is to be found, "
-        "such as the loss factor common to many springs: with the factor 1 / (2 pi f) it is that at f.")] = ""
-    # fmt: on
-
-    def tie(self) -> Tie:
-        """Tie as the parameter set wants it."""
-        return Tie(self.to, self.factor, self.by)
-
-
-@section
 class RatioSpec:
     """A factor of ties that is identified: a loss factor, or beta of a damping d = beta k that many springs share."""
 
@@ -141,7 +123,7 @@ class ParameterSpec:
     fixed: Annotated[bool, Key("The parameter is kept at its start if true.", "true for what is known better than from "
         "the data, or not constrained by the data at all; a wrong value biases all others, and modification indices "
         "then name it.")] = False
-    tie: Annotated[TieSpec | None, Key("Tie to another parameter.", "for springs that are equal by construction, or "
+    tie: Annotated[Tie | None, Key("Tie to another parameter.", "for springs that are equal by construction, or "
         "damping in proportion to stiffness; fewer unknowns, narrower intervals, and a misfit where the tie is "
         "wrong.")] = None
     prior: Annotated[PriorSpec | None, Key("Prior knowledge of the parameter.", "for numbers of a drawing or a data "

@@ -33,6 +33,7 @@ channels: gain_y_joint_1, gain_u_motor_1.
 from __future__ import annotations
 
 from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
+from elastid.robot.connections import Anchor, CoilSpring, Compensator, GasSpring, Loop, Pin, Rod
 from elastid.robot.friction import (
     Directions,
     Friction,
@@ -43,9 +44,7 @@ from elastid.robot.friction import (
     TemperatureDependence,
 )
 from elastid.robot.gears import GearCoupling
-from elastid.robot.gravity_compensator import Anchor, CoilSpring, Compensator, GasSpring
 from elastid.robot.joint import Gear, GearRipple, Hysteresis, Joint, Limits, Motor, Spring, TransmissionError
-from elastid.robot.loop import Loop, Pin, Rod
 from elastid.robot.measurement_chain import Chain, ChannelGain, gain_name
 from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.robot import FRAME_AXES, Robot

@@ -80,13 +80,6 @@ def coordinates(prefix: str, path: Path) -> Numbers:
     return {f"{prefix}_{axis}": ("m", (*path, i)) for i, axis in enumerate("xyz")}
 
 
-def ends_of(prefix: str, name: str) -> Numbers:
-    """The coordinates of two points, `ends`: p1_name_x ... and p2_name_x ... of the prefix p."""
-    return coordinates(f"{prefix}1_{name}", ("ends", 0, "point")) | coordinates(
-        f"{prefix}2_{name}", ("ends", 1, "point")
-    )
-
-
 def below(path: str | Path, numbers: Numbers) -> Numbers:
     """The numbers of a part, seen from the object that has the part at `path`."""
     steps = (path,) if isinstance(path, str) else path

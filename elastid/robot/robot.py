@@ -15,10 +15,9 @@ from elastid.base.errors import StudyError, UnknownNameError, did_you_mean
 from elastid.base.names import Name, check_different
 from elastid.base.section import Key, section
 from elastid.robot.body import BASE, TENSOR_LETTERS, TOOL, Body, Frame, Payload
+from elastid.robot.connections import Compensator, Loop
 from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series, gearboxes, mixing
-from elastid.robot.gravity_compensator import Compensator
 from elastid.robot.joint import Joint
-from elastid.robot.loop import Loop
 from elastid.robot.measurement_chain import Chain, ChannelGain
 from elastid.robot.placement import Acceleration3, Numbers, Path, Placement, below, number_at, replaced
 from elastid.robot.tolerances import FileTolerances, Tolerances

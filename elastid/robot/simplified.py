@@ -9,8 +9,8 @@ from typing import Any, Literal
 from elastid.base.errors import StudyError
 from elastid.base.escape import unused
 from elastid.robot.body import Body
+from elastid.robot.connections import Loop
 from elastid.robot.joint import Joint, Spring
-from elastid.robot.loop import Loop
 from elastid.robot.robot import Robot
 
 

@@ -8,11 +8,11 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from elastid.base.errors import StudyError
-from elastid.fit.fitted_robot import DrawnRobots
 from elastid.model.closed_posture import assembled
 from elastid.store.files import write_rows
 from elastid.store.values import text_of
 from elastid.targets.mujoco import NO_RODS, mjcf, rod_poses
+from elastid.use.draws import DrawnRobots
 
 
 def write_draws(folder: Path, draws: DrawnRobots, name: str) -> tuple[tuple[Path, ...], str]:

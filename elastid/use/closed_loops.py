@@ -32,7 +32,6 @@ import numpy as np
 from scipy.linalg import expm
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.fit.fitted_robot import draw_robots
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
@@ -41,6 +40,7 @@ from elastid.linear.linear_model import LinearModel, state_space, torque_element
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
 from elastid.record import Configuration, JointLoop
 from elastid.simulation.controller import Filters, tune
+from elastid.use.draws import draw_robots
 from elastid.use.map import largest_gain
 
 

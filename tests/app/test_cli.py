@@ -328,10 +328,3 @@ def _descendants(pid: int) -> list[int]:
             child = int(status.parent.name)
             found += [child, *_descendants(child)]
     return found
-
-
-def test_a_command_without_stdout_works(tiny: Path, here: Path) -> None:
-    """As a service or a shell with `>&-` starts it."""
-    program = [sys.executable, "-m", "elastid", "check", str(tiny)]
-    closed = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *program], capture_output=True, text=True, check=False)
-    assert (closed.returncode, closed.stderr) == (0, "")

@@ -138,26 +138,3 @@ def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path
     assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
     recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
     assert [file.realisation for file in recorded.files] == [0, 1]
-
-
-def _states(folder: Path, logs: dict[str, np.ndarray], head: str) -> list[str]:
-    """The configurations of the logs in the study that is made of them."""
-    for name, x in logs.items():
-        np.savetxt(folder / name, x, "%.8g", ",", header=head, comments="")
-    new = folder / f"new {len(list(folder.iterdir()))}"
-    assert cli.run_command(["new", str(new), "--from", *(str(folder / name) for name in logs)]) == 0
-    study = load_with_logs(new / "study.yml", ()).study
-    return [file.configuration for file in study.experiment.recorded.files]
-
-
-def test_joints_with_names_are_paired_and_postures_are_configurations(tmp_path: Path) -> None:
-    """Three motors that are called, not numbered; the same log at other angles."""
-    rng = np.random.default_rng(0)
-    u = rng.normal(size=(4000, 3))
-    q = np.cumsum(np.cumsum(u - u.mean(axis=0), axis=0), axis=0)
-    x = np.hstack([np.arange(4000)[:, None] / 500, u, 0.01 * (q - q.mean(axis=0)) / q.std(axis=0)])
-    head = "time,tau_base,tau_lift,tau_elbow,q_base,q_lift,q_elbow"
-    logs = {"a.csv": x, "b.csv": x[:3000], "c.csv": x + np.array([0, 0, 0, 0, 0.5, 0, -0.3])}
-    assert _states(tmp_path, logs, head) == ["state_1", "state_1", "state_2"]
-    (study,) = tmp_path.glob("new*/study.yml")
-    assert study.read_text().count("role: u") == 3

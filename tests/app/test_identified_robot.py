@@ -85,14 +85,6 @@ def test_every_effect_has_its_place() -> None:
     assert joint.gear.hysteresis == (Hysteresis(5.0, 1e-4), Hysteresis(2.0, 3e-4, "smooth"))
 
 
-def test_friction_of_the_file_that_was_not_found_is_gone() -> None:
-    """The records would have shown it: it is in none of the identified numbers."""
-    rough = with_joints(robot(Gear()), lambda joint: replace(joint, motor=replace(joint.motor, coulomb=0.3)))
-    joint = with_effects(rough, result({})).driven[0]
-    assert joint.motor.dry_friction is None
-    assert joint.gear is None
-
-
 def test_a_law_of_the_file_that_was_not_found_is_gone() -> None:
     """The effects add to straight springs: a gap of the file beside the one that was found would count twice."""
     worn = with_joints(

@@ -112,15 +112,3 @@ def test_logs_of_a_warm_up_with_pauses_between_them_are_one(tmp_path: Path) -> N
     thermal = result_of(warm(tmp_path, log, *files)).at("1").thermal
     assert thermal is not None
     assert thermal.h == pytest.approx(warm_rig.NODES.outer, rel=0.05)
-
-
-def test_logs_of_one_amplitude_at_rest_are_realisations(tmp_path: Path) -> None:
-    """Two multisines of one peak, between which the joint has crept, are one response."""
-    rng = np.random.default_rng(3)
-    for name in ("a", "b"):
-        lugre_rig.write_rest_log(tmp_path / f"{name}.csv", lugre_rig.multisine(1.5, rng), rng)
-    files = [f"{{path: {name}.csv, purpose: at_rest, period: 2 s}}" for name in ("a", "b")]
-    (joint,) = result_of(study(tmp_path, *files)).joints
-    assert joint.at_rest is not None
-    assert joint.at_rest is not None
-    assert joint.at_rest.amplitudes == 1

@@ -10,9 +10,3 @@ def test_notes_that_differ_in_their_numbers_are_grouped_by_place() -> None:
     assert str(group) == "log 0, log 1, log 2: 0 samples late"
     (group,) = grouped([*three, Note("late-log", "9 samples late", "log 3")])
     assert str(group) == "log 0 and 3 more: 0 samples late"
-
-
-def test_notes_without_a_place_are_grouped_only_where_they_are_equal() -> None:
-    """Another number is then another thing; so is another code."""
-    notes = [Note("a", "2 lines"), Note("a", "3 lines"), Note("b", "3 lines"), Note("a", "2 lines")]
-    assert [str(group) for group in grouped(notes)] == ["2 lines", "3 lines", "3 lines"]

@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import h5py
 import pytest
 from plants.hostile_names import HOSTILE, REFUSED
 from ruamel.yaml import YAML
@@ -41,13 +40,6 @@ def test_identifiers_differ() -> None:
     identifiers = escape.c_identifiers(TEXTS).values()
     assert len({name.lower() for name in identifiers}) == len(identifiers)
     assert all(re.fullmatch(r"joint(_[a-zA-Z0-9]+)*", each) for each in identifiers)
-
-
-def test_groups_of_hdf5_have_one_level(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "x.h5", "w") as file:
-        for text in filter(None, TEXTS):
-            file.create_group(escape.group_name(text))
-        assert len(file) == len(set(filter(None, TEXTS)))
 
 
 @pytest.mark.parametrize("text", TEXTS)

@@ -25,11 +25,6 @@ class Heavy:
         return item * len(self.data)
 
 
-def test_the_work_is_packed_once_for_each_worker():
-    assert Execution(2).ordered(Heavy(), list(range(12))) == [1000 * i for i in range(12)]
-    assert Heavy.packed == 2
-
-
 def test_work_that_does_not_pickle_is_told_at_once():
     with pytest.raises((AttributeError, PicklingError), match="pickle"):
         Execution(2).ordered(lambda item: item, [1, 2])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,11 +10,10 @@ import numpy as np
 import pytest
 from plants.three_mass import circular
 
-from elastid.app.run import software
 from elastid.base import kernels
 from elastid.frf import matrices
 from elastid.friction import operators
-from elastid.linear.response.kernel import Elimination, solved_products
+from elastid.linear.response.kernel import Elimination
 
 needs_kernels = pytest.mark.skipif(not kernels.is_compiled(), reason="the kernels in C are not built")
 LEVELS = ("portable", "avx2", "avx512")
@@ -92,23 +90,6 @@ def test_edges_are_those_of_numpy(F: int, monkeypatch: pytest.MonkeyPatch) -> No
         with monkeypatch.context() as patched:
             patched.setattr(matrices, "is_compiled", lambda: False)
             np.testing.assert_allclose(in_c, call(), rtol=0, atol=1e-13)
-
-
-@needs_kernels
-def test_coordinates_without_neighbours_have_the_responses_of_numpy() -> None:
-    """Of one line and of a full register and one more."""
-    M, K = np.eye(3), np.diag([4.0, 9.0, 16.0])
-    for F in (1, 9):
-        args = M, 0.1 * K, K, np.linspace(1.0, 1.5, F), np.eye(3)[:, :2], np.eye(3)
-        in_c = Elimination.of(np.zeros((3, 3), bool)).products(*args)
-        np.testing.assert_allclose(in_c, solved_products(*args), rtol=1e-14, atol=1e-16)
-
-
-def test_the_kernels_in_use_are_named_with_every_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert re.fullmatch(r"kernels in (NumPy|C for (portable|avx2|avx512))", kernels.description())
-    assert kernels.description() in software()
-    monkeypatch.setattr(kernels, "_library", lambda: None)
-    assert kernels.description() == "kernels in NumPy"
 
 
 @pytest.mark.usefixtures("_forgotten")

@@ -3,13 +3,11 @@
 from pathlib import Path
 
 import pytest
-from plants.hostile_names import FILES, HOSTILE, REFUSED
+from plants.hostile_names import REFUSED
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
-from elastid.base.names import NameRule, check_different, is_match, matching
-from elastid.fit.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.base.names import NameRule
 from elastid.robot import Body, Frame, Joint, Motor, Robot, Spring
 from elastid.study import load, load_robot
 
@@ -84,24 +82,3 @@ def test_what_no_folder_can_be_called_is_refused(tiny: Path, name: str) -> None:
 def test_names_of_one_list_differ_in_more_than_case(tiny: Path, option: str) -> None:
     with refused("study/invalid"):
         load(tiny, [option])
-
-
-def test_characters_of_one_look_are_one() -> None:
-    """Composed or not, wide or not, with a blank or an underscore, which parameters' names do not distinguish."""
-    for other in ("É 1", "e\u0301 1", "é_1"):
-        with pytest.raises(ValueError, match=r"differs from|given twice"):
-            check_different("joint", ["é 1", other])
-
-
-@pytest.mark.parametrize("name", HOSTILE)
-def test_a_name_stands_for_itself(name: str) -> None:
-    """Also among others for which it would be a pattern."""
-    assert is_match(name, name)
-    assert matching(name, [*FILES, *HOSTILE, "k_1", "1"]) == (name,)
-
-
-def test_a_spring_of_a_joint_with_brackets_is_fitted_and_no_other() -> None:
-    joints = tuple(Joint(name, spring=Spring(1e3), motor=Motor(1.0, 1.0)) for name in ("axis [1]", "axis 1"))
-    robot = Robot("r", (Body("arm", joints=joints, inertia=1.0),))
-    free = choose(FitSpec(parameters={"k_axis [1]": ParameterSpec()}), robot).free
-    assert [parameter.name for parameter in free] == ["k_axis [1]"]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elastid.base.units import TABLE, factor, to_si, units_of, usual_spelling
+from elastid.base.units import TABLE, to_si, units_of, usual_spelling
 
 
 @given(st.sampled_from(sorted(TABLE)), st.floats(-1e6, 1e6))
@@ -14,19 +14,6 @@ def test_a_text_with_a_unit_equals_number_times_factor(unit: str, number: float)
     """'<number> <unit>' reads as number * factor in SI for every unit of the table."""
     dimension, scale = TABLE[unit]
     assert to_si(f"{number!r} {unit}", dimension) == pytest.approx(number * scale, rel=1e-12, abs=1e-300)
-
-
-@pytest.mark.parametrize("dimension", sorted({dimension for dimension, _ in TABLE.values()}))
-def test_every_dimension_has_its_si_unit(dimension: str) -> None:
-    """The SI unit names the dimension and has the factor one."""
-    assert factor(dimension, dimension) == 1.0
-    assert dimension in units_of(dimension)
-
-
-def test_hertz_stays_hertz() -> None:
-    """10 Hz is 10, not 62.8: frequencies are never turned into rad/s behind the user's back."""
-    assert to_si("10 Hz", "Hz") == 10.0
-    assert to_si("60 rpm", "rad/s") == pytest.approx(2 * math.pi)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Workers of this machine: Ctrl-C, deaths, errors, rest; values go to each once and stay as long as those here."""
 
-import gc
 import os
 import signal
 import subprocess
@@ -215,20 +214,6 @@ def test_each_value_goes_to_one_process_once_and_what_comes_from_there_does_not_
         with pytest.raises(ArithmeticError, match="no sum of 10000"):
             list(there.at_home(without_sum, items))
         assert list(there.at_home(length, items)) == [10_000, 20_000, 30_000]
-
-
-def lives(item: Data) -> int:
-    return sum(type(value) is Data for value in gc.get_objects())
-
-
-def test_a_value_that_is_gone_here_is_gone_there():
-    """With the next message."""
-    with lasting_workers():
-        items = [data(1000), data(1000)]
-        assert list(Execution(2).at_home(lives, items)) == [1, 1]
-        assert list(Execution(2).at_home(lives, [data(1000), items[1]])) == [2, 1]
-        del items
-        assert list(Execution(2).at_home(lives, [data(1000), data(1000)])) == [1, 1]
 
 
 def test_a_name_of_what_the_other_end_does_not_have_is_no_value():

@@ -21,6 +21,7 @@ from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import net_record
 from elastid.record import FrictionRecords
 from elastid.robot import Limits, Robot
+from elastid.robot.simplified import with_joints
 from elastid.simulation.spec import ControllerSpec
 
 AUTO = EstimatorSpec(friction="auto")
@@ -32,11 +33,7 @@ FAR = 2.6
 
 def limited(machine: Robot) -> Robot:
     """With limits, within which passes are designed."""
-    bodies = tuple(
-        replace(body, joints=tuple(replace(joint, limits=LIMITS) if joint.motor else joint for joint in body.joints))
-        for body in machine.bodies
-    )
-    return replace(machine, bodies=bodies)
+    return with_joints(machine, lambda joint: replace(joint, limits=LIMITS) if joint.motor else joint)
 
 
 @pytest.fixture(scope="module")

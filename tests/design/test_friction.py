@@ -11,12 +11,8 @@ from plants.friction_axis import LIMITS, axis, planned
 from plants.refusals import refused
 
 from elastid.design.friction import (
-    GEAR,
     StribeckGuess,
     _information,
-    axis_of,
-    default_window,
-    guess_friction,
     optimal_speeds,
 )
 from elastid.experiment.plan.friction import pass_reference
@@ -28,9 +24,7 @@ from elastid.friction_study.spec import (
     PreslidingSpec,
     WarmUpSpec,
 )
-from elastid.record import Configuration
 from elastid.robot import Limits
-from elastid.simulation.spec import ControllerSpec
 
 
 def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() -> None:
@@ -123,22 +117,3 @@ def test_no_speed_would_help_more_than_the_certificate_says() -> None:
     assert gains.max() < 5 * 1.1
     spread = _information(GUESS, np.geomspace(0.5, 250.0, 50)).mean(axis=0)
     assert (np.linalg.det(spread) / np.linalg.det(M)) ** (1 / 5) < 0.8
-
-
-def test_an_axis_has_the_torques_of_its_window() -> None:
-    """m g c sin q at its end; (m c^2 + I + J n^2) of inertia; friction as of common gears where the file has none."""
-    robot, at = axis(law=None), Configuration("up", np.zeros(1))
-    (joint,) = robot.driven
-    assert default_window(joint) == (-1.0, 1.0)
-    found = axis_of(robot, joint, at, PassesSpec(window=(-0.2, 0.6)), ControllerSpec(8.0))
-    assert found.holding == pytest.approx(20 * 9.81 * 0.4 * np.sin(0.6), rel=2e-3)
-    assert found.inertia == pytest.approx(20 * 0.4**2 + 1.0 + 4.0, rel=1e-2)
-    assert found.limits.window == (-0.2, 0.6)
-    assert joint.motor is not None
-    guess = guess_friction(robot, replace(joint, motor=replace(joint.motor, viscous=0.0)), found.inertia)
-    assert guess.viscous == pytest.approx(GEAR.viscous * guess.coulomb / joint.limits.velocity)
-    steep = min(np.geomspace(0.03, 4, 200) * found.guess.stribeck_velocity, key=found.guess.slope)
-    assert not found.sticks_at(steep)
-    weak = replace(found, damping=-0.5 * found.guess.slope(steep))
-    assert weak.sticks_at(steep)
-    assert weak.slowest > steep

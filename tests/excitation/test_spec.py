@@ -41,11 +41,6 @@ SPOILT: tuple[tuple[str, dict[str, Any]], ...] = (
 )
 
 
-@pytest.mark.parametrize("keys", GOOD, ids=str)
-def test_a_multisine_that_can_be_played_is_taken(keys: dict[str, Any]) -> None:
-    assert MultisineSpec(**{**KNOWN, **keys}).period_samples == 1000
-
-
 @pytest.mark.parametrize(("key", "keys"), SPOILT, ids=str)
 def test_a_multisine_that_cannot_be_played_is_refused_by_its_key(key: str, keys: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=key):
@@ -57,3 +52,8 @@ def test_amplitudes_are_levels_that_are_measured_one_after_the_other() -> None:
     two = MultisineSpec(**{**KNOWN, "torque_rms": ((20.0, 5.0), (10.0, 2.5))})
     assert [two.at_level(level).levels for level in (1, 2)] == [((20.0, 5.0),), ((10.0, 2.5),)]
     assert MultisineSpec(**KNOWN).at_level(1).levels == ((20.0, 5.0),)
+
+
+@pytest.mark.parametrize("keys", GOOD, ids=str)
+def test_a_multisine_that_can_be_played_is_taken(keys: dict[str, Any]) -> None:
+    assert MultisineSpec(**{**KNOWN, **keys}).period_samples == 1000

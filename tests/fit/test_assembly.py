@@ -16,9 +16,10 @@ from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
-from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, TieSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
+from elastid.parameters import Tie
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.validation.comparison import ComparedVariant, refit
@@ -175,7 +176,7 @@ def test_an_export_is_of_one_robot_each() -> None:
     """The linear models of robot B have its numbers: their response is that of the fit, and A's are another's."""
     data = both(0)
     ratio = {"beta": RatioSpec(start=2e-3)}
-    tied = SPEC.parameters | {"d_*": ParameterSpec(tie=TieSpec("k_*", by="beta"))}
+    tied = SPEC.parameters | {"d_*": ParameterSpec(tie=Tie("k_*", by="beta"))}
     result = identify(data, data_sheet_arm.arm(), replace(SPEC, parameters=tied, ratios=ratio, starts=1))
     models = models_by_group(result, data_sheet_arm.arm(), data)
     assert {name: tuple(G.configuration.name for G in of.measured) for name, of in models.items()} == ROBOTS

@@ -170,16 +170,6 @@ def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():
     np.testing.assert_allclose(spread, deviation[::20], rtol=0.1)
 
 
-def test_a_mode_that_an_undetermined_parameter_moves_has_no_deviation():
-    """Infinite where d_a is not known, for the damping that it moves."""
-    covariance = np.diag([1e-6, 1e-6, 1e-6, np.inf])
-    stated = FittedModel.of(plant(), parameters(), X, covariance).modes()
-    assert np.all(np.isinf(stated.zeta_std))
-    fixed = parameters(d_a=replace(parameters()["d_a"], free=False))
-    known = FittedModel.of(plant(), fixed, X[:3], covariance[:3, :3])
-    assert np.all(np.isfinite(known.modes().zeta_std))
-
-
 F, N_X, SETS = 240, 3, 400
 
 
@@ -253,17 +243,6 @@ def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
     expected = (Q - 1) / Q * np.sum((scatter - scatter.mean(axis=0)) ** 2, axis=0)
     t = student.ppf(0.975, Q - 1) / student.ppf(0.975, np.inf)
     np.testing.assert_allclose(found, t**2 * expected, rtol=1e-8)
-
-
-def test_what_only_one_configuration_informs_has_no_scatter():
-    """Two configurations more know nothing of the second parameter."""
-    one, other = np.array([[1.0, 0.5], [0.0, 1.0]]), np.array([[1.0, 0.0], [2.0, 0.0]])
-    r = np.array([0.3, -0.1])
-    found = jackknife_variance(
-        [evidence_of(J, r) for J in (one, other, other)], one.T @ one + 2 * other.T @ other, np.eye(one.shape[1])
-    )
-    assert np.all(np.isfinite(found))
-    assert np.all(jackknife_variance([evidence_of(one, r)] * 2, 2 * one.T @ one, np.eye(one.shape[1])) == 0)
 
 
 @pytest.mark.parametrize("dof", [8, 500])

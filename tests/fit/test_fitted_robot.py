@@ -15,7 +15,7 @@ from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
-from elastid.linear.response.transfer import frequency_response, to_response
+from elastid.linear.response.transfer import to_response
 from elastid.record import Configuration
 from elastid.response import Covariance, MotorMotion, Response
 from elastid.study import load_robot
@@ -29,20 +29,6 @@ def measured() -> tuple[Response, ...]:
 @pytest.fixture(scope="module")
 def result(measured) -> Result:
     return identify(measured, started_elsewhere(arm(), 1.3), FitSpec(starts=1))
-
-
-def test_each_configuration_has_its_linear_model_and_response(measured, result) -> None:
-    fitted = FittedRobot.of(result, arm(), measured)
-    for G, model in zip(measured, fitted.responses, strict=True):
-        name = G.configuration.name
-        linear = fitted.at(name).linear
-        assert (linear.configuration.name, linear.inputs, linear.outputs) == (name, G.inputs, G.outputs)
-        np.testing.assert_array_equal(fitted.theta_of(name), result.parameters.expand(result.x, name))
-        np.testing.assert_array_equal(
-            model.G, frequency_response(linear, result.parameters.expand(result.x, name), G.freq_hz)
-        )
-    with pytest.raises(KeyError, match="nowhere"):
-        fitted.at("nowhere")
 
 
 def test_the_result_has_the_model_of_each_configuration(measured, result) -> None:

@@ -1,14 +1,12 @@
 """Gains of channels are found with the springs, or by a payload, or named where nothing fixes their scale."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.elastic_arm import CONFIGURATIONS, arm, measure, pendulum, started_elsewhere
+from plants.elastic_arm import CONFIGURATIONS, arm, measure, started_elsewhere
 from plants.measured_robots import deviations
 from plants.refusals import refused
-from plants.two_axes import ROBOT, STUDY
 
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import fit_parameters, identify
@@ -16,7 +14,6 @@ from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec
 from elastid.response import Response
 from elastid.robot import Chain, ChannelGain, Payload, Robot
-from elastid.study import load
 
 READING = "gain_y_body_fore_y"
 TORQUE = "gain_u_motor_1"
@@ -97,23 +94,6 @@ def test_gains_have_names_and_values_that_can_be() -> None:
     assert not any(name.startswith("gain_") for name in choose(FitSpec(), arm()).names)
 
 
-def test_a_study_gives_gains_to_robot_truth_and_fit(tmp_path: Path) -> None:
-    """Listed under chain.gains, given to a simulation, and identified with a prior."""
-    (tmp_path / "robot.yml").write_text(f"{ROBOT}chain: {{gains: [{{role: y, at: motor 2, gain: 1.05}}]}}\n")
-    text = STUDY.replace("simulated: {}", "simulated: {truth: {gain_y_motor_2: 1.1}}")
-    text = text.replace('"k_*": {}', '"k_*": {}, gain_y_motor_2: {prior: {std: 0.1}}, gain_u_motor_1: {start: 0.95}')
-    (tmp_path / "study.yml").write_text(text)
-    study = load(tmp_path / "study.yml").study
-    chosen = choose(study.fit, study.robot)
-    assert chosen["gain_y_motor_2"].prior is not None
-    assert chosen["gain_y_motor_2"].prior.mean == 1.05
-    assert chosen["gain_u_motor_1"].value == 0.95
-    assert study.experiment.as_simulated().truth == {"gain_y_motor_2": 1.1}
-
-
-EVERY = {name: ParameterSpec() for name in ("k_1", "d_1", "f_1", "fm_1", "Jm_1", "I_load", "gain_u_motor_1")}
-
-
 def twice(robot: Robot, configurations: tuple[tuple[float, ...], ...], seed: int) -> list[Response]:
     """Responses of the robot with its payload, and of a robot that has none."""
     rng = np.random.default_rng(seed)
@@ -133,11 +113,3 @@ def test_two_torque_constants_of_an_arm_are_within_their_intervals() -> None:
     places = [result.parameters.free_names.index(f"gain_u_motor_{i}") for i in (1, 2)]
     assert np.all(deviations(result, wrong)[places] < 2.6)
     assert np.all(np.sqrt(np.diag(result.covariance))[places] < 0.03)
-
-
-def test_a_payload_that_is_unknown_fixes_no_scale() -> None:
-    heavy = replace(pendulum(), payload=Payload(0.02, (0.3, 0.0, 0.0), at="load"))
-    spec = FitSpec(parameters=EVERY | {"m_payload": ParameterSpec()}, starts=1, profile=())
-    result = fit_parameters(twice(heavy, ((0.0,),), 0), heavy, spec)
-    assert result.status == "ill_conditioned"
-    assert all(name in result.message for name in ("m_payload", "gain_u_motor_1"))

@@ -147,15 +147,6 @@ def test_the_gradient_is_that_of_differences_and_travels_to_processes() -> None:
     np.testing.assert_allclose(affine.gradient, here.gradient, rtol=1e-9)
 
 
-def test_a_robot_without_named_geometry_is_not_followed() -> None:
-    """Geometry costs nothing where no study names it."""
-    robot = bending_arm()
-    parameters = choose(FitSpec(), robot)
-    assembly = Assembly.of(measure(robot, POSTURES[:1], 0), robot, FitSpec(), parameters)
-    assert not assembly.linearisation.follows
-    assert assembly.linearisation.model.parameters == tuple(robot.parameters())
-
-
 def fit_of_two(robot: Robot, wanted: dict[str, ParameterSpec], spec: ModelSpec = ModelSpec()) -> None:  # noqa: B008
     """A fit of two postures."""
     identify(measure(robot, POSTURES[:2], 0), robot, FitSpec(starts=1, parameters=wanted), model=spec)

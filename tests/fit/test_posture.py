@@ -9,12 +9,10 @@ from plants.predicted_arm import LENGTH, MASS, STD, STIFFNESS, TOOL, closed_form
 from plants.refusals import refused
 
 from elastid.base.errors import UnknownNameError
-from elastid.fit.parameter_choice import choose
-from elastid.fit.result import ModificationIndex, Result
-from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.result import ModificationIndex
 from elastid.model.spec import ModelSpec
 from elastid.record import JointLoop
-from elastid.robot import Body, Frame, GearCoupling, Joint, Motor, Payload, Placement, Robot, Spring
+from elastid.robot import Frame, Payload, Placement
 from elastid.simulation.spec import ControllerSpec
 
 ANGLES = np.array([0.2, 0.9])
@@ -132,42 +130,6 @@ def test_what_cannot_be_asked_is_refused_with_the_reason() -> None:
         own.at(ANGLES, motors="free").stiffness()
     with refused("fit/no-robot"):
         replace(own, robot=None).at(ANGLES)
-
-
-@pytest.mark.parametrize("springs", ["before", "after"])
-def test_coupled_gears_are_those_of_two_coaxial_discs(springs: str) -> None:
-    """By hand: T = I_1 a^2 + I_2 (a + b)^2 + J (E q_m)^2, springs on q_m - q_a, or on E of it.
-
-    Motors held: compliance and modes; motors free: the tool by a force and by a motor's torque, u = E^T tau.
-    """
-    I_1, I_2, k, J_m, ratio, turned, L = 3.0, 2.0, np.array([4e4, 3e4]), 1e-3, 100.0, 40.0, 0.7
-    own = [Joint(str(i + 1), "z", Spring(float(k[i]), 20.0), Motor(J_m, ratio)) for i in range(2)]
-    bodies = (Body("a", joints=(own[0],), inertia=I_1), Body("b", "a", joints=(own[1],), inertia=I_2))
-    tool = Frame("tool", "b", Placement((L, 0, 0)))
-    discs = Robot("discs", bodies, (0, 0, 0), frames=(tool,), gears=(GearCoupling("2", "1", turned, springs),))
-    chosen = choose(FitSpec(parameters={"k_*": ParameterSpec()}), discs)
-    fit = Result(
-        chosen, chosen.x, 1e-4 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, np.zeros(2, bool), np.ones(2),
-        "complex", robot=discs,
-    )  # fmt: skip
-    E = np.array([[1.0, 0.0], [turned / ratio, 1.0]])
-    X = E if springs == "before" else np.eye(2)
-    K, D = X.T @ np.diag(k) @ X, 20.0 * X.T @ X
-    M = np.array([[I_1 + I_2, I_2], [I_2, I_2]])
-    J = np.array([[0.0, 0.0], [L, L]])  # tool, own axes x and y
-    held = fit.at([0.3, -0.8])
-    np.testing.assert_allclose(held.stiffness().compliance[:2, :2], J @ np.linalg.solve(K, J.T), atol=1e-15)
-    damped = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
-    poles = np.linalg.eigvals(damped)
-    np.testing.assert_allclose(held.modes().freq_hz, np.sort(np.abs(poles[poles.imag > 0])) / (2 * np.pi), rtol=1e-9)
-    free = fit.at([0.3, -0.8], ["force tool y", "motor 1", "motor 2"], ["frame tool y", "motor 2"], motors="free")
-    whole_M = np.block([[M, np.zeros((2, 2))], [np.zeros((2, 2)), J_m * ratio**2 * E.T @ E]])
-    whole_K, whole_D = (np.block([[part, -part], [-part, part]]) for part in (K, D))
-    B = np.column_stack([[L, L, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    C = np.array([[L, L, 0, 0], [0, 0, 0, 1]])
-    s = 2j * np.pi * LINES[:, None, None]
-    G = C @ np.linalg.solve(s**2 * whole_M + s * whole_D + whole_K, B.astype(complex))
-    np.testing.assert_allclose(free.response(LINES).G, G, rtol=1e-8, atol=1e-18)
 
 
 def test_a_misfit_widens_what_is_predicted_by_the_numbers_that_would_explain_it() -> None:

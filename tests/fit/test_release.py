@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from plants.data_sheet_arm import SPEC, arm, measure, off
 
-from elastid.fit.assembly import Assembly
-from elastid.fit.identify import identify, release
+from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose, with_tolerances
-from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
-from elastid.robot import Body, Joint, Motor, Robot, Spring, Tolerances
+from elastid.robot import Tolerances
 
 STIFF = ("k_1", "k_2", "d_1", "d_2")
 
@@ -37,16 +35,6 @@ def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
         assert 0 < noise < std
     assert not held.has_tolerances
     assert set(result.std_by_noise) == {"k_1", "k_2", "d_1", "d_2", "fm_1", "fm_2"}
-
-
-def test_a_file_that_is_exact_gives_the_same_as_none() -> None:
-    """To the last bit."""
-    held = Tolerances(
-        mass="exact", inertia="exact", motor_inertia="exact", center_of_mass="exact", length="exact", angle="exact"
-    )
-    exact, none = (fitted(3, each) for each in (held, None))
-    np.testing.assert_array_equal(exact.x, none.x)
-    np.testing.assert_array_equal(exact.covariance, none.covariance)
 
 
 def test_four_times_the_data_halve_the_part_of_noise_and_leave_that_of_the_file() -> None:
@@ -73,18 +61,6 @@ def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None
         assert results[0].std_by_file[name] > 0.9 * 0.006 * values[2]
 
 
-def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:
-    """From the study's own start, where V stays high at the end of the best start."""
-    rng = np.random.default_rng(3)
-    robot, responses = arm(Tolerances()), measure(off(arm(), rng), rng)
-    assembly = Assembly.of(responses, robot, SPEC, choose(SPEC, robot))
-    astray = assembly.parameters.x_bounds[1]
-    end = LocalOptimum(astray, astray, 1e9, 1, True, "")
-    fit = assembly.at(assembly.parameters.x, "complex")
-    _, ends = release(assembly, (end,), robot, ())
-    assert ends[0].cost < 1.5 * fit.problem.dof
-
-
 @pytest.mark.slow
 def test_intervals_hold_the_truth_of_robots_that_are_off_their_file() -> None:
     """Of 24 draws: 95 % of k and d within four standard deviations of that count, and none a misfit."""
@@ -109,14 +85,3 @@ def test_numbers_are_free_within_their_tolerance_and_zero_lengths_stay() -> None
     theta = parameters.as_dict(x)
     assert theta["I_upper_xx"] == pytest.approx(3.3)
     assert theta["I_upper_zz"] == pytest.approx(0.55)
-
-
-def test_numbers_that_no_response_shows_have_no_tolerance() -> None:
-    """The centre of a body without mass, and the zero of an axis about gravity that turns the whole robot."""
-    joint = Joint("1", "z", Spring(50, 0.01), Motor(1e-3, 1, 1e-3))
-    load = Body("load", joints=(joint,), inertia=1e-3)
-    bench = Robot("bench", (load,), gravity=(0, 0, -9.81), tolerances=Tolerances())
-    tolerated = {p.name for p in with_tolerances(choose(SPEC, bench), bench, SPEC) if p.tolerated}
-    assert tolerated == {"I_load", "Jm_1"}
-    on_a_wall = replace(bench, gravity=(9.81, 0, 0))
-    assert with_tolerances(choose(SPEC, on_a_wall), on_a_wall, SPEC)["zero_1"].tolerated

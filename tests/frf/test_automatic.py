@@ -76,19 +76,6 @@ def test_the_stated_error_of_segments_holds_the_leakage_that_their_variance_lack
     assert automatic.stated_errors(h1, local, has_bias=False)[0] < 0.9 * error
 
 
-def test_a_preview_has_some_lines_of_the_full_estimate() -> None:
-    """The same G and variance at each, and its errors correlated over the same width in Hz."""
-    record = noise_record(3000, 0, noise=0.1)
-    spec = replace(LOCAL, lines="full")
-    full, few = local_response([record], spec), local_response([record], spec, most_lines=100)
-    index = np.searchsorted(full.freq_hz, few.freq_hz)
-    assert 50 < few.n_lines <= 100
-    np.testing.assert_allclose(few.freq_hz, full.freq_hz[index])
-    np.testing.assert_allclose(few.G, full.G[index], rtol=1e-9)
-    widths = [each.correlated_lines * (each.freq_hz[1] - each.freq_hz[0]) for each in (full, few)]
-    assert widths[0] == pytest.approx(widths[1])
-
-
 def _refused() -> list[tuple[Sequence[Record], EstimatorSpec, str]]:
     lengths = [noise_record(n, i, noise=0.1, realisation=i) for i, n in enumerate((2000, 900))]
     return [

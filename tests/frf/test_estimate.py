@@ -145,25 +145,6 @@ def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo() -> None:
     assert np.max(np.abs(total - true) / scale) < 0.06
 
 
-def test_covariance_is_complex_where_the_inputs_are_correlated() -> None:
-    """Experiments as a closed loop leaves them, not orthogonal: all of cov(vec G), phases included, in Monte Carlo."""
-    rng, lines, n = np.random.default_rng(0), np.arange(5, 105), 2
-    mixed = np.array([[1.0, 0.6 + 0.5j], [-0.3j, 0.8]])
-    U = np.repeat(mixed[None], len(lines), axis=0)
-    G = np.repeat(_plant(1, n, n), len(lines), axis=0)
-    noise = (rng, np.zeros((n, n)), 0.2 * np.array([[1.0, 0.0], [0.7, 0.5]]))
-    true, estimated = [], []
-    for _ in range(150):
-        records = [_record(lines, U[:, :, e], (G @ U)[:, :, e], P=4, experiment=e, noise=noise) for e in range(n)]
-        response = estimate(records, ALL_PERIODS, lines)
-        error = (response.G - G).transpose(0, 2, 1).reshape(len(lines), -1)
-        true.append(np.mean(error[:, :, None] * error[:, None, :].conj(), axis=0))
-        estimated.append(np.mean(response.noise.full(), axis=0))
-    expected = np.mean(true, axis=0)
-    assert np.max(np.abs(expected.imag)) > 0.3 * np.max(expected.real)
-    assert np.max(np.abs(np.mean(estimated, axis=0) - expected)) < 0.04 * np.max(expected.real)
-
-
 @pytest.mark.parametrize(("scale", "runs"), [((), 150), ((1.0, 0.4, 2.0), 150)])
 def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale: tuple[float, ...], runs: int) -> None:
     """An error that repeats over periods and changes with the phases; also where realisations differ in amplitude."""

@@ -9,7 +9,7 @@ from plants.three_mass import circular
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.kernels import is_compiled
 from elastid.frf import experiment_blocks, matrices
-from elastid.frf.experiment_blocks import Block, FullSum, MeanSpectra, PackedSum, add_periods
+from elastid.frf.experiment_blocks import FullSum, PackedSum, add_periods
 from elastid.frf.matrices import adjoint, transposed
 from elastid.frf.spectra import PeriodSpectra
 
@@ -135,39 +135,3 @@ def test_groups_of_periods_scatter_like_all_at_once() -> None:
     V = z - z.mean(axis=0)
     np.testing.assert_allclose(mean, z.mean(axis=0), rtol=1e-13)
     np.testing.assert_allclose(together.collected(), np.einsum("pfi,pfj->fij", V, V.conj()), rtol=0, atol=1e-12)
-
-
-def mean_spectra(periods: list[list[float]], has_reference: bool = True) -> MeanSpectra:
-    """Two inputs and three outputs at seven lines; for each realisation the periods of its experiments."""
-    rng, blocks = np.random.default_rng(1), []
-    for P in periods:
-        U, Y, R = (circular(rng, (7, n, len(P))) for n in (2, 3, 2))
-        blocks.append(
-            Block(U, Y, R if has_reference else None, np.array(P), np.full((7, 2), len(blocks) + 1.0), len(P))
-        )
-    return MeanSpectra(tuple(blocks), np.zeros((7, 5, 5), np.complex128), sum(map(len, periods)))
-
-
-@pytest.mark.parametrize("periods", [[[2.0, 2.0], [2.0, 2.0, 2.0]], [[2.0, 3.0], [4.0, 2.0, 2.0]]])
-def test_sums_of_periods_count_each_experiment_by_its_own(periods: list[list[float]]) -> None:
-    """Equal and unequal numbers: sum of P X U^H, of |Y|^2 and of P |Y|^2."""
-    data = mean_spectra(periods)
-    U, Y = (np.concatenate([getattr(block, name) for block in data.blocks], axis=2) for name in "UY")
-    P = np.concatenate(periods)
-    for stacks, X in ((data.Y, Y), (data.U, U)):
-        np.testing.assert_allclose(data.of_periods(stacks), np.einsum("e,fye,fue->fyu", P, X, U.conj()))
-    plain, weighted = data.output_powers
-    np.testing.assert_allclose(plain, np.sum(np.abs(Y) ** 2, axis=2))
-    np.testing.assert_allclose(weighted, np.sum(P * np.abs(Y) ** 2, axis=2))
-
-
-def test_all_experiments_are_one_block_with_references_where_all_have_them() -> None:
-    """Noise of the inputs by degrees of freedom: (2 * 1 + 3 * 2) / 5; and a W of each block with U W = 1."""
-    data = mean_spectra([[2.0, 2.0], [3.0, 3.0, 3.0]])
-    every = data.every
-    np.testing.assert_array_equal(every.R[:, :, 2:], data.blocks[1].R)
-    np.testing.assert_array_equal(every.periods, [2, 2, 3, 3, 3])
-    np.testing.assert_allclose(every.input_noise, 1.6)
-    assert mean_spectra([[2.0, 2.0], [3.0, 3.0]], has_reference=False).every.R is None
-    for block in (*data.blocks, every):
-        np.testing.assert_allclose(block.U @ block.W, np.broadcast_to(np.eye(2), (7, 2, 2)), atol=1e-9)

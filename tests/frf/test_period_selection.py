@@ -56,13 +56,6 @@ def test_the_transient_that_is_stated_is_left_out_whether_seen_or_not() -> None:
         _kept(steady_record(4), replace(AUTO, transient_periods=3))
 
 
-def test_two_periods_are_never_split() -> None:
-    """With two periods the bad one cannot be identified."""
-    record = steady_record(2)
-    kept, notes = _kept(replace(record, y=record.y * np.linspace(2, 1, 2 * N)[:, None]))
-    assert (kept, notes) == ([0, 1], ())
-
-
 def test_of_two_periods_the_second_is_settled_where_the_first_decays_to_it() -> None:
     """A transient of 3 % at the start of a log; of three periods their distances tell it, and the log stays.
 

@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.random_plants import ALL_PERIODS, ODD, RATE, N, nonlinear, record_of, two_modes
-from plants.two_mass import circular
 
 from elastid.app.stages.estimate import estimate_configuration
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
-from elastid.frf.estimators import level_lines
 from elastid.frf.quality import coherences, local_modes, wide_windows
 from elastid.record import Configuration, Record
 from elastid.store.measured import read_configurations, write_records
@@ -34,19 +32,6 @@ def test_coherence_is_that_of_theory() -> None:
     ordinary, multiple = coherences(np.array([[2.0]]), np.ones((1, 1, 2)) + 0j, np.eye(2)[None] + 0j)
     np.testing.assert_allclose(ordinary, [[[0.5, 0.5]]])
     np.testing.assert_allclose(multiple, 1)
-
-
-def test_singular_values_and_condition_are_those_of_the_matrices() -> None:
-    """Orthogonal experiments have condition 1 whatever the inputs' sizes; G's singular values are NumPy's."""
-    rng = np.random.default_rng(0)
-    lines, G = np.arange(10, 50), rng.normal(size=(3, 2)) + 0j
-    records = []
-    for e, U in enumerate(orthogonal_set(np.array([1.0, 100.0]) * np.ones((40, 2)), rng)):
-        u, y = (np.tile(synthesise(lines, X, N), (2, 1)) for X in (U, U @ G.T))
-        records.append(record_of(u, y, 0, e))
-    quality = estimate(records, ALL_PERIODS, lines).quality
-    np.testing.assert_allclose(quality.condition, 1, rtol=1e-9)
-    np.testing.assert_allclose(quality.singular_values[7], np.linalg.svd(G, compute_uv=False), rtol=1e-9)
 
 
 def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) -> None:
@@ -129,36 +114,6 @@ def test_the_form_of_a_covariance_follows_from_its_degrees_of_freedom() -> None:
     assert forms(2) == ("kronecker", 2)
 
 
-def test_full_and_kronecker_covariance_agree_where_both_are_right() -> None:
-    """Many realisations of one noise: their means over lines, element by element within 10 % of the diagonal."""
-    rng = np.random.default_rng(2)
-    records, _ = _matrix_records(rng, 24, 2, 2, 0.2, F=150)
-    response = estimate(records, ALL_PERIODS, np.arange(10, 160))
-    assert (response.total.form, response.noise.form) == ("full", "kronecker")
-    a, b = response.total.full().mean(axis=0), response.noise.full().mean(axis=0)
-    scale = np.sqrt(np.outer(np.diag(b).real, np.diag(b).real))
-    assert np.max(np.abs(a - b) / scale) < 0.1
-    np.testing.assert_allclose(
-        np.einsum("fii->fi", response.total.full()).real.reshape(-1, 2, 2).transpose(0, 2, 1), response.total.variance
-    )
-
-
-def test_errors_with_one_level_at_all_lines_count_as_few() -> None:
-    """Leakage of a torque that wanders: one amplitude at 60 lines; white errors have a level each.
-
-    The sum of squares of 2000 draws has 1 / 60 and all of the degrees of freedom, whatever the phases of G.
-    """
-    rng = np.random.default_rng(0)
-    G = circular(rng, (60, 1, 1))
-    amplitude = circular(rng, (2000, 1, 1))
-    leaked = amplitude * G[:, :, 0] / (1 - np.exp(-2j * np.pi * np.arange(5, 65) / 400))[:, None]
-    white = circular(rng, (2000, 60, 1)) * G[:, :, 0]
-    for V, lines in ((leaked, 60), (white, 1)):
-        power = np.sum(np.abs(V / G[:, :, 0] / np.std(V / G[:, :, 0], axis=0)) ** 2, axis=(1, 2))
-        assert 60 * np.var(power) / np.mean(power) ** 2 == pytest.approx(lines, rel=0.2)
-        assert level_lines(V[:3], G) == pytest.approx(lines, rel=0.3)
-
-
 def rms(levels: np.ndarray) -> float:
     return float(np.sqrt(np.mean(levels**2)))
 
@@ -214,21 +169,3 @@ def test_one_realisation_of_an_odd_random_grid_shows_its_total_variance() -> Non
     assert np.mean(predicted) == pytest.approx(np.mean(scatter), rel=0.15)
     noise = np.mean([each.noise.variance for each in single if each.noise is not None])
     assert noise < 0.5 * np.mean(scatter)
-
-
-def test_noise_of_the_input_is_told_at_the_resonance_itself() -> None:
-    """It is |G| times as large there, which the lines left out beside it cannot know: within 30 % of the scatter."""
-    rng = np.random.default_rng(3)
-    lines = np.delete(ODD, [4 * i + rng.integers(4) for i in range(1, len(ODD) // 4 - 1)])
-    peak = lines[len(lines) // 2]
-    resonance = 1 / (1 - (lines / peak) ** 2 + 0.01j * lines / peak)
-    single = []
-    for _ in range(40):
-        R = orthogonal_set(np.full((len(lines), 1), np.sqrt(2 / len(lines))), rng)[0]
-        u, y = (np.tile(synthesise(lines, each, N), (3, 1)) for each in (R, resonance[:, None] * R))
-        record = record_of(u + 0.1 * rng.normal(size=u.shape), y)
-        single.append(estimate([record], ALL_PERIODS, lines))
-    at_peak = len(lines) // 2
-    scatter = np.var([each.G[at_peak, 0, 0] for each in single])
-    predicted = np.mean([each.total.variance[at_peak, 0, 0] for each in single if each.total is not None])
-    assert predicted == pytest.approx(scatter, rel=0.3)

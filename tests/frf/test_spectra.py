@@ -11,8 +11,8 @@ from elastid.base.arrays import IntArray
 from elastid.frf import lines as module
 from elastid.frf import spectra
 from elastid.frf.estimate import estimate
-from elastid.frf.lines import analysed_lines, find_excited, smoothed_noise
-from elastid.frf.spectra import RecordSpectra, reference_spectrum, single_logs, whole_logs
+from elastid.frf.lines import analysed_lines, find_excited
+from elastid.frf.spectra import RecordSpectra, single_logs, whole_logs
 from elastid.record import MOTION_ORDER, Motion
 
 
@@ -130,16 +130,6 @@ def test_a_record_of_two_logs_is_two_records_and_what_misses_is_named_by_its_log
     assert len(whole_logs([replace(record, left_out=()), steady_record()])) == 3
 
 
-def test_the_reference_has_the_amplitudes_of_a_torque_and_none_where_it_was_not_recorded() -> None:
-    """Its mean over the periods, in Nm."""
-    record = steady_record()
-    U = periods_of(record, LINES, "velocity").U.mean(axis=0)
-    R = reference_spectrum(RecordSpectra(replace(record, r=record.u)), LINES)
-    assert R is not None
-    np.testing.assert_allclose(R, U)
-    assert reference_spectrum(RecordSpectra(record), LINES) is None
-
-
 def _spectrum(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Excited lines and their amplitudes."""
     full = np.arange(1, 200)
@@ -187,25 +177,6 @@ def test_inputs_of_noise_have_no_excited_line() -> None:
     rng = np.random.default_rng(0)
     with refused("frf/lines", place="configuration c"):
         analysed_lines([RecordSpectra(replace(record, u=rng.normal(size=record.u.shape)))], AUTO, None)
-
-
-def test_a_transient_in_the_first_period_hides_no_line() -> None:
-    """An offset of the torque that decays, a hundred times the excitation: all lines of the other periods are found."""
-    record = steady_record(6)
-    decaying = 100 * record.u.std() * np.exp(-np.arange(record.n_samples) / 20)[:, None]
-    found = analysed_lines([RecordSpectra(replace(record, u=record.u + decaying))], AUTO, None)
-    np.testing.assert_array_equal(found, LINES)
-
-
-def test_noise_of_few_degrees_of_freedom_is_averaged_over_its_neighbours() -> None:
-    """Five lines for one, three for two, none for four; a constant stays."""
-    peak = np.zeros(21)
-    peak[10] = 1.0
-    for dof, width in ((1, 5), (2, 3), (4, 1)):
-        np.testing.assert_allclose(
-            smoothed_noise(peak, dof), np.where(np.abs(np.arange(21) - 10) <= width // 2, 1 / width, 0)
-        )
-        np.testing.assert_allclose(smoothed_noise(np.ones(21), dof), 1.0)
 
 
 def test_the_driver_of_a_large_record_has_the_mean_and_noise_of_all_its_periods(

@@ -148,10 +148,3 @@ def test_bristles_slide_at_the_level_of_their_direction() -> None:
 def test_laws_that_cannot_be_are_refused(wrong: Callable[[], object], word: str) -> None:
     with pytest.raises(ValueError, match=word):
         wrong()
-
-
-def test_a_load_with_a_stribeck_velocity_of_its_own_needs_no_other() -> None:
-    """Of the load's excess alone there is a Stribeck curve."""
-    one = placed(Friction(1.0, load=LoadDependence(0.1, 0.3, 2.0)))
-    assert sliding(one, 1e-9, 5.0) == pytest.approx(1.0 + 1.5)
-    assert sliding(one, 2.0, 5.0) == pytest.approx(1.0 + 0.5 + 1.0 * math.exp(-1))

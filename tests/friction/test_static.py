@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import casadi as ca
@@ -12,12 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.friction.static import LINEAR, SLIDING_VELOCITY, Conditions, Curve, Tustin, columns, phi_1, slopes
-
-
-def test_the_growing_part_is_quadratic_and_viscous() -> None:
-    """alpha_3 v |v| + alpha_T v, odd in v."""
-    curve = Curve(1.0, 1.0, 0.0, 0.3, 0.2)
-    np.testing.assert_allclose([float(ca.DM(curve.growing(v))) for v in (2.0, -2.0)], [1.6, -1.6])
 
 
 def test_phi_1_has_the_derivatives_of_its_series() -> None:
@@ -44,13 +37,6 @@ def test_friction_takes_energy_and_never_more_than_its_level(v: float, F_c: floa
     (tau_f,) = torque(np.array([v]), F_c)
     assert tau_f * v >= 0
     assert abs(tau_f) <= F_c
-
-
-@pytest.mark.parametrize("v", [-0.5, -0.02, 0.004, 0.5])
-def test_sliding_follows_the_stribeck_curve(v: float) -> None:
-    """sgn(v) (F_c + (F_s - F_c) exp(-(v / nu_s)^2)) + alpha_3 v |v|, smoothed by tanh."""
-    expected = math.copysign(1.0 + 0.5 * math.exp(-((v / 1e-2) ** 2)), v) * math.tanh(abs(v) / SLIDING_VELOCITY)
-    np.testing.assert_allclose(torque(np.array([v]), 1.0, 1.5, 1e2, 0.3), expected + 0.3 * v * abs(v), rtol=1e-12)
 
 
 def test_under_gaussian_velocity_friction_is_viscous_on_average() -> None:

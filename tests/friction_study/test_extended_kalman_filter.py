@@ -86,11 +86,6 @@ def test_noise_is_found_from_innovations() -> None:
     assert found.slip == pytest.approx(NOISE.slip)
 
 
-def test_a_rigid_joint_has_no_stiffness_to_hold() -> None:
-    rigid = FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
-    assert rigid.held == ("inertia", "gravity")
-
-
 def test_correlated_torque_noise_keeps_its_variance() -> None:
     """w_k+1 = a w_k + e_k, a = exp(-T / tau), has std sigma where var e = sigma^2 (1 - a^2)."""
     joint, noise = replace(FOLLOWED, correlation_s=0.02), replace(NOISE, correlated=0.3)
@@ -131,21 +126,6 @@ def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> 
         for motions in ([run], [short, replace(run, start_s=1.0)])
     )
     assert after.noise == alone.noise
-
-
-def test_innovations_are_judged_in_units_of_their_expected_std() -> None:
-    """e = sqrt(S) (-1)^k has NIS 1 and the autocorrelation -(n - 1) / n, however S varies, and narrows no band."""
-    n = 200
-    S = np.geomspace(1.0, 1e4, n)
-    x = np.ones((n, len(FOLLOWED.states)))
-    track = Track(
-        FOLLOWED, RATE_HZ, x, x, np.ones((n, 3, 3)), np.sqrt(S) * (-1.0) ** np.arange(n), S,
-        np.ones(3), np.arange(n) / RATE_HZ, np.ones(n, bool),
-    )  # fmt: skip
-    judged = consistency(track, 0.0)
-    assert judged.nis == pytest.approx(1.0)
-    assert judged.autocorrelation[1] == pytest.approx(-(n - 1) / n)
-    assert not judged.doubts
 
 
 def test_a_band_holds_stiction_that_falls_with_warmth() -> None:
@@ -192,11 +172,3 @@ def track(coulomb: FloatArray, innovation: FloatArray) -> Track:
 
 def white(seed: int = 0) -> FloatArray:
     return np.random.default_rng(seed).standard_normal(N)
-
-
-def test_a_number_that_moves_by_more_than_its_band_is_restless() -> None:
-    """Coulomb friction that jumps by 15 std every three seconds; one that stays is honest."""
-    judged = consistency(track(0.3 * np.resize(np.repeat([1.0, -1.0], 600), N), white()), 1.0)
-    assert judged.restless == ("Fc",)
-    assert judged.doubts
-    assert not consistency(track(np.zeros(N), white()), 1.0).doubts

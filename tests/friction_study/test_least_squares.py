@@ -54,35 +54,6 @@ def test_intervals_hold_the_truth_whatever_the_correlation(logs: int, seconds: f
     np.testing.assert_allclose(np.sqrt(np.mean(std**2, axis=0)), error.std(axis=0), rtol=0.25)
 
 
-def test_intervals_of_columns_that_change_slowly_hold_the_truth() -> None:
-    """Six numbers of sines of up to 0.1 Hz take what they explain out of the residuals: 95 %, not 91 %."""
-    rng, t, covered = np.random.default_rng(0), np.arange(1200) / 20, list[np.ndarray]()
-    for _ in range(150):
-        angle = np.outer(t, 2 * np.pi * np.array([0.02, 0.06, 0.1])) + rng.uniform(0, 6, 3)
-        X = np.hstack([np.ones((1200, 1)), np.sin(angle), np.cos(angle[:, :2])])
-        log = Equations(X[:, None, :], np.zeros((1200, 1, 0)), rng.standard_normal((1200, 1)), np.zeros((1200, 0)))
-        fit = solve([log], 20.0)
-        covered.append(np.abs(fit.beta) < 1.96 * np.sqrt(np.diag(fit.covariance)))
-    assert 0.93 < np.mean(covered) < 0.97
-
-
-def test_what_is_no_friction_need_not_be_identifiable() -> None:
-    """Twice the same column beside friction changes nothing."""
-    one = log(np.random.default_rng(1), 30.0, 0.5)
-    two = Equations(one.X, np.concatenate([one.R, one.R], axis=2), one.y, one.states)
-    first, second = (solve([each], RATE_HZ) for each in (one, two))
-    np.testing.assert_allclose(second.beta, first.beta, rtol=1e-9)
-    np.testing.assert_allclose(second.pi.sum(), first.pi.sum(), rtol=1e-6)
-
-
-def test_a_direction_without_data_has_no_finite_variance() -> None:
-    """The others keep theirs."""
-    J = np.array([[1.0, 0.0], [2.0, 0.0], [2.0, 0.0]])
-    covariance = inverse_normal(J)
-    assert covariance[0, 0] == pytest.approx(1 / 9)
-    assert covariance[1, 1] == np.inf
-
-
 def test_a_search_ends_at_the_optimum_of_each_start_that_has_one() -> None:
     """Rosenbrock's valley; a start at which the residual is not finite is passed over."""
 

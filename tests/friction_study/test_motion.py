@@ -82,17 +82,6 @@ def test_directions_are_told_apart_only_where_they_are() -> None:
     assert fit.chosen["directions.viscous"] == pytest.approx(6.0, rel=0.1)
 
 
-def test_a_log_with_long_rests_uses_the_seconds_in_which_it_slides() -> None:
-    """Friction at rest is any torque below break-away: 20 s of it change nothing."""
-    log = swing(2)
-    rest = np.full(10_000, log.position[-1]), log.torque[-1] + 6 * np.sin(np.arange(10_000) / 700)
-    rested = replace(log, position=np.append(log.position, rest[0]), torque=np.append(log.torque, rest[1]))
-    fit = regress_motion(rested)
-    assert fit.seconds["at rest"] > 19
-    assert sum(fit.seconds.values()) == pytest.approx(60)
-    assert abs(fit.chosen["coulomb"] - F_C) < 2.5 * fit.chosen.std("coulomb")
-
-
 def test_ripple_and_a_stribeck_effect_are_parts_where_they_are() -> None:
     log = swing(3)
     v = np.gradient(log.position) * log.rate_hz
@@ -247,15 +236,6 @@ def test_friction_that_changes_with_temperature_has_numbers_for_it() -> None:
     by_heat = fit.to_friction().temperature
     assert by_heat.coulomb == fit.chosen["temperature.coulomb"]
     assert by_heat.reference == pytest.approx(T_0)
-
-
-def test_another_decay_than_that_assumed_is_found_where_temperatures_show_it() -> None:
-    """Over 6 K in 20: the intervals of friction hold the truth, as that of the decay does."""
-    fit = regress_motion(warming(share=0.3, decay=6.0))
-    T_V, T_0 = fit.chosen["temperature.decay"], fit.terms.reference
-    assert abs(T_V - 6) < 3 * fit.chosen.std("temperature.decay")
-    viscous = VISCOUS * (1 + 0.3 * np.expm1(-(T_0 - 35) / 6))
-    assert abs(fit.chosen["viscous"] - viscous) < 3 * fit.chosen.std("viscous")
 
 
 def test_temperature_is_no_part_where_it_does_not_matter_or_vary_and_the_reason_says_so() -> None:

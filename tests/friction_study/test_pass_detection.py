@@ -66,69 +66,6 @@ def test_ways_whose_speed_wanders_with_the_cogging_are_passes() -> None:
     assert levels.torque == pytest.approx(truth, rel=5e-3)
 
 
-def test_the_signals_of_a_pass_are_those_of_its_log() -> None:
-    one = record(trapezoids((0.5,)), temperature=np.full(len(trapezoids((0.5,))), 40.0), start_s=100.0)
-    (found,) = detect_passes(one, True)
-    start = round((found.start_s - 100.0) * RATE)
-    np.testing.assert_array_equal(found.torque, one.torque[start : start + len(found.torque)])
-    assert found.mean_temperature == 40.0
-    assert replace(found, notes=()).purpose == "passes"
-
-
-def test_without_gravity_there_and_back_need_no_common_positions() -> None:
-    """There at 0.5 rad/s in the first half of the travel, back at that speed in its second half."""
-    speeds = np.repeat([0.0, 0.5, 0.25, 0.0, -0.5, -0.25, 0.0], [100, 400, 800, 200, 400, 800, 100])
-    q = np.cumsum(np.convolve(speeds, np.hanning(100) / np.hanning(100).sum(), "same")) / RATE
-    found = detect_passes(record(q), has_gravity=False)
-    assert [each.speed for each in found] == pytest.approx([0.5, 0.25], rel=0.01)
-    assert detect_passes(record(q), has_gravity=True) == ()
-
-
-RATE_PASSES, SPEED, COUNT = 1000.0, 0.4, 2e-5
-
-
-def record_passes() -> FrictionRecord:
-    """Half a second there and half a second back with ramps of 0.2 s; torque 3 Nm there and -2 Nm back."""
-    ramp, steady = np.linspace(0, 1, 200), np.ones(500)
-    way = np.concatenate([ramp, steady, ramp[::-1], np.zeros(100)])
-    v = SPEED * np.concatenate([way, -way])
-    torque = np.where(v > 0, 3.0, -2.0)
-    q = np.round(np.cumsum(v) / RATE_PASSES / COUNT) * COUNT
-    T = np.where(np.arange(len(v)) < len(way), 30.0, np.nan)
-    return FrictionRecord(
-        "a",
-        "elbow",
-        "passes",
-        RATE_PASSES,
-        q,
-        torque,
-        temperature=T,
-        there=(200, 700),
-        back=(1200, 1700),
-        load_torque=5.0,
-    )
-
-
-def test_a_pair_has_both_plateaus_with_their_velocity() -> None:
-    """Differentiated from 0.4 mrad a sample behind an encoder of 0.02 mrad; at rest the acceleration is nothing."""
-    there, back = passes_of(record_passes())
-    assert (there.place, there.pair, back.pair, there.load) == ("joint elbow", "a", "a", 5.0)
-    assert (there.direction, back.direction) == (1.0, -1.0)
-    inside = slice(50, -50)
-    np.testing.assert_allclose(there.velocity[inside], SPEED, rtol=0.01)
-    assert np.abs(there.acceleration[inside]).max() < 0.5
-    assert set(there.torque.tolist()) == {3.0}
-    assert there.temperature == 30.0
-    assert np.isnan(back.temperature)
-
-
-def test_a_measured_velocity_is_taken_and_one_way_stays_alone() -> None:
-    one = record_passes()
-    (there,) = passes_of(replace(one, velocity=np.full(len(one.position), 0.7), back=None))
-    assert there.velocity.mean() == pytest.approx(0.7)
-    assert there.temperature == 30.0
-
-
 def regression(noise: np.ndarray, ripple: float) -> PassRegression:
     """Both ways over ten turns of the motor at one speed; ripple: of the fifth harmonic, Nm."""
     n = len(noise) // 2

@@ -27,16 +27,6 @@ def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
     assert abs(np.mean(errors)) < 0.7
 
 
-def test_two_logs_know_more_than_one_and_the_rest_is_free_of_the_rigid_body() -> None:
-    robot, logs = two_axes(), [MotionLog.of(motion(seed), {}, 10.0) for seed in (1, 2)]
-    (one, _), (both, left_logs) = regress_robot_motion(robot, logs[:1]), regress_robot_motion(robot, logs)
-    assert both["1"].chosen.std("viscous") < one["1"].chosen.std("viscous")
-    alone = left_logs[1]["2"].motion
-    v = np.gradient(alone.position, 1 / RATE)
-    left = alone.torque - COULOMB[1] * np.sign(v) - VISCOUS[1] * v
-    assert np.std(left[200:-200]) < 0.1 * np.std(logs[1].of_joints["2"].motion.torque)
-
-
 def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> None:
     """Torque there is any below break-away: 30 Nm at rest and reversals of the second joint change nothing."""
     log = motion(6)

@@ -9,7 +9,6 @@ import pytest
 from plants.predicted_arm import closed_form, result
 
 from elastid.linear.fitted_model import Doubt, FittedModel
-from elastid.record import JointLoop
 
 ANGLES = np.array([0.4, -0.9])
 
@@ -94,26 +93,3 @@ def test_matrices_are_symmetric_and_forces_work_on_the_motion_they_are_at() -> N
     np.testing.assert_allclose(A.B, A.C.T, rtol=1e-12, atol=1e-15)
     G = model.response(np.array([3.0, 17.0])).G
     np.testing.assert_allclose(G, G.transpose(0, 2, 1), rtol=1e-10, atol=1e-16)
-
-
-def test_an_integral_is_a_further_state() -> None:
-    """The response by three states a coordinate is that by (s^2 M + s D + K + Delta / s)^-1."""
-    loop = JointLoop(np.full(2, 4e4), np.full(2, 8e2), np.full(2, 3.0))
-    model = result().at(ANGLES, ["motor 1", "force tool z"], ["motor 2", "frame tool z"], motors="controlled",
-                        controller=loop)  # fmt: skip
-    lines = np.array([0.3, 2.0, 20.0])
-    system = model.state_space()
-    assert len(system.A) == 3 * model.linear.n
-    np.testing.assert_allclose(system.response(lines), model.response(lines).G, rtol=1e-8, atol=1e-18)
-
-
-def test_a_controller_acts_on_the_motors_as_its_transfer_function() -> None:
-    """(kp + s kd) (1 + ki / s) beside the impedance of the robot whose motors are free."""
-    kp, kd, ki = np.array([4e4, 3e4]), np.array([8e2, 5e2]), np.array([30.0, 50.0])
-    motors, lines = ["motor 1", "motor 2"], np.array([0.3, 2.0, 20.0])
-    held = result().at(ANGLES, motors, motors, motors="controlled", controller=JointLoop(kp, kd, ki))
-    A = result().at(ANGLES, motors, motors, motors="free").linear
-    for G, s in zip(held.response(lines).G, 2j * np.pi * lines, strict=True):
-        loop = (A.B * ((kp + s * kd) * (1 + ki / s))) @ A.B.T
-        Z = s**2 * A.M + s * A.D + A.K + loop
-        np.testing.assert_allclose(G, A.C @ np.linalg.solve(Z, A.B), rtol=1e-9)

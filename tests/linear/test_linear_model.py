@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.elastic_arm import arm
-from plants.fitted_models import SERIAL, close, fitted_model
 
 from elastid.linear.linear_model import BUTTERWORTH, DifferenceElement, LagElement, LinearModel, state_space
 from elastid.linear.linearise import Linearisation
@@ -13,7 +12,7 @@ from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
-from elastid.record import Configuration, Motion
+from elastid.record import Configuration
 from elastid.robot import Chain, ChannelGain
 
 S = 2j * np.pi * np.array([0.01, 1.0, 8.0, 60.0])
@@ -27,11 +26,6 @@ def test_slopes_of_the_logarithm_equal_differences(element):
     h = 1e-4 * T
     difference = (np.log(element.response(S, T + h)) - np.log(element.response(S, T - h))) / (2 * h)
     np.testing.assert_allclose(element.log_slope(S, T), difference, rtol=1e-6)
-
-
-def test_a_difference_over_a_time_is_the_mean_of_the_derivative():
-    """(x(t) - x(t - T)) / T of e^(s t), over its derivative s e^(s t)."""
-    np.testing.assert_allclose(DifferenceElement("d").response(S, T), (1 - np.exp(-S * T)) / (S * T), rtol=1e-9)
 
 
 FREQ_HZ = np.linspace(3.0, 40.0, 9)
@@ -70,13 +64,3 @@ def test_derivatives_to_gains_and_beside_them_equal_central_differences() -> Non
         ends = [frequency_response(model, theta + side * shift, FREQ_HZ) for side in (1, -1)]
         numeric = (ends[0] - ends[1]) / (2 * shift[place])
         np.testing.assert_allclose(slope, numeric, atol=1e-6 * np.abs(numeric).max(), err_msg=name)
-
-
-@pytest.mark.parametrize("name", SERIAL)
-@pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration"])
-def test_state_space_has_the_response_of_the_linear_model(name: str, quantity: Motion) -> None:
-    model = fitted_model(name)
-    linear, freq_hz = replace(model.linear[0], quantity=quantity), model.measured[0].freq_hz
-    assert close(
-        state_space(linear, model.theta).response(freq_hz), frequency_response(linear, model.theta, freq_hz), 1e-9
-    )

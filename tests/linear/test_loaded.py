@@ -73,15 +73,6 @@ def test_slopes_are_those_of_differences_also_in_a_closed_loop(equations):
     np.testing.assert_allclose(readings[0], other, rtol=1e-8, atol=1e-14)
 
 
-def test_many_loads_give_what_each_gives_alone():
-    """A batch of postures and loads; a posture without its payload differs from one with it."""
-    model = formulate(robot())
-    every = [load((100 * i, 50, -30), where=Configuration(str(i), [0.2 * i, -0.1 * i])) for i in range(4)]
-    together, _ = LoadedRobot.of(model, every, [model.theta] * 4, ()).deflections([model.theta] * 4)
-    for each, own in zip(every, together, strict=True):
-        np.testing.assert_allclose(own, deflection(model, each)[0], rtol=1e-9, atol=1e-15)
-
-
 def test_without_rest_and_without_frame_it_says_so():
     """A step of the solver to infinite stiffness, and a frame that the robot lacks."""
     model = formulate(robot())

@@ -109,24 +109,3 @@ def test_the_share_of_a_spring_is_what_its_stiffness_does_to_the_frequency(name:
         np.testing.assert_allclose(share, np.log(stiffer / softer) / h, atol=2e-6)
     np.testing.assert_allclose(energy.share.sum(axis=0), 1.0, rtol=1e-9)
     assert np.all(energy.share >= 0)
-
-
-def test_shares_know_neither_length_nor_phase_of_a_shape() -> None:
-    """Complex shapes of a damped robot, turned and stretched."""
-    robot = replace(wrist("after"), gravity=(0.0, 0.0, -9.81))
-    model = formulate(robot.with_parameters({"d_1": 900.0, "d_2x": 50.0}))
-    at = Configuration("c", np.array([0.3, -0.4, 0.9]))
-    linear = linearise(model, at, model.theta, model.inputs, "position")
-    shapes = shapes_of_all(linear, modes(linear, linear.theta_ref).shapes)
-    point = equilibrium(model, model.theta, at)
-    one, other = (strain_energy(model, model.theta, point, z * shapes) for z in (1.0, -3.7 + 2.1j))
-    np.testing.assert_allclose(one.share, other.share, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(one.share.sum(axis=0) + one.load, 1.0)
-
-
-def test_a_motion_that_stores_nothing_has_no_shares() -> None:
-    """All discs turning as one, which is no mode that swings."""
-    model = formulate(chain(5e3, 2e3))
-    point = equilibrium(model, model.theta, Configuration("c", np.zeros(1)))
-    rigid = np.array([[1.0], [0.0], [1.0]], complex)
-    assert np.isnan(strain_energy(model, model.theta, point, rigid).share).all()

@@ -19,12 +19,12 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.moving_posture import NEGLIGIBLE, effect_of_motion
+from elastid.linear.moving_posture import effect_of_motion
 from elastid.linear.response.transfer import to_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.response import Covariance, MotorMotion
+from elastid.response import MotorMotion
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import load_robot
 
@@ -129,46 +129,6 @@ def test_multipliers_and_minimal_coordinates_say_the_same_of_a_loop(feedback: bo
         effects.append(posture_effect(model, linear, linear.theta_ref, swinging(0.01, feedback), FREQ))
     np.testing.assert_allclose(effects[0], effects[1], atol=1e-4 * np.abs(effects[1]).max())
     assert np.abs(effects[0]).max() > 0
-
-
-def test_without_motion_there_is_no_effect_and_it_grows_with_the_square() -> None:
-    """Zero for zero; four times for twice the motion, to fourth order."""
-    model, linear = linear_of(load_robot(ROBOTS / "linkage_arm.yml"), (0.5, -0.1))
-    none, once, twice = (
-        posture_effect(model, linear, linear.theta_ref, swinging(rms, True), FREQ[:3]) for rms in (0.0, 1e-3, 2e-3)
-    )
-    assert not none.any()
-    np.testing.assert_allclose(twice, 4 * once, atol=1e-3 * np.abs(twice).max())
-
-
-def test_an_effect_far_below_the_noise_is_not_worked_out() -> None:
-    """Nor where no motion is known."""
-    model, linear = linear_of(load_robot(ROBOTS / "linkage_arm.yml"), (0.5, -0.1))
-    response = to_response(linear, linear.theta_ref, FREQ)
-    assert effect_of_motion(model, linear, linear.theta_ref, response) is None
-    still = replace(response, motion=swinging(1e-5, True), noise=Covariance((0.01 * np.abs(response.G)) ** 2, np.inf))
-    assert effect_of_motion(model, linear, linear.theta_ref, still) is None
-    assert effect_of_motion(model, linear, linear.theta_ref, replace(still, motion=swinging(0.02, True))) is not None
-
-
-def test_many_lines_are_put_together_and_interpolated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Within 3 % of the largest change of all lines by all lines."""
-    model, linear = linear_of(load_robot(ROBOTS / "linkage_arm.yml"), (0.5, -0.1))
-    few, lines = swinging(0.01, True), np.linspace(0.5, 30, 60)
-    power = np.tile(few.power[0] * 4 / 60, (60, 1, 1)) * (0.5 / lines[:, None, None])
-    freq_hz = np.linspace(1, 40, 79)
-    own = model, linear, linear.theta_ref, replace(few, freq_hz=lines, power=power), freq_hz
-    thinned = posture_effect(*own)
-    monkeypatch.setattr("elastid.linear.moving_posture.MOST_LINES", 100)
-    every = posture_effect(*own)
-    monkeypatch.undo()
-    np.testing.assert_allclose(thinned, every, atol=0.03 * np.abs(every).max())
-    # Of one standard deviation of all elements together, as few as leave less than what is negligible of that.
-    response = replace(to_response(linear, linear.theta_ref, freq_hz), motion=replace(few, freq_hz=lines, power=power))
-    variance = np.full(every.shape, 2 * np.sum(np.abs(every) ** 2))
-    enough = effect_of_motion(model, linear, linear.theta_ref, replace(response, noise=Covariance(variance, np.inf)))
-    assert enough is not None
-    assert 0 < np.sqrt(2 * np.sum(np.abs(enough - every) ** 2 / variance)) < NEGLIGIBLE
 
 
 def beyond_scatter(

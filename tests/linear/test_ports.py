@@ -1,7 +1,5 @@
 """Forces at frames as inputs of a linear model: equations of their own, and derivatives by differences."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from plants.outside_arm import outside_of
@@ -96,18 +94,3 @@ def test_derivatives_hold_where_the_geometry_moves_the_force(outputs: tuple[str,
         numeric = (at(theta + step) - at(theta - step)) / (2 * h)
         # An error of 1 % of the number, or 10 um, against 1e-5 of the response.
         assert np.abs(numeric - slope).max() * max(1e-3, abs(theta[i])) < 1e-4 * np.abs(G).max(), name
-
-
-def test_a_linear_model_has_the_slopes_that_it_states() -> None:
-    """`acting` is B of a model linearised where one length is 0.1 mm longer, to first order."""
-    parameters = ("p_link_x",)
-    linearisation = Linearisation.of_robot(arm(), EXACT, parameters)
-    theta = np.append(linearisation.model.theta, 0.0)
-    model = linear_model(linearisation, tapped(MOTIONS, "held"), theta)
-    moved = theta.copy()
-    moved[model.parameters.index("p_link_x")] += 1e-4
-    there = linear_model(linearisation, tapped(MOTIONS, "held"), moved)
-    change = there.B - model.B
-    assert np.abs(change).max() > 5e-5
-    np.testing.assert_allclose(model.acting(moved) - model.B, change, atol=1e-3 * np.abs(change).max())
-    assert replace(model, slopes={}).acting(moved) is model.B

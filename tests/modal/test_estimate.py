@@ -95,13 +95,6 @@ def test_overloaded_hits_have_no_modes_but_those_that_are_named() -> None:
     np.testing.assert_allclose(estimate_modes(clipped, poles_hz=tuple(NATURAL)).freq_hz, NATURAL, rtol=1e-3)
 
 
-def test_a_band_has_its_modes_alone() -> None:
-    """Those outside are in the residuals."""
-    response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.001)
-    low, high = 0.5 * (NATURAL[0] + NATURAL[1]), 0.5 * (NATURAL[2] + NATURAL[3])
-    np.testing.assert_allclose(estimate_modes(response, (low, high)).freq_hz, NATURAL[1:3], rtol=1e-3)
-
-
 def test_a_roving_hammer_shows_shapes_where_it_hits() -> None:
     """The transposed response of one accelerometer and three hits: the same shapes and intervals, at the inputs."""
     shapes = np.random.default_rng(1).normal(size=(3, 5))

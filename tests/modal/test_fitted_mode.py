@@ -37,14 +37,3 @@ def test_a_window_that_no_pole_went_through_is_named() -> None:
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
     assert "modal/damping" in {note.code for note in estimate_modes(response, exponential_s=0.05).notes}
     assert "modal/damping" not in {note.code for note in estimate_modes(response, exponential_s=10.0).notes}
-
-
-def test_a_broad_pole_of_little_height_is_background() -> None:
-    """A pole of 10 % damping under the resonance at 41 Hz: a mode only when it is chosen."""
-    natural, zeta = np.append(NATURAL, 43.0), np.append(ZETA, 0.1)
-    shapes = np.random.default_rng(1).normal(size=(3, 6))
-    shapes[:, 5] = 0.15
-    modes = estimate_modes(modal_response(FREQ_HZ, natural, zeta, shapes, noise=0.001))
-    assert np.all(modes.zeta < 0.03)
-    chosen = estimate_modes(modal_response(FREQ_HZ, natural, zeta, shapes, noise=0.001), poles_hz=natural.tolist())
-    assert np.any(np.abs(chosen.zeta - 0.1) < 0.02)

@@ -13,16 +13,12 @@ from plants.gears import COUPLINGS, D_SHAFT, K_SHAFT, LINKS, RATIO, J, wrist
 from plants.refusals import refused
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.fit.identify import identify
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.linear.linearise import Linearisation, linearise
-from elastid.linear.response.transfer import frequency_response, to_response
+from elastid.linear.linearise import linearise
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.recorded.link_side import to_joints
-from elastid.response import Covariance
 from elastid.robot import BASE, Body, GearCoupling, Joint, Motor, Placement, Robot, Spring, unit_axis
-from elastid.robot.simplified import stiffened
 from elastid.targets.mujoco import write_mujoco
 
 seeds = st.integers(0, 2**31)
@@ -187,43 +183,6 @@ def test_compliances_in_series_add(springs, before):
     np.testing.assert_allclose(np.linalg.inv(model.K[3:, 3:]), links + shafts, rtol=1e-9)
 
 
-def test_damping_in_series_is_right_to_first_order():
-    """K + s D against the exact dynamic stiffness of springs with dampers in series: the error falls as s^2."""
-    robot = wrist(shafts=True, links=True)
-    model, eta = linear(robot), robot.eta
-    k, d = np.array([7e3, 14e3, 21e3]), np.full(3, 3.0)
-    D = model.D[3:, 3:] - eta.T @ np.diag(np.full(3, 1e-4)) @ eta
-    errors = []
-    for omega in (1.0, 10.0):
-        s = 1j * omega
-        shafts = np.linalg.inv(eta) @ np.diag(1 / (K_SHAFT + s * D_SHAFT)) @ np.linalg.inv(eta).T
-        exact = np.linalg.inv(np.diag(1 / (k + s * d)) + shafts)
-        errors.append(np.abs(exact - model.K[3:, 3:] - s * D).max())
-    assert errors[1] / errors[0] == pytest.approx(100, rel=0.05)
-
-
-@pytest.mark.parametrize("links", [False, True])
-def test_slopes_to_every_parameter_are_exact(links):
-    """d(M, D, K) / d theta at the operating point against central differences, springs alone and in series."""
-    robot = wrist(shafts=True, links=links)
-    model = serial(robot)
-    linearisation, at = Linearisation.of(model), Configuration("c", (0.3, 0.5, -0.2))
-    here = linearisation.at(at, model.theta, robot.motor_locations, "acceleration")
-    for name in ("km_5", "dm_6", "Jm_6", "fm_5", *(("k_5", "d_4") if links else ())):
-        place = model.parameters.index(name)
-        h = 1e-5 * model.theta[place]
-        ends = []
-        for side in (-1, 1):
-            theta = model.theta.copy()
-            theta[place] += side * h
-            ends.append(linearisation.at(at, theta, robot.motor_locations, "acceleration"))
-        for letter in "MDK":
-            slope = getattr(here.slopes[name], letter)
-            differences = (getattr(ends[1], letter) - getattr(ends[0], letter)) / (2 * h)
-            scale = max(np.abs(differences).max(), 1e-6 * np.abs(getattr(here, letter)).max() / model.theta[place])
-            np.testing.assert_allclose(0.0 if slope is None else slope, differences, rtol=0, atol=1e-6 * scale)
-
-
 @pytest.mark.parametrize(
     ("gears", "says"),
     [
@@ -236,23 +195,6 @@ def test_gears_that_cannot_be_are_refused(gears, says):
     """Unknown joints, couplings given twice, motors that no longer distinguish the joints."""
     with pytest.raises(ValueError, match=says):
         replace(wrist(), gears=tuple(gears))
-
-
-def test_a_rigid_shaft_among_elastic_ones_turns_as_the_gears_want_it():
-    """Motor 6's shaft is rigid: against the motor-side formulation with q_m6 = eta_6 q_a by hand."""
-    robot = stiffened(wrist(), ["6"])
-    assert [joint.name for joint in robot.flexible] == ["4", "5", "6"]
-    eta, freq_hz = robot.eta, np.array([3.0, 11.0, 40.0])
-    M = scipy.linalg.block_diag(links_inertia(wrist()), np.diag(J))
-    T = np.vstack([np.eye(5), np.r_[eta[2], 0, 0]])  # q_a, q_m4, q_m5 -> q_a, q_m
-    Z = np.hstack([-eta, np.eye(3)])[:2] @ T
-    K, D = Z.T @ np.diag(K_SHAFT[:2]) @ Z, Z.T @ np.diag(D_SHAFT[:2]) @ Z
-    D += T.T @ np.diag(np.r_[np.zeros(3), np.full(3, 1e-4)]) @ T
-    s = 2j * np.pi * freq_hz[:, None, None]
-    G_m = T[3:] @ (s**2 * np.linalg.inv(s**2 * (T.T @ M @ T) + s * D + K)) @ T[3:].T
-    model = linear(robot)
-    G_a = frequency_response(model, model.theta_ref, freq_hz)
-    np.testing.assert_allclose(eta @ G_a @ eta.T, G_m, rtol=1e-9, atol=1e-9 * np.abs(G_m).max())
 
 
 def test_logs_of_coupled_motors_come_to_the_link_side_together():
@@ -268,22 +210,3 @@ def test_logs_of_coupled_motors_come_to_the_link_side_together():
     np.testing.assert_allclose(both[3:], np.linalg.solve(robot.eta, angle))
     with refused("study/recorded", place="channel t4"):
         to_joints([*channels[:2], *channels[3:]], robot)
-
-
-def test_springs_on_both_ends_of_coupled_gears_are_told_apart() -> None:
-    """Three axes coupled all around: six stiffnesses in series are found from starts a factor 1.5 off."""
-    robot = wrist(shafts=True, links=True)
-    responses = []
-    for i, angles in enumerate(((0.3, 0.5, -0.2), (-0.6, 1.1, 0.4))):
-        model = serial(robot)
-        at = linearise(model, Configuration(f"c{i}", angles), model.theta, robot.motor_locations, "acceleration")
-        exact = to_response(at, at.theta_ref, np.linspace(2, 80, 60))
-        responses.append(replace(exact, noise=Covariance((0.01 * np.abs(exact.G)) ** 2, np.inf)))
-    truth = {name: value for name, (value, _) in robot.parameters().items() if name[0] == "k"}
-    off = dict(zip(truth, (1.5, 1 / 1.5, 1.5, 1.2, 1 / 1.3, 1.4), strict=True))
-    start = robot.with_parameters({name: value * off[name] for name, value in truth.items()})
-    spec = FitSpec(parameters={"k*": ParameterSpec()}, starts=1)
-    result = identify(responses, start, spec)
-    found = np.array([result.values[name] for name in truth])
-    np.testing.assert_allclose(found, list(truth.values()), rtol=1e-4)
-    assert result.status == "converged"

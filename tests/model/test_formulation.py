@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 from plants.linkages import LEVER, LOWER, linkage
@@ -13,7 +12,7 @@ from plants.two_axes import ROBOT
 from elastid.friction_study.presliding import OF_FILE, _Model
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import elastic_joints_within, formulate, held_joint, serial, unbent, unseen
+from elastid.model.formulation import formulate, held_joint, serial, unseen
 from elastid.model.spec import ModelSpec, Variant
 from elastid.record import Configuration
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Rod, Spring
@@ -142,20 +141,6 @@ def test_a_rod_whose_mass_is_at_its_ends_is_that_of_lumped_rod() -> None:
     np.testing.assert_allclose(M_lumped, M, atol=1e-12 * M.max())
     np.testing.assert_allclose(M_moved, M, atol=1e-12 * M.max())
     assert np.abs(M_even - M).max() > 1e-3
-
-
-def test_a_loop_sees_an_elastic_joint_straight_and_its_passive_joint_turned_back() -> None:
-    """The bodies behind the elbow keep their direction, as in a parallelogram; without loops nothing changes."""
-    robot = linkage(bends=True)
-    names = [joint.name for joint in robot.joints]
-    bend, elbow = names.index("b2"), names.index("elbow")
-    assert elastic_joints_within(robot) == (bend,)
-    q = ca.SX.sym("q", len(names))
-    values = np.array([0.3, 0.02, -0.1, 0.4])
-    seen = ca.Function("seen", [q], [unbent(robot, q)])(values).full().ravel()
-    expected = values.copy()
-    expected[bend], expected[elbow] = 0.0, 0.42
-    np.testing.assert_allclose(seen, expected)
 
 
 def test_parameters_without_an_effect_are_those_of_what_a_variant_leaves_out() -> None:

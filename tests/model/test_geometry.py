@@ -5,6 +5,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from plants.commanded_arm import rigid_gears
 from plants.linkages import LEVER, LOWER, linkage
 from plants.refusals import refused
 
@@ -142,9 +143,7 @@ def test_mujoco_sees_the_joints_where_they_are() -> None:
     """Mass matrix and weight of the exported tree, joints at points of their own included, in MuJoCo's arithmetic."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
     arm = bending_arm()
-    rigid = replace(
-        arm, compensators=(), bodies=tuple(replace(b, joints=tuple(map(_stiff, b.joints))) for b in arm.bodies)
-    )
+    rigid = replace(rigid_gears(arm), compensators=())
     engine = mujoco.MjModel.from_xml_string(ET.tostring(mjcf(rigid), encoding="unicode"))
     data, model = mujoco.MjData(engine), serial(rigid)
     for q in np.random.default_rng(1).uniform(-0.5, 0.5, (3, model.n_q)):
@@ -156,10 +155,6 @@ def test_mujoco_sees_the_joints_where_they_are() -> None:
         springs = np.array([0, 6e4 * q[1], 2e4 * q[2], 0])
         weight = model.potential_gradient(q, model.theta).full()[:, 0] - springs
         np.testing.assert_allclose(weight, data.qfrc_bias, rtol=1e-9, atol=1e-6)
-
-
-def _stiff(joint: Joint) -> Joint:
-    return joint if joint.motor is None else replace(joint, spring=None)
 
 
 @pytest.mark.parametrize("pin", [None, Pin("y")])

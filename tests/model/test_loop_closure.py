@@ -16,7 +16,6 @@ from elastid.linear.linearise import linearise
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
-from elastid.model.closed_posture import assembled, followed, rates
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
@@ -253,18 +252,6 @@ def test_what_is_wrong_with_a_loop_is_said() -> None:
     assert "does not close: its ends are" in wrong(far_off, (0.0, -1.2))
 
 
-def test_many_postures_are_followed_at_once_also_by_way_of_one_amid_them() -> None:
-    """Each as if alone; the rates are the slopes of the way."""
-    angles = np.array([(0.5, 0.3), (0.4, 0.2), (0.45, 0.35)])
-    alone = np.array([assembled(FOUR_BAR, each) for each in angles])
-    np.testing.assert_allclose(followed(FOUR_BAR, angles), alone, atol=1e-9)
-    np.testing.assert_allclose(followed(FOUR_BAR, angles, near=angles.mean(axis=0)), alone, atol=1e-9)
-    T, step = rates(FOUR_BAR, alone[:1])[0], 1e-6
-    for i, e in enumerate(np.eye(2)):
-        ahead, behind = (assembled(FOUR_BAR, angles[0] + sign * step * e) for sign in (1, -1))
-        np.testing.assert_allclose(T[:, i], (ahead - behind) / (2 * step), atol=1e-6)
-
-
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 AT = Configuration("c", np.array([0.2, 0.4, 0.1]))
 
@@ -329,20 +316,3 @@ def test_both_formulations_agree_with_all_that_drives_a_robot(name: str) -> None
     np.testing.assert_allclose(
         constrained, np.swapaxes(constrained, 1, 2), rtol=0, atol=1e-9 * np.abs(constrained).max()
     )
-
-
-@pytest.mark.parametrize("name", ROBOTS_WITH)
-def test_holding_torques_are_the_slope_of_the_energy(name: str) -> None:
-    """u0 = dV/dq_m along the equilibria, by central differences of the potential at rest."""
-    robot = ROBOTS_WITH[name]()
-    for spec in (CONSTRAINED, MINIMAL):
-        model, step = formulate(robot, spec), 1e-4
-
-        def energy(at, model=model) -> float:
-            point = equilibrium(model, model.theta, Configuration("c", at))
-            return float(model.potential(point.q, model.theta))
-
-        u = equilibrium(model, model.theta, AT).u
-        steps = step * np.eye(3)
-        slope = [(energy(AT.angles + e) - energy(AT.angles - e)) / (2 * step) for e in steps]
-        np.testing.assert_allclose(u, slope, rtol=2e-5, atol=2e-2)

@@ -11,8 +11,9 @@ from plants.refusals import refused
 
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, frame_poses
-from elastid.model.rigid_body import inverse_dynamics, regressor
+from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import BASE, Body, Frame, Joint, Motor, Payload, Placement, Robot, unit_axis
+from elastid.robot.simplified import with_joints
 from elastid.study import load_robot
 
 seeds = st.integers(0, 2**31)
@@ -161,27 +162,10 @@ def assert_equal_to_pinocchio(pin, robot: Robot, seed: int) -> None:
 def rigid(robot: Robot) -> Robot:
     """The same bodies on joints without springs, friction and rotors; one motor is left that hardly counts."""
     motor = Motor(inertia=1e-300)
-    bodies = tuple(
-        replace(body, joints=tuple(replace(j, spring=None, gear=None, motor=motor, viscous=0.0) for j in body.joints))
-        for body in robot.bodies
-    )
-    return replace(robot, bodies=bodies)
+    return with_joints(robot, lambda joint: replace(joint, spring=None, gear=None, motor=motor, viscous=0.0))
 
 
 def test_a_frame_that_is_not_there_is_refused():
     """With the names of those that are."""
     with refused("robot/unknown-name"):
         frame_poses(random_robot(0), np.zeros((1, len(random_robot(0).joints))), "nose")
-
-
-@pytest.mark.parametrize("seed", [0, 3])
-def test_inverse_dynamics_are_linear_in_masses_first_moments_and_inertias(seed: int) -> None:
-    """One set of numbers gives the torques of all states of a random robot."""
-    robot = random_robot(seed)
-    n, rng = len(robot.joints), np.random.default_rng(seed)
-    theta = [value for value, _ in robot.parameters().values()]
-    states = rng.normal(size=(3, n, 40))
-    tau = inverse_dynamics(robot)(*states, np.tile(np.array(theta)[:, None], 40)).full()
-    Y = regressor(robot)(*states).full().reshape(n * 40, 10 * n)
-    pi = np.linalg.lstsq(Y, tau.ravel(), rcond=1e-10)[0]
-    np.testing.assert_allclose(Y @ pi, tau.ravel(), rtol=0, atol=1e-8 * np.abs(tau).max())

@@ -69,13 +69,6 @@ def at_rest(model: ElasticModel, angle: float) -> tuple[float, float]:
 X = np.linspace(-3e-3, 3e-3, 61)
 
 
-def test_polynomial_laws() -> None:
-    """tau = k D + k2 D^2 + k2s D |D| + k3 D^3, D = q_m - q_a, positive on the motor where it is ahead."""
-    spring = Spring(1e6, quadratic=4e7, symmetric_quadratic=-6e7, cubic=3e11)
-    expected = 1e6 * X + 4e7 * X**2 - 6e7 * X * np.abs(X) + 3e11 * X**3
-    np.testing.assert_allclose(torque_of(spring, X), expected, rtol=1e-12, atol=1e-9)
-
-
 def test_backlash_is_the_smooth_dead_zone() -> None:
     """tau = k/2 [2 D + sqrt((D-b)^2 + e^2) - sqrt((D+b)^2 + e^2)]; e -> 0 gives the dead zone, at the rate of e."""
     k, b = 1e6, 1e-3
@@ -89,16 +82,6 @@ def test_backlash_is_the_smooth_dead_zone() -> None:
         errors.append(np.abs(found - dead_zone).max())
     assert errors[0] == pytest.approx(k * 1e-4 / 2, rel=0.05)
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 2.0, rtol=0.05)
-
-
-def test_a_gear_that_hardens_in_a_kink() -> None:
-    """The gear of the four-mass benchmark: 16.7 Nm/rad while it is hardly loaded, 100 beyond, in one smooth law."""
-    x = np.linspace(-1, 1, 2001)
-    tau = torque_of(Spring(100, backlash=0.064, inner_stiffness=16.7), x)
-    slope = np.gradient(tau, x)
-    assert slope[np.abs(x) < 0.03] == pytest.approx(16.7, rel=0.06)
-    assert slope[np.abs(x) > 0.3][5:-5] == pytest.approx(100, rel=0.001)
-    np.testing.assert_allclose(tau, -tau[::-1], atol=1e-12)
 
 
 @given(st.lists(st.floats(-2e-3, 2e-3), min_size=7, max_size=7))
@@ -142,16 +125,6 @@ def test_gravity_hides_the_backlash() -> None:
     assert free < 1e-4 * k
 
 
-def test_upright_in_its_gap_a_beam_leans_on_the_flank() -> None:
-    """Between the flanks gravity topples it, at the flank the gear holds it: the rest is the minimum of V."""
-    k, b, weight = 1e6, 1e-3, 1000.0
-    model = serial(beam(Spring(k, backlash=b, rounding=1e-3), weight))
-    for tilt in (1e-3, -1e-3):
-        deflection, tangent = at_rest(model, -math.pi / 2 + tilt)
-        assert -deflection * math.copysign(1.0, tilt) == pytest.approx(b, rel=5e-3)
-        assert tangent > weight
-
-
 @given(
     rounding=st.floats(-8, 0).map(lambda power: 10**power),
     b=st.floats(-5, -2).map(lambda power: 10**power),
@@ -190,19 +163,6 @@ def test_slopes_follow_the_operating_point() -> None:
         rounding = 1e-11 * np.abs(G).max() / abs(h[i])
         error = np.abs(dG[i] - difference).max()
         assert error < 1e-6 * np.abs(difference).max() + rounding, name
-
-
-def test_a_spring_that_pulls_where_it_rests_has_a_negative_tangent() -> None:
-    """Gravity alone holds a hanging beam behind the top of its spring's law, k D + k2 D^2 at D = -1.1 k / 2 k2."""
-    model = serial(beam(Spring(1e4, quadratic=0.0, cubic=0.0), 2000.0))
-    theta = model.theta.copy()
-    theta[model.parameters.index("k2_1")] = 3e6
-    x = -1.1 * 1e4 / 6e6
-    motor = math.asin((1e4 * x + 3e6 * x**2) / 2000) + x
-    point = equilibrium(model, theta, Configuration("hanging", (math.pi / 2 + motor,)))
-    _, deflection, tangent = preloads(model, theta, [point])
-    assert deflection[0] == pytest.approx(x)
-    assert tangent[0] == pytest.approx(-1000)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate, serial
 from elastid.nonlinear.drives import geometric_torques
 from elastid.record import Configuration
-from elastid.robot.simplified import with_joints
 
 
 def textbook(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -92,15 +91,3 @@ def test_a_loop_that_cannot_close_along_the_motion_is_said() -> None:
     short = replace(robot.loops[0], rod=replace(robot.loops[0].rod, length=0.9))
     with refused("robot/loops"):
         geometric_torques(replace(robot, loops=(short,)), at, moved(8, 1.5), 2j * np.pi * 0.5 * np.arange(1, 9))
-
-
-def test_springs_of_gears_have_no_part_in_it() -> None:
-    """Motors turn with their joints, so that no law of a gear is in the arm's own distortion."""
-    at, s = Configuration("c", np.array([0.3, -0.9])), 2j * np.pi * 0.5 * np.arange(1, 9)
-    motion = np.zeros((8, 2, 1), complex)
-    motion[2] = 0.02
-    plain = arm()
-    springs = {"1": 1e9, "2": 5e8}
-    bent = with_joints(plain, lambda joint: replace(joint, spring=replace(joint.spring, cubic=springs[joint.name])))
-    found = [geometric_torques(robot, at, motion, s) for robot in (plain, bent)]
-    np.testing.assert_allclose(found[1], found[0], atol=1e-3 * np.abs(found[0]).max())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.friction.operators import Path, stop
-from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes, friction_means, sliding_means, spectrum
+from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes, sliding_means, spectrum
 from elastid.nonlinear.motion import CELLS, motion_of
 from elastid.nonlinear.motion import Motion as KnownMotion
 from elastid.record import Configuration, Motion, Record
@@ -39,17 +39,6 @@ def test_the_sign_of_a_sinusoid_has_its_fourier_series(quantity: Motion, line: i
     np.testing.assert_allclose(found, [4j / (np.pi * k) for k in harmonics], atol=1e-3)
 
 
-@pytest.mark.parametrize("shape", [SIGN, Shape("motor 1", "stop", 0.05), Shape("motor 1", "bristle", 0.05)])
-def test_the_spectrum_over_a_record_and_amplitudes_are_the_same(shape: Shape) -> None:
-    """At the lines of a period, of which the record has two."""
-    record = swinging(3, 0.2)
-    means = friction_means(record, motion_of(record, "motor 1"), [(shape, 1.0)])
-    found = spectrum(np.fft.rfft(means.ravel()), len(means))[:19]
-    np.testing.assert_allclose(
-        found[[6, 18]] / N, amplitudes_of(record, shape, [3, 9]), atol=1e-3 * np.abs(found).max() / N
-    )
-
-
 def test_the_spectrum_of_jumps_is_that_of_jumps() -> None:
     """Of 2 and -2 in turn at cells' edges, below half the rate to 1e-2 of the largest line."""
     samples, cells = 40, CELLS
@@ -78,15 +67,6 @@ def test_a_stribeck_shape_is_no_part_of_fast_sliding() -> None:
     np.testing.assert_allclose(shape.sliding(np.array([1e-6, -1e-6, 0.06])), [1, -1, 0], atol=1e-7)
     assert shape.when_fast == 0
     np.testing.assert_array_equal(sliding_means(np.zeros((1, 4)), [(shape, 1.0)]), 0)
-
-
-def test_half_periods_are_repetitions_with_the_other_sign() -> None:
-    """A half-wave record has the amplitudes of the same record in whole periods."""
-    record = swinging(3, 0.2)
-    for shape in (SIGN, Shape("motor 1", "stop", 0.05)):
-        np.testing.assert_allclose(
-            amplitudes_of(replace(record, half_wave=True), shape, [3, 9]), amplitudes_of(record, shape, [3, 9])
-        )
 
 
 def test_a_stop_operator_of_a_sinusoid_has_its_first_harmonic() -> None:

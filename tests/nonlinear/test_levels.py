@@ -44,14 +44,6 @@ def regression(alike: float, seed: int, truth: tuple[float, float, float] = (F_C
     return sums(X, np.array(truth) @ X + noise)
 
 
-def test_nothing_is_chosen_where_no_line_shows_anything() -> None:
-    """Residuals of zero power, as of one realisation without lines between: no shape lowers them."""
-    nothing = sums(np.zeros((3, 4), complex), np.zeros(4, complex))
-    chosen, share = choose_shapes(nothing, 0, EVERY, NONE)
-    assert chosen.tolist() == []
-    assert share == 1.0
-
-
 def test_of_rivals_one_is_chosen() -> None:
     """Friction of a shape and of two rivals: the rival that explains more, also where another came first."""
     equations, rivals = regression(1.0, 0, (F_C, 2.0, 3.0)), np.array([1, 2])
@@ -147,14 +139,6 @@ def test_bristles_and_other_motors_stay_as_they_are() -> None:
     bristle, *signs, ideal = refined(choice_of(shapes), np.array([5.0, 0.0, 1.0, 2.0]), PLACES, QUIET).shapes
     assert (bristle, ideal) == tuple(shapes[2:])
     np.testing.assert_allclose([shape.threshold for shape in signs], 1e-3, rtol=0.11)
-
-
-@pytest.mark.parametrize("speeds", [(1e-3, 4e-3), (0.0,)])
-def test_signs_far_apart_and_ideal_ones_are_left_alone(speeds: tuple[float, ...]) -> None:
-    """They turn over more than one speed, or over none."""
-    shapes = [Shape("motor 2", "sign", speed) for speed in speeds]
-    found = refined(choice_of(shapes), np.ones(len(shapes)), PLACES, QUIET)
-    assert found.shapes == tuple(shapes)
 
 
 def test_a_stribeck_velocity_between_those_that_were_tried_is_found() -> None:

@@ -60,14 +60,6 @@ def test_couplings_of_gears_turn_the_errors_with_the_response(found: FrictionTak
     np.testing.assert_allclose(links.bias[2], turned, atol=1e-3 * np.abs(turned).max())
 
 
-def test_friction_that_stays_leaves_the_response_as_it_is() -> None:
-    """To the last bit, where none was looked for."""
-    (records, _), lines = measured()
-    np.testing.assert_array_equal(
-        estimate_without_friction(records, None, COULOMB, lines).G, estimate(records, COULOMB, lines).G
-    )
-
-
 def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: FrictionTakenOut) -> None:
     """Of Coulomb friction behind the gears, which stays in the response; not of that at the motors, taken out."""
     (behind, *_), lines = measured_bristles("joint")

@@ -34,9 +34,6 @@ def complex_numbers(*shape):
     return arrays(np.complex128, shape, elements=st.complex_numbers(max_magnitude=1e6))
 
 
-REPAIRS = st.dictionaries(NAME, st.integers(0, 9), max_size=2)
-
-
 def names(n):
     return st.lists(NAME, min_size=n, max_size=n, unique=True).map(tuple)
 
@@ -56,9 +53,6 @@ def same(a, b):
     if isinstance(a, float) and math.isnan(a):
         return isinstance(b, float) and math.isnan(b)
     return type(a) is type(b) and a == b
-
-
-NOTE = st.builds(Note, TEXT, TEXT, TEXT, st.sampled_from(["information", "warning"]))
 
 
 def some_fit(n_starts=2):

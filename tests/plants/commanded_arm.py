@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.robot.simplified import with_joints
 from elastid.use.moves import Move, point_to_point
 from elastid.use.tune import Given
 
@@ -48,9 +49,4 @@ def given(torque: float = 900.0, draws: int = 3) -> Given:
 
 def rigid_gears(robot: Robot) -> Robot:
     """The same with rigid gears; its elastic joint stays."""
-
-    def changed(joint: Joint) -> Joint:
-        return replace(joint, spring=None) if joint.motor is not None else joint
-
-    bodies = (replace(body, joints=tuple(map(changed, body.joints))) for body in robot.bodies)
-    return replace(robot, bodies=tuple(bodies))
+    return with_joints(robot, lambda joint: joint if joint.motor is None else replace(joint, spring=None))

@@ -18,8 +18,8 @@ from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, Response
-from elastid.robot import Payload, Robot, Tolerances
-from elastid.robot.simplified import stiffened
+from elastid.robot import Joint, Payload, Robot, Tolerances
+from elastid.robot.simplified import stiffened, with_joints
 from plants.elastic_arm import CONFIGURATIONS, arm, measure
 from plants.elastic_arm import FREQ as FREQ_HZ
 
@@ -169,19 +169,12 @@ def missing_torsion(case: Case) -> Case:
 def wrong_gear_ratio(case: Case, factor: float = 1.01) -> Case:
     """Both ratios of the file too large: link-side torques are, angles too small, and rotors too heavy."""
 
-    def geared(robot: Robot) -> Robot:
-        bodies = []
-        for body in robot.bodies:
-            joints = tuple(
-                joint
-                if joint.motor is None
-                else replace(joint, motor=replace(joint.motor, ratio=factor * joint.motor.ratio))
-                for joint in body.joints
-            )
-            bodies.append(replace(body, joints=joints))
-        return replace(robot, bodies=tuple(bodies))
+    def geared(joint: Joint) -> Joint:
+        motor = joint.motor
+        return joint if motor is None else replace(joint, motor=replace(motor, ratio=factor * motor.ratio))
 
-    return _times(lambda f: np.full((len(f), 1, 1), factor**-2))(replace(case, robot=geared(case.robot)))
+    robot = with_joints(case.robot, geared)
+    return _times(lambda f: np.full((len(f), 1, 1), factor**-2))(replace(case, robot=robot))
 
 
 def hanging(case: Case) -> Case:

@@ -63,10 +63,6 @@ def two_modes(freq_hz: np.ndarray, Phi: np.ndarray, zeta: float = 0.02) -> np.nd
     return G
 
 
-LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
-LRM = EstimatorSpec(method="local_rational", quantity="velocity")
-
-
 @dataclass(frozen=True)
 class TwoModes:
     """SISO, band-limited torque; the exact response from rest is steady state less its initial state's free motion."""
@@ -133,22 +129,18 @@ class SweptAxis:
         states = np.linalg.solve(z * np.eye(5) - self.A, self.B[:, None].astype(np.complex128))
         return np.asarray(states[:, :, 0] @ self.C)
 
-    def measured(
-        self, repeats: int, gain: float, snr_db: float, rng: np.random.Generator, gains: tuple[float, ...] = ()
-    ) -> list[Record]:
-        """Records of the same sweep under velocity feedback of this gain; 0 is open loop, without a reference."""
+    def measured(self, repeats: int, snr_db: float, rng: np.random.Generator) -> list[Record]:
+        """Records of the same sweep."""
         t = np.arange(self.n_samples) / self.rate_hz
-        r = chirp(t, 1.0, t[-1], 40.0, phi=-90)
-        u, y, x = np.zeros(len(t)), np.zeros(len(t)), np.zeros(5)
+        u = chirp(t, 1.0, t[-1], 40.0, phi=-90)
+        y, x = np.zeros(len(t)), np.zeros(5)
         for k in range(len(t)):
             y[k] = self.C @ x
-            u[k] = r[k] - gain * y[k]
             x = self.A @ x + self.B * u[k]
         found = []
-        for m, c in enumerate(gains or (1.0,) * repeats):
+        for m in range(repeats):
             noise = rng.normal(size=len(t)) * y.std() * 10 ** (-snr_db / 20)
-            torque, speed, sent = c * u[:, None], (c * y + noise)[:, None], c * r[:, None] if gain else None
-            found.append(record_of(torque, speed, m, 0, sent, len(t), self.rate_hz, "velocity"))
+            found.append(record_of(u[:, None], (y + noise)[:, None], m, 0, None, len(t), self.rate_hz, "velocity"))
         return found
 
 

@@ -16,7 +16,6 @@ from elastid.recorded.channel_guess import (
     is_clock,
     motion_relations,
     torque_relation,
-    travel,
 )
 from elastid.robot import Body, Joint, Limits, Motor, Robot
 
@@ -38,11 +37,6 @@ def moved(k: int = 0, J: float = 3.0, gravity: float = 0.0) -> tuple[np.ndarray,
 
 def test_a_unit_that_the_file_states_counts_more_than_the_name() -> None:
     assert guess_by_name("channel_1", None, "deg/s").quantity == "velocity"
-
-
-def test_the_unit_behind_a_name_is_no_part_of_a_place() -> None:
-    assert guess_by_name("acc_a [m/s^2]", None).place == "acc_a"
-    assert guess_by_name("x (left)", None).place == "x left"
 
 
 def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
@@ -149,21 +143,12 @@ def test_the_order_between_two_motions_and_their_gain_are_found(first: int, seco
     assert best.correlation < -0.99
 
 
-def test_motions_of_two_joints_have_no_relation() -> None:
-    assert all(abs(r.correlation) < 0.9 for r in motion_relations(moved(1)[0], moved(2)[1], RATE))
-
-
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int) -> None:
     relation = torque_relation(moved()[3], moved()[order], order, RATE)
     assert relation.explained > 0.97  # the integral of an acceleration has lost its mean
     assert relation.inertia == pytest.approx(3.0, rel=0.03)
     assert not relation.is_against_motion
-
-
-def test_travel_leaves_a_single_spike_out() -> None:
-    x = np.concatenate([np.linspace(0, 1, 5000), [1e6]])
-    assert travel(x) == pytest.approx(1.0, rel=0.01)
 
 
 RATIO = 50.0
@@ -210,20 +195,3 @@ def test_a_velocity_is_no_position() -> None:
     values = signals()
     values[:, 2] = np.gradient(values[:, 1], 1 / RATE)
     assert doubts((U, Q, LINK), values) == [(2, "quantity")]
-
-
-def test_a_torque_beside_the_angle_of_the_motor_is_on_its_side_too() -> None:
-    """Of a drive's raw signals that are both taken for the link's, one doubt names both."""
-    raw = signals() * np.array([1 / RATIO, RATIO, 1])
-    (doubt,) = channel_doubts((U, Q, LINK), raw, RATE, ROBOT)
-    assert (doubt.channel, doubt.key) == (1, "side")
-    assert doubts((replace(U, side="motor"), replace(Q, side="motor"), LINK), raw) == []
-
-
-def test_a_unit_that_the_name_says_is_believed() -> None:
-    """Of an angle in deg on the motor's side the side is doubted, and never the unit, which arcmin would mend too."""
-    named = replace(Q, channel="q_deg", unit="deg")
-    for ratio in (RATIO, 60.0):
-        values = signals() * np.array([1, ratio * 180 / np.pi, 1])
-        robot = replace(ROBOT, bodies=(replace(ROBOT.bodies[0], joints=(Joint("1", "z", motor=Motor(1e-3, ratio)),)),))
-        assert doubts((U, named, LINK), values, robot) == [(1, "side")]

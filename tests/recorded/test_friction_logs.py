@@ -15,7 +15,7 @@ from plants.friction_logs import (
     write_log,
 )
 from plants.refusals import refused
-from plants.warm_rig import ROOM, WarmLog, friction, warm_log, write_warm_log
+from plants.warm_rig import WarmLog, friction, warm_log, write_warm_log
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -49,14 +49,6 @@ def test_a_temperature_is_read_in_its_unit(unit: str, values: float, tmp_path: P
     channels = (*CHANNELS, replace(THERMOMETER, unit=unit))
     (record,) = read(tmp_path, FileSpec("log.csv"), channels=channels)
     assert record.mean_temperature == pytest.approx(40.0)
-
-
-def test_a_temperature_written_by_hand_and_loops_are_of_their_file(tmp_path: Path) -> None:
-    write_log(tmp_path / "loops.csv", 1e-4 * Q, U)
-    (record,) = read(tmp_path, FileSpec("loops.csv", joint="1", purpose="loops", temperature=35.0))
-    assert record.purpose == "loops"
-    assert record.mean_temperature == 35.0
-    assert record.resolution == pytest.approx(2 * np.pi / 65536 / 100, rel=1e-3)
 
 
 def test_spikes_of_the_torque_are_taken_out(tmp_path: Path) -> None:
@@ -115,13 +107,6 @@ def test_the_energy_of_a_log_is_kept_in_few_steps(warm_up: WarmUp, log: WarmLog)
     assert float(warm_up.log.power @ np.diff(warm_up.log.time_s)) == pytest.approx(heat, rel=0.01)
 
 
-def test_test_passes_are_those_of_the_motion_throughout(warm_up: WarmUp, log: WarmLog) -> None:
-    """Two speeds in each part of the log that works, with the gear's friction to 2 %."""
-    assert 36 <= len(warm_up.test) <= 48
-    gear = np.interp(warm_up.log.time_s[warm_up.test], np.arange(len(log.gear)) / log.rate_hz, log.gear)
-    np.testing.assert_allclose(warm_up.level, friction(warm_up.test_speed, gear), rtol=0.02)
-
-
 def test_the_second_half_of_another_thermal_structure_is_predicted_to_one_percent(
     warm_up: WarmUp, folder: Path, log: WarmLog
 ) -> None:
@@ -162,12 +147,3 @@ def test_a_coarse_thermometer_counts_no_reading_twice(tmp_path: Path, log: WarmL
     warm_up = read_warm_up(tmp_path, log, FileSpec("warm.csv", purpose="warm_up"))
     assert np.isfinite(warm_up.log.temperature).sum() < 25
     assert warm_up.log.temperature_std == pytest.approx(1 / np.sqrt(12), rel=0.01)
-
-
-def test_the_room_and_the_start_are_those_of_the_file(warm_up: WarmUp, folder: Path, log: WarmLog) -> None:
-    """A joint that was still warm: the room is colder than its first reading."""
-    found = read_warm_up(folder, log, FileSpec("warm.csv", purpose="warm_up", ambient=18.0, start=600.0))
-    assert found.log.ambient_degc == 18.0
-    assert found.log.start_degc == pytest.approx(ROOM, abs=0.5)
-    assert found.log.time_s[0] == 600.0
-    assert np.isnan(warm_up.log.ambient_degc)

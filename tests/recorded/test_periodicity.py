@@ -15,7 +15,7 @@ from plants.notes import said
 from plants.refusals import refused
 
 from elastid.base.errors import DataError
-from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.excitation.multisine import orthogonal_set
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
@@ -42,17 +42,6 @@ def test_samples_that_are_lost_in_three_periods_are_said(
     save_csv(tmp_path / "log.csv", {name: x[:600] for name, x in log.items()})
     with refused("records/period-mismatch", holds="200 samples"):
         measured(tmp_path, study_of("log.csv", period_samples=202))
-
-
-def test_repetition_survives_drift_noise_and_an_input_at_rest() -> None:
-    """A ramp a hundred times the signal, noise of its own power, a second input that only rustles."""
-    rng = np.random.default_rng(1)
-    x = np.tile(synthesise(np.arange(1, 40), np.exp(2j * np.pi * rng.random((39, 1))), 300)[:, 0], 6)
-    excited = x + x.std() * (0.7 * rng.normal(size=1800) + np.linspace(0, 100, 1800))
-    signals = np.stack([excited, 1e-3 * rng.normal(size=1800)], axis=1)
-    assert repetition(signals, 300).is_as_stated
-    assert not repetition(signals, 280).is_as_stated
-    assert repetition(signals, 280).best_samples == pytest.approx(300, abs=0.5)
 
 
 def _motion(kind: str, rng: np.random.Generator, n: int = 2501) -> np.ndarray:

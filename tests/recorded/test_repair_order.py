@@ -131,15 +131,6 @@ def test_the_response_of_a_mended_log_is_as_exact_as_that_of_a_clean_one(
     assert all(note.startswith("record home-r0-e0: ") for note in said(mended.notes))
 
 
-def test_a_slow_carrier_is_no_analysed_line(tmp_path: Path) -> None:
-    """Thirty times the excitation on line 1 of u and y, r without: only the excited lines."""
-    size = 30 * np.array([CLEAN["u"].std(), CLEAN["y"].std()])
-    carrier = np.sin(2 * np.pi * np.arange(P * N) / N)
-    record = record_of(tmp_path, CLEAN | {"u": CLEAN["u"] + size[0] * carrier, "y": CLEAN["y"] + size[1] * carrier})
-    response = estimate([record], EstimatorSpec(quantity="position"))
-    np.testing.assert_allclose(response.freq_hz, LINES * RATE / N)
-
-
 AT_ONCE = np.random.default_rng(7)
 
 

@@ -101,15 +101,6 @@ def test_every_format_gives_the_same_record_in_si_on_the_link_side(
     assert said(record.notes) == ()
 
 
-def test_reference_torques_are_put_in_the_order_of_the_inputs(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
-    """r is listed motor 1 first, u motor 2 first."""
-    save_csv(tmp_path / "log.csv", log)
-    r = (ChannelSpec("r", "motor 1", "i1"), ChannelSpec("r", "motor 2", "i2"))
-    record = measured(tmp_path, study_of("log.csv", (*r, *CHANNELS)))
-    assert record.r is not None
-    np.testing.assert_allclose(record.r, np.stack([log["i2"], log["i1"]], axis=1), rtol=1e-12)
-
-
 def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """Angle modulo 360 deg on the motor side gives the same motion, with a word; its mean turns are lost."""
     save_csv(tmp_path / "whole.csv", log)
@@ -117,21 +108,6 @@ def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(tmp_path: Path, 
     whole, wrapped = (measured(tmp_path, study_of(f"{name}.csv")) for name in ("whole", "wrapped"))
     np.testing.assert_allclose(wrapped.y[:, 0] - wrapped.y[0, 0], whole.y[:, 0] - whole.y[0, 0], atol=1e-12)
     assert [note.code for note in wrapped.notes] == [UNWRAPPED]
-
-
-def test_a_counter_of_a_few_bits_is_counted_on(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
-    """Counts of 0.01 deg, in 13 bits or in all; a counter that loses 6000 counts once is none that starts again."""
-    counts = np.round(100 * log["phi"])
-    assert np.ptp(counts) > 2**13 > 4 * np.abs(np.diff(counts)).max()
-    channels = tuple(replace(c, scale=0.01) if c.channel == "phi" else c for c in CHANNELS)
-    kept = {}
-    lost = np.where(np.arange(len(counts)) == 500, 6000, 0)
-    for name, phi in {"whole": counts, "bits": counts % 2**13, "lost": counts + np.cumsum(lost)}.items():
-        save_csv(tmp_path / f"{name}.csv", log | {"phi": phi})
-        kept[name] = measured(tmp_path, study_of(f"{name}.csv", channels))
-    np.testing.assert_allclose(np.ptp(kept["bits"].y[:, 0] - kept["whole"].y[:, 0]), 0, atol=1e-12)
-    assert UNWRAPPED in [note.code for note in kept["bits"].notes]
-    assert UNWRAPPED not in [note.code for note in kept["lost"].notes]
 
 
 def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(

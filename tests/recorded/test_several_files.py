@@ -8,7 +8,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from plants.notes import said
 from plants.refusals import refused
 from scipy.signal import freqz, lfilter
 
@@ -101,16 +100,6 @@ def test_logs_that_start_anywhere_in_the_period_are_brought_into_step(tmp_path: 
     ]
 
 
-def test_logs_between_two_samples_are_interpolated(tmp_path: Path) -> None:
-    """A logger that was triggered 0.37 samples late."""
-    first, late = run(4 * N, 1, noise=0.0), run(4 * N, 2, noise=0.0)
-    turns = np.exp(2j * np.pi * np.fft.rfftfreq(4 * N) * 0.37)
-    late = np.fft.irfft(np.fft.rfft(late, axis=0) * turns[:, None], 4 * N, axis=0)
-    joined = record_of(tmp_path, [first, late])
-    assert joined.n_periods == 7
-    np.testing.assert_allclose(joined.y[4 * N :, 0], np.resize(joined.y[: 4 * N, 0], 3 * N), atol=1e-3)
-
-
 def test_every_start_has_a_transient_of_its_own(tmp_path: Path) -> None:
     """Four logs of ten periods from rest, 5 draws: errors are as large as stated."""
     ratio = []
@@ -133,18 +122,6 @@ def test_a_local_method_takes_each_log_as_a_repeat(tmp_path: Path) -> None:
         estimate([apart.measure(experiment) for experiment in apart.experiments], spec),
     ]
     np.testing.assert_allclose(responses[0].G, responses[1].G, rtol=1e-9)
-
-
-def test_the_transient_of_each_start_is_left_out(tmp_path: Path) -> None:
-    logs = [run(10 * N, i, at_rest=True) for i in range(3)]
-    (said_of,) = [
-        text for text in said(estimate([record_of(tmp_path, logs)], SPEC).notes) if "left out as a transient" in text
-    ]
-    numbers = said_of.split("periods ")[1].split(" of 30")[0].replace(" and ", ", ").split(", ")
-    assert {"1", "11", "21"} <= set(numbers)
-    stated = estimate([record_of(tmp_path, logs)], replace(SPEC, transient_periods=5))
-    long = estimate([record_of(tmp_path, [run(15 * N, 9)])], SPEC)
-    assert np.mean(errors(stated)[1] / errors(long)[1]) == pytest.approx(1.0, abs=0.25)
 
 
 @pytest.mark.parametrize(

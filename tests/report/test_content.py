@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 from plants.friction_study import friction_content
 from plants.report_values import fit_result, pair, report_content
-from plants.taken_friction import LEVELS, STDS, taken_friction
 
 from elastid.base.errors import Note
-from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.result import FrictionResult
-from elastid.nonlinear.friction import friction_rows
 from elastid.nonlinear.gear_result import ARCMIN, ARCSEC, GearNumber, GearResult, GearSheet
 from elastid.report.content import gear_table, parameter_rows
 from elastid.report.figures.fit import hysteresis
@@ -85,16 +82,6 @@ def test_the_figure_draws_the_loop_and_what_is_beyond_its_spring() -> None:
     assert np.max(torsion[0].get_ydata()) == pytest.approx(300 / 2e5 * ARCMIN)
     assert max(np.max(np.abs(np.asarray(line.get_ydata()))) for line in lower.lines) < 1e-9
     assert math.isclose(ARCSEC, 60 * ARCMIN)
-
-
-def test_sliding_friction_is_the_sum_of_its_levels_with_their_covariance() -> None:
-    """F_c 4.5 Nm; a motor that keeps its friction has no level."""
-    taken, kept = friction_rows(taken_friction())
-    std = math.hypot(*STDS)
-    assert (taken.level, taken.std) == (sum(LEVELS), pytest.approx(std))
-    assert taken.interval == pytest.approx((4.5 - QUANTILE_95 * std, 4.5 + QUANTILE_95 * std))
-    assert (taken.unit, taken.kept_share) == ("N*m", 0.0321)
-    assert (kept.place, kept.unit, kept.level, kept.interval) == ("motor 2", "N", None, None)
 
 
 def test_numbers_are_good_where_the_least_known_of_them_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from plants.arm_modes import ANGLES, ARM, MOTOR, swinging
 from plants.report_values import fit_result
 
 from elastid.app.summaries import modes_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.model.formulation import formulate
-from elastid.model.kinematics import frame_poses, stick_figure
+from elastid.model.kinematics import frame_poses
 from elastid.parameters import Parameter, Parameters
 from elastid.record import Configuration
 from elastid.report.modes import load_name, mode_drawing, shares_in_words, spring_names
@@ -82,25 +80,3 @@ def test_the_tool_moves_as_the_shape_moves_the_kinematics() -> None:
         expected, moved = tool[0] + 1j * tool[1], drawing.moved[-1, :, mode]
         factor = (expected.conj() @ moved) / (expected.conj() @ expected)
         np.testing.assert_allclose(moved, factor * expected, atol=1e-6 * np.abs(moved).max())
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.floats(1e-3, 1e3), st.floats(-np.pi, np.pi))
-def test_a_drawing_knows_neither_length_nor_phase_of_a_shape(length: float, phase: float) -> None:
-    _, _, shapes, figure = swinging()
-    one, other = (mode_drawing(figure, z * shapes, ARM.gravity) for z in (1.0, length * np.exp(1j * phase)))
-    np.testing.assert_allclose(one.moved, other.moved, atol=1e-9)
-
-
-def test_where_nothing_is_seen_to_move_nothing_is_drawn() -> None:
-    """All points in one; a motor alone; and one mode that moves no point beside one that does."""
-    one_point = Robot("bench", (Body("load", joints=(Joint("1", "z", Spring(50.0), MOTOR),), inertia=1e-3),))
-    _, _, shapes, figure = swinging(one_point, (0.0,))
-    assert shapes.size
-    assert mode_drawing(figure, shapes, (0, 0, 0)) is None
-    figure = stick_figure(ARM, np.zeros(5))
-    assert mode_drawing(figure, np.zeros((5, 2), complex), ARM.gravity) is None
-    assert mode_drawing(figure, np.zeros((5, 0), complex), ARM.gravity) is None
-    one = mode_drawing(figure, np.eye(5, 2, dtype=complex) * [1.0, 1e-9], ARM.gravity)
-    assert np.abs(one.moved[:, :, 0]).max() > 0.1
-    assert not one.moved[:, :, 1].any()

@@ -9,7 +9,7 @@ import pytest
 from plants.refusals import refused
 from ruamel.yaml import YAML
 
-from elastid.model.kinematics import frame_jacobians, frame_poses
+from elastid.model.kinematics import frame_poses
 from elastid.robot import Placement, Robot
 from elastid.study import load_robot
 
@@ -177,17 +177,3 @@ def test_a_table_that_is_wrong_is_refused_with_its_place(edit, says, tmp_path):
     with refused("study/invalid", holds=says) as caught:
         read(document, tmp_path)
     assert str(caught.value).startswith(f"{tmp_path / 'robot.yml'}:")
-
-
-@pytest.mark.parametrize("convention", ["standard", "modified"])
-def test_axes_of_elastic_joints_turn_by_the_joint_and_not_by_the_offset(convention: str, tmp_path: Path) -> None:
-    """Beside an offset of 90 deg and q = 30 deg the elastic x axis stands at 30 deg, and x of the link at 120 deg."""
-    spring = {"stiffness": 1e6, "damping": 1e3}
-    row = {"joint": {"name": "1", "motor": MOTOR}, "offset": "90 deg", "mass": 1, "inertia": [1, 1, 1]}
-    row["elastic"] = [{"name": "1x", "axis": "x", "spring": spring}]
-    robot = read({"name": "one", "convention": convention, "links": [row]}, tmp_path)
-    q = np.radians([[30.0, 0.0]])
-    axis = frame_jacobians(robot, q, "1")[0, 3:, 1]
-    np.testing.assert_allclose(axis, [np.cos(np.pi / 6), np.sin(np.pi / 6), 0.0], atol=1e-12)
-    along = frame_poses(robot, q, "1").rotation[0][:, 0]
-    np.testing.assert_allclose(along, [-0.5, np.cos(np.pi / 6), 0.0], atol=1e-12)

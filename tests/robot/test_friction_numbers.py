@@ -22,14 +22,6 @@ def robot(law: Friction, ratio: float = -100.0) -> Robot:
     return Robot("axis", (Body("arm", joints=(Joint("1", spring=Spring(1e4), motor=motor),), mass=3.0, inertia=1.0),))
 
 
-def test_numbers_are_of_the_link_side() -> None:
-    """Torque with |n|, velocity with 1 / |n|, damping with n^2; directions turn with the motor."""
-    found = {name: value for name, (value, _) in friction_numbers(robot(LAW)).items()}
-    expected = {"Fc_m1": 50.0, "Fs_m1": 70.0, "vs_m1": 0.03, "f_m1": 20.0, "f2_m1": 100.0, "a_m1": 1.3}
-    expected |= {"Fcl_m1": 0.02, "Fsl_m1": 0.05, "vl_m1": 0.08, "dFc_m1": -5.0, "df_m1": -10.0}
-    assert found == pytest.approx(expected)
-
-
 def test_a_law_on_the_link_side_gives_the_same_curve_as_on_the_motor() -> None:
     """The curve of the equations of motion is one, from either."""
     link = through_gear(LAW, -100.0, to_motor=False)

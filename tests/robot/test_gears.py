@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.robot import Body, GearCoupling, Joint, Motor, Robot, Spring
-from elastid.robot.gears import spring_directions
 
 RATIOS = (100.0, -80.0, 50.0)
 
@@ -26,14 +25,6 @@ def wrist(coupling: GearCoupling | None, rigid: str = "", shaft: str = "") -> Ro
         for before, joint in zip((None, *joints), joints, strict=False)
     )
     return Robot("wrist", bodies, gears=() if coupling is None else (coupling,))
-
-
-def test_without_couplings_every_spring_has_a_box_of_its_own() -> None:
-    """X = 1, eta diagonal."""
-    robot = wrist(None)
-    assert [(box.gears, box.springs) for box in robot.gearboxes] == [((i,), (f"k_{i + 4}",)) for i in range(3)]
-    assert all(box.X.tolist() == [[1.0]] for box in robot.gearboxes)
-    np.testing.assert_array_equal(robot.eta, np.diag(RATIOS))
 
 
 def test_a_coupling_behind_the_springs_joins_two_of_them() -> None:
@@ -61,15 +52,3 @@ def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling() -> No
     np.testing.assert_allclose(np.abs(box.range.T @ box.X), np.linalg.norm(box.X))
     np.testing.assert_allclose(box.deflections @ box.X, 1.0)
     assert [joint.name for joint in robot.flexible] == ["4", "5", "6"]
-
-
-def test_springs_of_joint_and_shaft_are_in_series() -> None:
-    """A shaft's spring turns its joint by 1 / ratio per rad; more springs than deflections share one torque."""
-    robot = wrist(None, shaft="4")
-    assert robot.gearboxes[0].is_in_series
-    assert robot.gearboxes[0].springs == ("k_4", "km_4")
-    np.testing.assert_allclose(spring_directions(robot.driven, robot.gears)["km_4"], [1 / RATIOS[0], 0, 0])
-    coupled = wrist(GearCoupling("5", "6", 40.0), rigid="6", shaft="6")
-    directions = spring_directions(coupled.driven, coupled.gears)
-    np.testing.assert_allclose(directions["km_6"], np.array([0, 40.0 / 80.0, 1.0]) / RATIOS[2])
-    np.testing.assert_allclose(directions["k_5"], [0, 1, 0])

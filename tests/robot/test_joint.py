@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.elastic_arm import arm
-from plants.two_mass_gear import Gear as Plant
-from plants.two_mass_gear import robot
 
 from elastid.model.formulation import serial
 from elastid.robot import Gear, GearRipple, Hysteresis, Joint, Motor, Spring, TransmissionError
-from elastid.robot.simplified import with_joints
-from elastid.study import load_robot
-from elastid.study.robots import yaml_text
 
 
 def test_the_spring_of_the_shaft_adds_its_names_and_is_linear() -> None:
@@ -48,11 +41,6 @@ def test_a_joint_with_a_zero_stands_where_one_is_at_its_position_plus_that() -> 
         Joint("rail", motion="translation", zero=0.1)
 
 
-FULL = Gear(
-    0.02, (TransmissionError(2e-5, 1.0, 0.3),), (GearRipple(3.0, 6.0, -0.4),), (Hysteresis(4.0, 1e-4, "smooth"),)
-)
-
-
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -69,14 +57,3 @@ def test_numbers_that_no_gear_has_are_refused(make: Callable[[], object], words:
     """With the key and the number."""
     with pytest.raises(ValueError, match=words):
         make()
-
-
-def test_a_robot_file_keeps_every_effect(tmp_path: Path) -> None:
-    """To the last digit, and makers' units may be written."""
-    geared = with_joints(robot(Plant()), lambda joint: replace(joint, gear=FULL))
-    text = yaml_text(geared)
-    path = tmp_path / "robot.yml"
-    path.write_text(text)
-    assert load_robot(path).driven[0].gear == FULL
-    path.write_text(text.replace("amplitude: 2e-05", "amplitude: 10 arcsec"))
-    assert load_robot(path).driven[0].gear.error[0].amplitude == pytest.approx(4.8481368e-5)

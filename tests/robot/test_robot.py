@@ -24,7 +24,6 @@ from elastid.robot import (
     Robot,
     Rod,
     Spring,
-    unit_axis,
 )
 
 JOINT = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 100.0, 1e-3))
@@ -83,17 +82,6 @@ def test_what_no_mechanism_can_be_is_refused(make: object, says: str) -> None:
     """Each message names the number at fault."""
     with pytest.raises(ValueError, match=says):
         make()  # type: ignore[operator]
-
-
-@given(st.tuples(*[st.floats(-3, 3)] * 3))
-def test_a_placement_is_a_rotation(rpy: tuple[float, float, float]) -> None:
-    """R is orthogonal, right-handed, and roll comes first."""
-    R = Placement(rpy=rpy).rotation
-    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(R) == pytest.approx(1.0)
-    yaw_only = Placement(rpy=(0.0, 0.0, rpy[2])).rotation
-    np.testing.assert_allclose(yaw_only @ [1, 0, 0], [np.cos(rpy[2]), np.sin(rpy[2]), 0], atol=1e-12)
-    np.testing.assert_allclose(unit_axis((3.0, 0.0, 4.0)), [0.6, 0.0, 0.8])
 
 
 @pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2])

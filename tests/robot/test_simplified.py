@@ -60,20 +60,6 @@ def test_ever_stiffer_springs_tend_to_a_rigid_coordinate_at_the_rate_of_their_co
             assert off[0] / off[1] == pytest.approx(10, rel=0.05), coordinate.label
 
 
-@pytest.mark.parametrize("plant", PLANTS)
-def test_all_coordinates_rigid_leave_the_rigid_robot(plant: str) -> None:
-    """No spring and no flexible gear is left; the response is real but for friction, the same in both formulations."""
-    robot, angles, specs = PLANTS[plant]
-    rigid = stiffened(robot, [coordinate.name for coordinate in elastic_coordinates(robot)])
-    assert elastic_coordinates(rigid) == ()
-    assert rigid.flexible == ()
-    assert not [name for name in rigid.parameters() if name.startswith(("k_", "km_", "d_", "dm_"))]
-    assert rigid.motor_locations == robot.motor_locations
-    found = [response(rigid, spec, angles) for spec in specs]
-    for other in found[1:]:
-        np.testing.assert_allclose(other, found[0], rtol=1e-8, atol=1e-10 * np.abs(found[0]).max())
-
-
 def test_a_rigid_gear_is_the_rotor_on_the_joint() -> None:
     """G = 1 / (I + n^2 J + (f + n^2 f_m) / s), and a deflection that is none under gravity."""
     motor = Motor(2e-3, 50, 3e-3)

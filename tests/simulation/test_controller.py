@@ -6,8 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from plants.integration import energy
-from plants.linkages import linkage
 from plants.two_links import (
     FREE,
     arm,
@@ -19,10 +17,8 @@ from plants.two_links import (
 from scipy import signal
 
 from elastid.linear.equilibrium import equilibrium
-from elastid.model.formulation import minimal, serial
-from elastid.model.spec import ModelSpec
+from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.robot import Rod
 from elastid.simulation.closed_loop import Commands, closed_loop, simulate
 from elastid.simulation.controller import (
     Filters,
@@ -32,7 +28,6 @@ from elastid.simulation.controller import (
     low_pass,
     notch,
     rigid_motion,
-    rigid_path,
     tune,
 )
 from elastid.simulation.drives import Drives
@@ -60,26 +55,6 @@ def test_feed_forward_is_the_rigid_robots_inverse_dynamics() -> None:
     turned = equilibrium(model, model.theta, Configuration("d", np.array([0.5, -0.7])))
     there = feed_forward(model, point.q, np.array([[0.2, 0.1]]), z, z)[0]
     np.testing.assert_allclose(there, turned.u, rtol=2e-3)
-
-
-@pytest.mark.parametrize("crank", [0.3, 0.24])
-def test_feed_forward_does_the_work_where_the_linkage_is_no_parallelogram(crank: float) -> None:
-    """T changes along the path, and T' q_a' with it: the power of the torque is the change of T^T M T's energy."""
-    robot = linkage(Rod(0.89, 6.2, 0.52, 0.64), crank)
-    lossless = {name: 0.0 for name in robot.parameters() if name.startswith(("d_", "f_", "fm_"))}
-    model = minimal(robot.with_parameters(lossless), ModelSpec())
-    point = equilibrium(model, model.theta, Configuration("c", np.array([0.1, 0.1])))
-    t = np.linspace(0, 0.5, 2001)[:, None]
-    omega = 2 * np.pi * np.array([1.0, 1.7])
-    position, velocity, accelerating = (
-        0.2 * part for part in (np.sin(omega * t), omega * np.cos(omega * t), -(omega**2) * np.sin(omega * t))
-    )
-    u = feed_forward(model, point.q, position, velocity, accelerating)
-    path = rigid_path(model, point.q, point.q[-2:], point.q[-2:] + position)
-    E = energy(model, path, (rigid_motion(model, path) @ velocity[:, :, None])[:, :, 0])
-    power = np.sum(u * velocity, axis=1)
-    work = np.concatenate([[0.0], np.cumsum(power[1:] + power[:-1]) / 2 * t[1, 0]])
-    np.testing.assert_allclose(E - E[0], work, rtol=0, atol=2e-4 * np.ptp(work))
 
 
 RATE_HZ = 1000.0
@@ -137,14 +112,6 @@ def test_the_simulated_loop_filters_and_delays_its_feedback() -> None:
         filtered = signal.sosfilt(np.array(filters.sections[axis]), feedback[:, axis])
         late = np.concatenate([[0.0], filtered[:-1]])
         np.testing.assert_allclose(run.u[:, axis] - commands.torque[:, axis], late, atol=1e-6)
-
-
-def test_gains_are_those_of_the_study() -> None:
-    """In every posture; one integral time for both axes."""
-    model = serial(arm())
-    gains = gains_of(model, np.zeros(4), SPEC)
-    np.testing.assert_allclose(gains.kp, [12 * 900, 20 * 300])
-    np.testing.assert_allclose(gains.ki, [10, 10])
 
 
 @pytest.mark.parametrize(

@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.integration import acceleration, runge_kutta
 from plants.two_links import (
-    MASS,
-    OFFSET,
-    STIFFNESS,
     arm,
     energy,
     motor,
     path,
-    rough,
 )
 
 from elastid.friction.static import SLIDING_VELOCITY
 from elastid.model.formulation import serial
-from elastid.simulation.dynamics import poles
-
-# Of the arm's first joint: sqrt(k (1/J_m + 1/J)).
-OMEGA = math.sqrt(STIFFNESS[0] * (1 / (1.5 + MASS[0] * OFFSET[0] ** 2) + 1 / (2e-3 * 80**2)))
 
 
 @given(st.lists(st.floats(-1, 1), min_size=10, max_size=10))
@@ -42,16 +31,6 @@ def test_accelerations_solve_the_equations_of_motion(numbers: list[float]) -> No
     np.testing.assert_allclose(acceleration(model, F_c)(q, v, u).full()[:, 0], expected, rtol=1e-9, atol=1e-9)
 
 
-def test_the_integrator_is_of_fourth_order_under_held_torque() -> None:
-    """Halving the step divides the error by 16, torque jumping from sample to sample."""
-    model = serial(arm(damping=20.0))
-    start = np.concatenate([[0.3, -0.4, 0.3, -0.4], np.zeros(4)])
-    torque = np.random.default_rng(1).normal(0, 200, (25, 2))
-    paths = [path(model, step, 0.2, start, torque) for step in (2e-3, 1e-3, 5e-4, 6.25e-5)]
-    errors = [np.linalg.norm(states - paths[-1]) for states in paths[:-1]]
-    np.testing.assert_allclose(np.log2([errors[0] / errors[1], errors[1] / errors[2]]), 4.0, atol=0.05)
-
-
 def test_energy_is_conserved_at_the_rate_of_the_order() -> None:
     """Undamped and unforced, the energy drifts by less than 1e-6 of what moves, 16 times less with half the step."""
     model = serial(arm())
@@ -62,14 +41,6 @@ def test_energy_is_conserved_at_the_rate_of_the_order() -> None:
     moving = start[4:] @ model.mass(start[:4], model.theta).full() @ start[4:] / 2
     assert drift[1] < 1e-6 * moving
     assert np.log2(drift[0] / drift[1]) > 3.65
-
-
-def test_poles_are_friction_at_standstill_and_modes() -> None:
-    """F_c / (v_s J) for a motor with friction; sqrt(k (1/J_m + 1/J)) for an elastic joint."""
-    alone, robot = serial(motor()), arm(gravity=0.0)
-    np.testing.assert_allclose(poles(alone, rough(alone, 10.0), np.zeros(1)).real.min(), -10 / (SLIDING_VELOCITY * 20))
-    single = serial(replace(robot, bodies=robot.bodies[:1], frames=()))
-    np.testing.assert_allclose(poles(single, rough(single, 0.0), np.zeros(2)).imag.max(), OMEGA)
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])

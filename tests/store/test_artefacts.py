@@ -20,12 +20,6 @@ def test_the_same_value_gives_the_same_bytes(tmp_path):
     assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
 
 
-def test_the_stamp_comes_back(tmp_path):
-    """Long studies included (an HDF5 attribute holds 64 KB at most)."""
-    write_fit(tmp_path / "fit.h5", some_fit(), STAMP)
-    assert read_stamp(tmp_path / "fit.h5") == STAMP
-
-
 def test_a_foreign_truncated_or_missing_file_is_refused_by_name(tmp_path):
     """One sentence that names the file, no HDF5 noise."""
     path = tmp_path / "fit.h5"
@@ -49,16 +43,6 @@ def test_a_foreign_truncated_or_missing_file_is_refused_by_name(tmp_path):
     with refused("files/kind", place="fit.h5"):
         read_fit(path)
     assert read_stamp(path) is None
-
-
-def test_reading_does_not_touch_the_file(tmp_path):
-    """Opened read-only: bytes and time stay."""
-    path = tmp_path / "fit.h5"
-    write_fit(path, some_fit())
-    path.chmod(0o444)
-    before = (path.read_bytes(), path.stat().st_mtime_ns)
-    read_fit(path)
-    assert (path.read_bytes(), path.stat().st_mtime_ns) == before
 
 
 def test_a_file_of_another_format_is_refused(tmp_path):

@@ -119,15 +119,6 @@ def test_a_damaged_list_never_vouches_for_a_damaged_text(folder: Path) -> None:
     assert changed_texts(folder, NAMES) == ()
 
 
-def test_files_that_are_gone_are_forgotten(folder: Path) -> None:
-    """A study with other figures leaves no old names."""
-    (folder / "figures" / "a.png").unlink()
-    keep_checksums(folder, NAMES)
-    assert "a.png" not in (folder / CHECKSUMS).read_text()
-    (folder / "figures" / "a.png").write_text("another")
-    assert changed_texts(folder, NAMES) == ()
-
-
 HOLDS = """
 import sys, time
 from pathlib import Path

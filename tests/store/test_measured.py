@@ -7,83 +7,31 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from plants.artefacts import STAMP, same
 from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 
 import elastid.base.arrays as base_arrays
-from elastid.base.errors import Note
-from elastid.design.forecast import Forecast, LimitUse
 from elastid.experiment.plan.movement import Reference
-from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import weigh
-from elastid.nonlinear.friction import FrictionTakenOut, Shape
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, Response
 from elastid.store.measured import (
     read_configurations,
-    read_forecast,
-    read_friction,
-    read_peaks,
-    read_plan,
     read_records,
     read_responses,
-    write_plan,
     write_records,
     write_responses,
     write_run,
-    write_torque,
 )
 
-HOME, AWAY = Configuration("home", [0.1, -0.2]), Configuration("a/way", [1.0, 2.0])
-NOTES = (Note("code", "text", "place", "information"), Note("other", "a longer text"))
-
-
-def some_plan():
-    """Two motors, the second on a slide, in two configurations."""
-    R = np.random.default_rng(0).standard_normal((2, 1, 2, 3, 2)) + 0j
-    return Plan((HOME, AWAY), ("motor 1", "motor 2"), 8.0, 16, 2, 1, np.array([1, 3, 5]), R, sliding=("motor 2",))
+AWAY = Configuration("a/way", [1.0, 2.0])
 
 
 def some_reference():
     """Ten samples of which the third begins the periods."""
     columns = [np.arange(20.0).reshape(10, 2) * 10**i for i in range(4)]
     return Reference(AWAY, 8.0, 2, *columns, np.linspace(0, 1, 10))
-
-
-def test_limits_and_forecast_come_back_to_the_last_bit(tmp_path):
-    """Beside the plan; without them only the forecast may be asked for."""
-    limits = np.full((2, 5, 2), np.inf)
-    use = LimitUse(
-        ("home", "a/way"),
-        ("motor 1", "motor 2"),
-        np.arange(20.0).reshape(2, 5, 2),
-        limits,
-        np.array([[1.0, 0.5], [0.25, 1.0]]),
-        0.9,
-        NOTES,
-        ("motor 2",),
-    )
-    forecast = Forecast(
-        ("k_1", "k_2"),
-        ("N*m/rad", "N/m"),
-        np.array([1e4, 2e4]),
-        (True, False),
-        np.array([[1e-4, 0.0], [0.0, np.inf]]),
-        ("home",),
-        np.array([0.5, 1.5]),
-        np.arange(4.0).reshape(1, 2, 2),
-        NOTES,
-        "by D-optimality",
-    )
-    path = tmp_path / "plan.h5"
-    write_plan(path, some_plan(), STAMP, (some_reference(),), use, forecast)
-    assert same(read_plan(path), some_plan())
-    assert same(read_peaks(path), use)
-    assert same(read_forecast(path), forecast)
-    write_plan(path, some_plan())
-    assert read_forecast(path) is None
 
 
 def rows(path):
@@ -110,31 +58,6 @@ def test_a_movement_is_a_table_with_a_row_for_each_sample(tmp_path):
         *(getattr(expected, n) for n in ("position", "velocity", "acceleration", "feed_forward")),
     ]
     np.testing.assert_allclose(numbers[:, 1:], np.column_stack(columns), rtol=1e-8)
-
-
-def test_the_torque_is_a_table_of_one_period(tmp_path):
-    """From time 0 on, in the unit of each input."""
-    plan, experiment = some_plan(), Experiment(AWAY, 0, 1)
-    write_torque(tmp_path / "u.csv", plan, experiment)
-    heading, numbers = rows(tmp_path / "u.csv")
-    assert heading == ["time_s", "motor 1 (N*m, link side)", "motor 2 (N, link side)"]
-    assert numbers[0, 0] == 0
-    assert numbers.shape == (16, 3)
-    assert numbers[:, 1:] == pytest.approx(plan.torque(experiment), rel=1e-8)
-
-
-def test_a_whole_run_is_one_table_of_movement_and_torque(tmp_path):
-    """The torque to inject grows with the ramp, and repeats its period from the sample on which the periods begin."""
-    plan, experiment, reference = some_plan(), Experiment(AWAY, 0, 1), some_reference()
-    write_run(tmp_path / "run.csv", reference, plan.inputs, plan.sliding, reference.injected(plan.torque(experiment)))
-    heading, numbers = rows(tmp_path / "run.csv")
-    assert heading[1] == "position of motor 1 (rad, link side)"
-    assert heading[-1] == "injected torque of motor 2 (N, link side)"
-    np.testing.assert_allclose(numbers[:, 0], (np.arange(10) - 2) / 8)
-    np.testing.assert_allclose(numbers[:, 1:3], reference.position, rtol=1e-8)
-    period = plan.torque(experiment)
-    expected = reference.scale[:, None] * np.vstack([period[-2:], period[:8]])
-    np.testing.assert_allclose(numbers[:, -2:], expected, rtol=1e-8, atol=1e-12)
 
 
 def test_records_are_read_one_configuration_at_a_time_in_the_order_measured(tmp_path):
@@ -198,29 +121,6 @@ def test_time_and_frequency_are_in_samples_where_the_rate_is_not_known(tmp_path)
         assert (group["u"].attrs["units"], group["y"].attrs["units"]) == ("N*m, N", "rad, m")
         assert [d.label for d in group["u"].dims] == ["time_s", "inputs"]
         assert group["u"].dims[0][0] == group["time_s"]
-
-
-@pytest.mark.parametrize("shapes", [(), (Shape("motor 1", "sign"), Shape("motor 2", "stop", 0.01))])
-def test_the_friction_taken_out_comes_back_to_the_last_bit(tmp_path, shapes) -> None:
-    """Beside the responses, also where nothing was taken out; a file of a study without it has none."""
-    n = len(shapes)
-    friction = FrictionTakenOut(
-        ("motor 1", "motor 2"),
-        ("N*m", "N"),
-        shapes,
-        np.arange(n) + 0.1,
-        0.3 * np.eye(n),
-        ("a", "b", "c"),
-        np.full((3, 2), 0.4),
-        np.full((3, 2), 0.1),
-        np.array([0.02, 1.0]),
-        np.array([0.2, 0.3]),
-        (Note("nonlinear/friction-left", "no friction", "motor 2", "information"),),
-    )
-    write_responses(tmp_path / "frf.h5", (), STAMP, friction)
-    assert same(read_friction(tmp_path / "frf.h5"), friction)
-    write_responses(tmp_path / "frf.h5", ())
-    assert read_friction(tmp_path / "frf.h5") is None
 
 
 def test_covariances_of_a_large_file_stay_in_it_and_go_to_workers_by_their_place(tmp_path, monkeypatch):

@@ -1,6 +1,5 @@
 """Fits and comparisons come back to the last bit; a comparison only for its own responses."""
 
-import json
 import math
 from dataclasses import replace
 
@@ -21,7 +20,7 @@ from elastid.store.results import (
     write_comparison,
     write_fit,
 )
-from elastid.validation.comparison import ComparedModel, Comparison, Trial
+from elastid.validation.comparison import ComparedModel, Comparison
 
 
 def test_readers_of_hdf5_alone_find_the_parts_of_each_deviation(tmp_path):
@@ -83,20 +82,6 @@ MODELS = (
     ComparedModel("own", 3, 1 / 3, 100, 0.0, np.array([0.1, 0.2]), 0.3, 2.0),
     ComparedModel("failed", 0, math.inf, 0, math.inf, np.array([math.nan, 1.0]), math.nan, math.nan, "why"),
 )
-TRIALS = (
-    Trial(1, "free", ("2x",), ("gear 1", "2x"), 2.0, 1.0, True),
-    Trial(2, "rigid", ("gear 1",), ("2x",), 1.0, math.inf, False),
-)
-
-
-@pytest.mark.parametrize("trials", [(), TRIALS])
-def test_a_comparison_comes_back_to_the_last_bit(tmp_path, trials):
-    """With a search and without."""
-    written = Comparison(("a", "b"), MODELS, "own predicts best.", trials)
-    write_comparison(tmp_path / "compare.json", written, replace(STAMP, software="elastid 0.1.0, Python 3.11"))
-    assert same(read_comparison(tmp_path / "compare.json", STAMP), written)
-    content = json.loads((tmp_path / "compare.json").read_text())
-    assert (content["schema"], content["made by"]) == (1, "elastid 0.1.0, Python 3.11")
 
 
 def test_a_comparison_of_other_responses_or_a_damaged_one_is_not_there(tmp_path):

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import array_shapes, arrays
-from numpy.typing import NDArray
 from plants.artefacts import NAME, QUICK, STAMP, TEXT, same
 from typing_extensions import TypeAliasType
 
@@ -23,7 +22,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, f
 from elastid.base.errors import DataError
 from elastid.store.files import write_checksum
 from elastid.store.reading import read_part
-from elastid.store.values import from_json, is_array, json_value, or_text, write_artefact, write_value
+from elastid.store.values import from_json, json_value, or_text, write_artefact, write_value
 
 
 @dataclass(frozen=True)
@@ -241,10 +240,3 @@ def test_any_damage_under_a_checksum_that_fits_ends_in_a_sentence_or_a_value(tmp
 Scalar = TypeVar("Scalar", bound=np.generic)
 # As numpy.typing has it from NumPy 2.5 and Python 3.12 on.
 Alias = TypeAliasType("Alias", np.ndarray[Any, np.dtype[Scalar]], type_params=(Scalar,))
-
-
-def test_an_alias_of_its_own_is_an_array() -> None:
-    assert is_array(NDArray[np.float64])
-    assert is_array(Alias[np.float64])
-    assert not is_array(tuple[float, ...])
-    assert not is_array(float)

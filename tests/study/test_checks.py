@@ -89,19 +89,6 @@ def test_what_cannot_be_designed_or_simulated_the_first_stage_refuses(study: Pat
         carry_out(run, "measure")
 
 
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        ["experiment.experiments=2", "experiment.realisations=1", "excitation.phases=schroeder"],
-        ["experiment.experiments=1", "experiment.realisations=1", "estimator.method=auto"],
-        [DESIGN % "given: {e: [0, 0]}", "fit.weights.factors=[{factor: 0, configurations: [a, e, c1]}]"],
-    ],
-)
-def test_a_study_without_contradiction_is_accepted(study: Path, overrides: list[str]) -> None:
-    """As many experiments as motors, or fewer for a local method; names that a design may choose."""
-    assert refusals(study, *overrides) == []
-
-
 CHANNELS = (
     "{role: u, at: motor 1, channel: u}, {role: u, at: motor 2, channel: u}, "
     "{role: y, at: motor 1, channel: y, quantity: position}"

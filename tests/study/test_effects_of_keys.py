@@ -8,16 +8,14 @@ from plants.two_axes import ROBOT, STUDY
 
 from elastid.app.compare import variants
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec, TextFormatSpec
-from elastid.linear.linear_model import elements
+from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.recorded.files.formats import read_channels
 from elastid.recorded.responses.reading import read_table
-from elastid.robot import Anchor, Body, Chain, Joint, Loop, Pin, Placement, Rod
+from elastid.robot import Anchor, Body, Joint, Loop, Pin, Placement, Rod
 from elastid.study import load
 
 
@@ -44,21 +42,6 @@ def test_the_other_axis_of_a_pin_is_in_the_axes_of_the_second_body() -> None:
         linear = linearise(model, at, model.theta, model.inputs, "acceleration")
         G.append(frequency_response(linear, np.append(model.theta, 0.0), freq_hz))
     np.testing.assert_allclose(G[0], G[1], atol=1e-9 * np.abs(G[1]).max())
-
-
-def test_torque_damping_is_the_damping_ratio_of_a_second_order_torque_loop() -> None:
-    """1 / (1 + 2 zeta s T + (s T)^2)."""
-    T, zeta, s = 2e-3, 0.3, 2j * np.pi * np.array([1.0, 50.0, 80.0, 400.0])
-    (element,) = elements(Chain(torque_lag=T, torque_order=2, torque_damping=zeta))
-    np.testing.assert_allclose(element.response(s, T), 1 / (1 + 2 * zeta * s * T + (s * T) ** 2), rtol=1e-12)
-
-
-def test_comments_of_a_log_are_skipped(tmp_path: Path) -> None:
-    """Whole lines and ends of lines."""
-    (tmp_path / "log.csv").write_text("% measured on a Monday\na,b\n1,2\n% the motor was warm\n3,4 % here, too\n")
-    channels = [ChannelSpec("y", f"motor {name}", name, quantity="position") for name in "ab"]
-    columns = read_channels(tmp_path / "log.csv", channels, TextFormatSpec(comment="%"))
-    np.testing.assert_array_equal(columns, [[1, 2], [3, 4]])
 
 
 def test_units_of_a_response_in_csv_are_those_of_the_study(tmp_path: Path) -> None:

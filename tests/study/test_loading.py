@@ -11,13 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 from plants.refusals import refused
 
-from elastid.app.overview import overview
 from elastid.base.errors import StudyError
-from elastid.fit.parameter_choice import choose
 from elastid.robot import Tolerances
-from elastid.study import Study, load, make_schema
+from elastid.study import load, make_schema
 
-CONFIGS = Path(__file__).parents[2] / "configs"
 TEMPLATES = Path(__file__).parents[2] / "elastid" / "app" / "templates"
 
 
@@ -339,17 +336,3 @@ def written(folder: Path, cubic: str = CUBIC, gap: str = GAP, cylinder: str = CY
         (TEMPLATE / "study.yml").read_text().replace("    fm_*: {}", "    fm_*: {}" + wanted)
     )
     return folder / "study.yml"
-
-
-def test_springs_are_read_in_si_and_shown(tmp_path: Path) -> None:
-    """Units of polynomials, gaps and gas; what `check` says of them; names that the fit may free."""
-    study: Study = load(written(tmp_path, wanted="\n    k3_*: {}\n    F0_cyl: {}\n    L0_cyl: {}")).study
-    numbers = {name: value for name, (value, _) in study.robot.parameters().items()}
-    expected = {"k3_2": 1e11, "b_3": 5e-5, "ki_3": 2e4, "e_3": 0.2, "F0_cyl": 4e3, "L0_cyl": 0.5, "h0_cyl": 0.4}
-    assert {name: numbers[name] for name in expected} == pytest.approx(expected)
-    page = overview(study)
-    assert "1 compensator" in page
-    parameters = choose(study.fit, study.robot)
-    assert {"k3_2", "F0_cyl", "L0_cyl"} < set(parameters.free_names)
-    assert parameters["k3_2"].log
-    assert not parameters["L0_cyl"].log

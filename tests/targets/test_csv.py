@@ -4,12 +4,11 @@ import csv
 import importlib.util
 import shutil
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.fitted_models import DELAY, close, fitted_model, responses_of
+from plants.fitted_models import DELAY, close, responses_of
 from scipy.io import loadmat
 
 from elastid.experiment.specs.channels import ChannelSpec
@@ -17,7 +16,6 @@ from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.modes import modes
 from elastid.recorded.responses.reading import link_side_response, read_table
-from elastid.response import Covariance
 from elastid.targets.control import write_control
 from elastid.targets.csv import write_csv
 from elastid.targets.matlab import write_matlab
@@ -63,19 +61,6 @@ def test_csv_modes_are_those_of_every_configuration(serial_model: FittedRobot, t
         assert [int(row["mode"]) for row in its] == list(range(1, len(found.freq_hz) + 1))
         assert [float(row["frequency_hz"]) for row in its] == pytest.approx(np.asarray(found.freq_hz).tolist())
         assert [float(row["damping_ratio"]) for row in its] == pytest.approx(np.asarray(found.zeta).tolist())
-
-
-def test_csv_responses_have_their_standard_deviations(tmp_path: Path) -> None:
-    """A column for each element, the root of its variance."""
-    model = fitted_model("bench")
-    variance = np.random.default_rng(0).uniform(1, 2, model.measured[0].G.shape)
-    first = replace(model.measured[0], total=Covariance(variance, np.inf))
-    write_csv(tmp_path, replace(model, measured=(first, model.measured[1])))
-    table = rows(tmp_path / "one-measured.csv")
-    for i, y in enumerate(first.outputs):
-        for j, u in enumerate(first.inputs):
-            std = [float(row[f"std_{y}_{u}"]) for row in table]
-            assert std == pytest.approx(np.sqrt(variance[:, i, j]).tolist())
 
 
 def test_python_control_reads_the_response_back(model: FittedRobot, tmp_path: Path) -> None:

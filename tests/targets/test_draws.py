@@ -8,9 +8,9 @@ import pytest
 from plants.fitted_models import fitted_model
 from plants.predicted_arm import result
 
-from elastid.fit.fitted_robot import draw_robots
 from elastid.study import load_robot
 from elastid.targets.draws import write_draws
+from elastid.use.draws import draw_robots
 
 
 def test_table_and_robot_files_hold_the_same_numbers(tmp_path: Path) -> None:

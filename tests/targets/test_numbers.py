@@ -27,17 +27,6 @@ def fitted() -> FittedRobot:
     return fitted_model("bench")
 
 
-def test_mujoco_carries_them_as_custom_arrays(fitted: FittedRobot, tmp_path: Path) -> None:
-    """Value, std, and the ends of the interval; the engine reads them."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
-    engine = mujoco.MjModel.from_xml_path(str(write_mujoco(tmp_path, fitted)[0]))
-    row = engine.numeric(SPRING).data
-    result = fitted.result
-    assert row == pytest.approx([result.values[SPRING], result.std[SPRING], *result.interval(SPRING)])
-    with pytest.raises(KeyError):
-        engine.numeric("Jm_1")
-
-
 def test_arrays_for_control_and_matlab_have_nan_where_a_number_was_held(fitted: FittedRobot, tmp_path: Path) -> None:
     """And the fitted responses the deviation that is due to the parameters."""
     data, script = write_control(tmp_path, fitted)
@@ -87,11 +76,3 @@ def test_every_export_parts_the_deviation_by_noise_and_by_file(fitted: FittedRob
         root = ET.parse(write_mujoco(tmp_path, model)[0])
         numbers = {each.get("name"): each.get("data", "").split() for each in root.iter("numeric")}
         assert [float(part) for part in numbers[SPRING][4:]] == expected
-
-
-def test_modes_and_fitted_responses_in_tables_have_deviations(fitted: FittedRobot, tmp_path: Path) -> None:
-    """1 % of each spring is half a percent of the frequency of the only mode."""
-    write_csv(tmp_path, fitted)
-    modes = np.genfromtxt(tmp_path / "modes.csv", delimiter=",", names=True, usecols=(2, 4))
-    np.testing.assert_allclose(modes["frequency_std"] / modes["frequency_hz"], 0.005, rtol=1e-2)
-    assert "std_" in (tmp_path / "one-fitted.csv").read_text().splitlines()[0]

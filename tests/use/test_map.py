@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.fitted_models import fitted_model
-from plants.predicted_arm import STD, result
+from plants.predicted_arm import result
 from plants.refusals import refused
 
 from elastid.base.statistics import propagate
@@ -73,20 +73,6 @@ def test_extremes_of_the_response_are_found_between_the_lines() -> None:
     assert workspace["depth_of_cut"].value[0] == pytest.approx(-1 / (1.4e9 * (n @ G @ n).real.min()), rel=1e-3)
 
 
-def test_curves_have_the_band_of_a_single_posture() -> None:
-    """Along the softest direction."""
-    workspace = map_workspace(result(), np.array([[0.2, 0.9]]), lines_hz=LINES)
-    model, a = result().at([0.2, 0.9], axes="world"), workspace.axes[0, :, 0]
-    known = model.estimated
-
-    def size(x: np.ndarray) -> np.ndarray:
-        return np.abs(a @ frequency_response(model.linear, known.theta(x), workspace.curve_hz) @ a)
-
-    spread = propagate(size, known.x, known.covariance / 1e4)
-    np.testing.assert_allclose(workspace.magnitude[0], spread.value, rtol=1e-8)
-    np.testing.assert_allclose(workspace.magnitude_std[0] / 100, spread.std, rtol=1e-2, atol=1e-4 * spread.std.max())
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["manutec", "linkage_arm constrained"])
 def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name: str) -> None:
@@ -128,14 +114,6 @@ def test_the_softest_first_and_the_spring_that_gives_most() -> None:
     np.testing.assert_allclose(workspace.share.sum(axis=1), 1.0, rtol=0.05)  # the rest is gravity's
     largest = [workspace.springs[i] for i in workspace.share.argmax(axis=1)]
     assert workspace.limiting_springs == tuple(largest)
-
-
-def test_intervals_are_those_of_the_stiffness() -> None:
-    """All springs 2 % off independently: the softest compliance between 2 %/sqrt(2) and 2 % off, in logarithm."""
-    quantity = map_workspace(result(), POSTURES)["softest_compliance"]
-    assert np.all((quantity.relative_std > 0.9 * STD / np.sqrt(2)) & (quantity.relative_std < 1.1 * STD))
-    low, high = quantity.interval
-    np.testing.assert_allclose(np.log(high / low), 2 * 1.959964 * quantity.relative_std, rtol=1e-9)
 
 
 def test_where_nothing_rests_the_map_says_why() -> None:

@@ -121,17 +121,6 @@ def test_the_true_twin_is_off_by_the_noise(measured: tuple[SimulatedRig, Record]
     assert run.held_hz == pytest.approx(0.4)
 
 
-def test_a_motor_that_is_not_in_the_log_is_held(measured: tuple[SimulatedRig, Record]) -> None:
-    """A light hand on a second motor, whose torque was not logged, changes nothing."""
-    _, record = measured
-    hand = Body("hand", "link", joints=(Joint("2", "y", motor=Motor(1e-5, 50.0)),), mass=1e-3, inertia=1e-3)
-    robot = replace(arm(), bodies=(*arm().bodies, hand))
-    both = replace(record, configuration=Configuration("c1", np.array([0.3, 0.0])))
-    (run,) = elastic_runs(both, robot, BAND_HZ)
-    assert errors(run)[MOTION] < 0.02
-    assert [signal.place for signal in run.signals] == ["motor 1", "motor 1", "joint 1"]
-
-
 def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
     measured: tuple[SimulatedRig, Record],
 ) -> None:

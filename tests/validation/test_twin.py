@@ -10,11 +10,10 @@ from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_twin import friction_balances
-from elastid.validation.torque_balance import DRY, GRAVITY, INERTIA, VISCOUS, torque_balance
+from elastid.validation.torque_balance import DRY, INERTIA, VISCOUS, torque_balance
 from elastid.validation.twin import MOTION, TwinSignal
 
 RATE_HZ, N = 200.0, 2000
-J, VISCOUS_COEFFICIENT, COULOMB, COS = 12.0, 30.0, 8.0, 25.0
 
 
 def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_part_is_left() -> None:
@@ -34,37 +33,6 @@ def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_par
     assert found.worst is bands[16.0, 32.0]
     assert found.worst.left == pytest.approx(1.0, rel=1e-3)
     np.testing.assert_allclose(found.residual, fast, atol=1e-12)
-
-
-def known_axis() -> tuple[JointFriction, FrictionRecords, dict[str, np.ndarray]]:
-    """A joint whose torque has four known parts, its regression and its log."""
-    t = np.arange(20 * 500) / 500.0
-    waves = [(0.6, 0.25, 0.3), (0.25, 0.7, 1.0), (0.08, 1.9, 2.0)]
-    q = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in waves)
-    v = sum(a * 2 * np.pi * f * np.cos(2 * np.pi * f * t + p) for a, f, p in waves)
-    acceleration = sum(-a * (2 * np.pi * f) ** 2 * np.sin(2 * np.pi * f * t + p) for a, f, p in waves)
-    parts = {INERTIA: J * acceleration, GRAVITY: COS * np.cos(q)}
-    parts |= {VISCOUS: VISCOUS_COEFFICIENT * v, DRY: COULOMB * np.sign(v)}
-    noise = np.random.default_rng(0).standard_normal(len(t))
-    u = np.sum(list(parts.values()), axis=0) + noise
-    record = FrictionRecord("swing", "1", "motion", 500.0, np.asarray(q), np.asarray(u))
-    motion = regress_motion(Motion("joint 1", 500.0, record.position, record.torque, turns_against_gravity=True))
-    return JointFriction("1", False, motion=motion), FrictionRecords((record,)), parts
-
-
-def test_the_known_parts_of_a_joint_have_their_shares() -> None:
-    """Within 1 % of the torque, by which filter and noise change them; noise in the band is left."""
-    joint, records, parts = known_axis()
-    (found,) = friction_balances([joint], records)
-    assert found.parts == (INERTIA, GRAVITY, VISCOUS, DRY)
-    u = records.records[0].torque
-    inside = slice(150, -150)
-    expected = [float(np.mean(part[inside] * u[inside]) / np.mean(u[inside] ** 2)) for part in parts.values()]
-    np.testing.assert_allclose(found.shares, expected, atol=0.01)
-    friction = np.mean((parts[VISCOUS] + parts[DRY])[inside] ** 2) / np.mean(u[inside] ** 2)
-    assert found.left_without_friction == pytest.approx(friction, rel=0.03)
-    assert found.left < 1e-3
-    assert sum(found.shares) + found.left == pytest.approx(1.0, abs=1e-3)
 
 
 def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left() -> None:

@@ -1,6 +1,7 @@
 """The formats of log files: one row for each reader, chosen by the first bytes; and a file named with its fault.
 
-A further format is a function that opens a file, and one row.
+A further format is a function that opens a file, and one row; that of another package is a `Format` under
+the entry point group `elastid.readers`.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +82,33 @@ FORMATS = (
 
 def is_log(path: Path) -> bool:
     """True if a path is that of a log: a file, or a folder that a format recognises, such as a ROS bag."""
-    *of_folders, _ = FORMATS  # text, the last, takes everything
+    *of_folders, _ = all_formats()  # text, the last, takes everything
     return os.path.isfile(path) or (os.path.isdir(path) and any(row.recognises(path, b"") for row in of_folders))
+
+
+def all_formats() -> tuple[Format, ...]:
+    """Formats, those of other packages, which know their files better, first; StudyError for one not loaded."""
+    return (*(_registered(point) for point in _points()), *FORMATS)
+
+
+@cache
+def _points() -> tuple[EntryPoint, ...]:
+    """Looked for once: that reads a file of every package installed, and a log may be opened for each of its pieces."""
+    return tuple(entry_points(group="elastid.readers"))
+
+
+def _registered(point: EntryPoint) -> Format:
+    try:
+        registered = point.load()
+        problem = f"is {type(registered).__name__} and not an elastid.recorded.files.formats.Format"
+    except Exception as error:
+        registered, problem = None, f"cannot be loaded ({error})"
+    if isinstance(registered, Format):
+        return registered
+    raise StudyError(
+        "install/missing-package",
+        f"the reader {point.name} ({point.value}) of another package {problem}; update that package, or uninstall it",
+    )
 
 
 def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
@@ -124,7 +151,7 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     if not os.path.isdir(path):
         with path.open("rb") as file:
             head = file.read(4104)  # HDF5 after a user block of 4096 bytes is recognised
-    log_format = next(row for row in FORMATS if row.recognises(path, head))
+    log_format = next(row for row in all_formats() if row.recognises(path, head))
     damage = f"damaged, cut short or no {log_format.name} file"
     guard = partial(_refused, lambda error: f"{path}: {damage} ({error}); {log_format.advice}")
     with ExitStack() as stack:

@@ -87,15 +87,6 @@ def test_a_square_wave_leaves_the_analysed_lines_free_and_keeps_its_shape() -> N
     assert np.mean(np.abs(velocity) > 0.08) > 0.8
 
 
-def test_a_constant_velocity_passes_through_the_configuration_in_the_middle() -> None:
-    """At the middle of the measured periods, with the sign of its velocity."""
-    plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
-    path = movement(CarrierSpec(kind="offset", velocity=(0.05, -0.1)), plan)
-    middle = plan.first_sample + 2 * plan.period_samples
-    np.testing.assert_allclose(path.position[middle], 0, atol=1e-12)
-    np.testing.assert_allclose(path.position[middle + 50], [0.005, -0.01])
-
-
 def test_a_carrier_that_leaves_a_joints_limits_in_its_ramps_is_refused() -> None:
     """A constant velocity travels while it is ramped, too; a wrong number of velocities is counted, its line lower."""
     plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)

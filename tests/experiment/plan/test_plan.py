@@ -46,14 +46,6 @@ def test_plan_has_as_many_experiments_per_realisation_as_motors_and_knows_its_ti
     assert plan.freq_hz[-1] <= 60.0
 
 
-def test_torque_of_a_plan_has_the_rms_of_the_study_and_the_spectrum_of_the_plan() -> None:
-    """One period at the rig's rate, back through the DFT."""
-    plan = _plan({"a": (0.0, 0.0)})
-    torque = plan.torque(plan.experiments[3])
-    np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), [20.0, 5.0], rtol=1e-12)
-    np.testing.assert_allclose(np.fft.rfft(torque, axis=0)[plan.lines] / 500, plan.R[0, 1, 1], atol=1e-11)
-
-
 def test_a_further_configuration_or_realisation_leaves_the_others_as_they_were() -> None:
     """Phases depend on seed, configuration and realisation alone, and differ between them."""
     small, large = _plan({"a": (0.0, 0.0)}, 2), _plan({"a": (0.0, 0.0), "b": (0.1, 0.2)}, 4)

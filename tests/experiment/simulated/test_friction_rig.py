@@ -10,13 +10,10 @@ import pytest
 from plants.friction_axis import LAW, axis, rig
 from plants.refusals import refused
 
-from elastid.experiment.simulated.friction_rig import heat_of, holding_torque
+from elastid.experiment.simulated.friction_rig import heat_of
 from elastid.experiment.specs.simulated import HeatSpec, NoiseSpec, TorqueRippleSpec
 from elastid.friction_study.levels import find_levels, passes_of
-from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
-from elastid.linear.equilibrium import equilibrium
-from elastid.model.formulation import formulate
-from elastid.record import Configuration
+from elastid.friction_study.spec import AtRestSpec, FrictionSpec, PassesSpec, PreslidingSpec, WarmUpSpec
 from elastid.robot import TemperatureDependence
 from elastid.robot.friction_numbers import friction_numbers
 
@@ -98,23 +95,3 @@ def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
     assert np.isnan(blind.warm_ups()[0].temperature).all()
     with refused("experiment/simulated", place="experiment.simulated.heat"):
         rig(spec)
-
-
-def test_a_payload_is_a_load() -> None:
-    loads = (LoadSpec("empty"), LoadSpec("full", payload=5.0))
-    simulated = rig(FrictionSpec(rate_hz=500.0, passes=PASSES, loads=loads))
-    empty, full = (
-        simulated.measure(next(m for m in simulated.motions if m.load == name and m.planned and m.planned.speed > 1))
-        for name in ("empty", "full")
-    )
-    # 20 kg at 0.4 m and 5 kg at 0.8 m, over paths of slightly different length.
-    assert full.load_torque == pytest.approx(1.5 * empty.load_torque, rel=0.1)
-
-
-def test_the_holding_torque_of_a_posture_is_that_of_its_equilibrium() -> None:
-    """In the posture of the start, and in another to the sag of the spring, which is that of the start."""
-    robot = axis()
-    model = formulate(robot)
-    there, elsewhere = (equilibrium(model, model.theta, Configuration("p", np.array([q]))) for q in (0.8, -0.4))
-    found = holding_torque(model, there, 0, np.array([0.8, -0.4]))
-    np.testing.assert_allclose(found[:, 0], [there.u[0], elsewhere.u[0]], rtol=4e-3)

@@ -16,17 +16,14 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.model.formulation import serial
 from elastid.robot import Limits
+from elastid.robot.simplified import without_dry_friction
 from elastid.study import load
 
 
 def test_the_closed_loop_response_is_what_the_simulation_does() -> None:
     """Without friction and gravity, position and torque at all lines, to aliasing."""
     machine = arm(Limits()).with_parameters({"fm_1": 1e-6, "fm_2": 1e-6})
-    bodies = tuple(
-        replace(b, joints=tuple(replace(j, motor=replace(j.motor, coulomb=0.0)) for j in b.joints))  # type: ignore[type-var]
-        for b in machine.bodies
-    )
-    machine = replace(machine, bodies=bodies, gravity=(0.0, 0.0, 0.0))
+    machine = replace(without_dry_friction(machine), gravity=(0.0, 0.0, 0.0))
     spec = experiment(simulated=SimulatedSpec(substeps=4), transient_periods=6)
     plan = make_plan(replace(EXCITATION, torque_rms=1.0), spec, machine, 0)
     rig = SimulatedRig(machine, spec, plan, 0)

@@ -13,7 +13,7 @@ from scipy.linalg import expm
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
@@ -180,17 +180,6 @@ def test_the_acceleration_of_a_point_holds_the_images_that_its_record_states() -
     assert np.abs(frequency_response(linear, theta, freq_hz) / G - 1)[:, 1].max() > 7e-4
 
 
-def test_the_truth_replaces_numbers_of_the_robot() -> None:
-    """The response is that of the true robot, not of the study's."""
-    truth = {"k_2": "400 kN*m/rad", "k_3x": 3e5}
-    simulated = three_axes(SimulatedSpec(truth=truth), rms=1.0)
-    G, record = measured_response(simulated)
-    G /= record.hold_response(simulated.plan.freq_hz)[:, None]
-    true = replace(simulated, robot=robot().with_parameters({"k_2": 4e5, "k_3x": 3e5}))
-    assert error(G, continuous_response(true)) < 1e-3
-    assert error(G, continuous_response(simulated)) > 0.1
-
-
 def test_a_record_holds_the_plan_without_its_transient() -> None:
     """Two periods of what was injected, repeating themselves, the transient simulated and dropped."""
     simulated = three_axes()
@@ -200,14 +189,6 @@ def test_a_record_holds_the_plan_without_its_transient() -> None:
     np.testing.assert_array_equal(record.r, np.tile(simulated.plan.torque(experiment), (2, 1)))
     change = np.abs(record.y[2000:] - record.y[:2000]).max() / np.ptp(record.y, axis=0).max()
     assert change < 1e-3
-
-
-def test_the_carrier_is_followed() -> None:
-    """The motors move by the amplitude at the carrier's line, and gravity and inertia are fed forward."""
-    simulated = three_axes(SimulatedSpec(carrier=CarrierSpec(0.05, cycles=1)), rms=1.0)
-    record = simulated.measure(simulated.experiments[0])
-    carrier = np.fft.rfft(record.y[:2000] - POSTURE, axis=0)[1] / 1000
-    np.testing.assert_allclose(carrier, -0.05j * np.ones(3), atol=0.001)
 
 
 def test_encoders_count_motor_turns() -> None:

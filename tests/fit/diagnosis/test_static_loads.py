@@ -10,15 +10,11 @@ from plants.data_sheet_arm import NAMED, arm, load_tests, measure
 from plants.measured_robots import responses_of
 from plants.refusals import refused
 from plants.two_mass import circular
-from plants.two_mass_gear import LINES, POSTURE, Gear, records, robot
 
 import elastid as ei
 from elastid.fit.identify import check_responses, identify
-from elastid.fit.load_tests import LoadTest
 from elastid.fit.problem.static_loads import placed_tests
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.frf.estimate import estimate
-from elastid.frf.spec import EstimatorSpec
 from elastid.record import JointLoop
 from elastid.response import Covariance
 from elastid.study import load_robot
@@ -61,21 +57,6 @@ def test_readings_that_no_robot_can_have_are_told_from_the_responses():
     assert result.status == "misfit"
     assert result.static.ratio == pytest.approx(1e3, rel=0.01)
     assert "the gauge are in another scale" in result.message
-
-
-@pytest.mark.slow
-def test_a_reading_in_a_wrong_unit_does_not_take_the_responses_with_it():
-    """mm for m pulls both into a valley in which the responses alone would stay: they are searched from their start."""
-    gear = Gear()
-    link = replace(robot(gear).bodies[0], center_of_mass=(1.0, 0.0, 0.0), mass=1e-9)
-    axis, spec = replace(robot(gear), bodies=(link,)), EstimatorSpec(friction="none", transient_periods=0)
-    responses = [estimate(records(gear, seed=1, experiments=4), spec, LINES)]
-    fit = FitSpec(parameters={name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}, starts=3)
-    test = LoadTest(configuration="rest", force=(0.0, 200.0, 0.0), along="y", deflection=1e3 * 200 / gear.k, std=5e-6)
-    result = identify(responses, axis, fit, loads=placed_tests([test], {"rest": POSTURE}))
-    assert result.status == "misfit", result.message
-    assert "static load tests contradict the responses" in result.message
-    assert result.values["k_1"] == pytest.approx(gear.k, rel=1e-3)
 
 
 def test_the_ratio_and_wider_intervals():

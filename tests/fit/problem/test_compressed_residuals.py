@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 import pytest
 from plants.elastic_arm import arm
-from plants.linkages import linkage
 from plants.refusals import refused
 from plants.three_mass import FREQ, NO_FLOOR, circular, measured, noise_of, parameters, plant, stacked
 
@@ -20,17 +19,15 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.compressed_residuals import BATCH, Full, LineResiduals, Packed
 from elastid.fit.problem.elastic import ElasticFit, each_at_home, elastic_fit, home_of
-from elastid.fit.problem.least_squares import Evaluation
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
-from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Sensitivity
 from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import formulate, serial
-from elastid.model.spec import ModelSpec
+from elastid.model.formulation import serial
 from elastid.record import Configuration, HeldTorque
 from elastid.response import Covariance
-from elastid.robot import Body, Chain, Frame, Joint, Motor, Placement, Robot, Spring
+from elastid.robot import Chain, Frame, Placement
 from elastid.store.measured import read_responses, write_responses
 
 NAMES = ("k_*", "d_*", "fm_*", "Jm_*", "m_fore", "c_fore_x", "delay", "torque_lag", "sensor_lag")
@@ -106,39 +103,6 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     assert fit.parts[0].normal.columns.is_symmetric == (outputs == ("motor 1", "motor 2"))
 
 
-@pytest.mark.usefixtures("loops")
-def test_a_mass_without_gravity_acts_along_three_directions():
-    """However many joints carry it: derivatives along these three are those of every element."""
-    bodies = [
-        Body(
-            f"{i}",
-            f"{i - 1}" if i else "base",
-            Placement((0.3, 0.0, 0.1)),
-            (Joint(f"{i}", "zyxzyxz"[i], Spring(1e4 / (i + 1), 10.0), Motor(1e-3, 100.0, 1e-3)),),
-            mass=5.0,
-            center_of_mass=(0.1, 0.05, 0.1),
-            inertia=0.1,
-        )
-        for i in range(7)
-    ]
-    robot, rng = Robot("chain", tuple(bodies), (0.0, 0.0, 0.0)), np.random.default_rng(1)
-    model = serial(robot)
-    places = tuple(f"motor {i}" for i in range(7))
-    linear = Linearisation.of(model).at(
-        Configuration("c1", tuple(rng.uniform(-1, 1, 7))), model.theta, places, "velocity"
-    )
-    exact = to_response(linear, np.append(model.theta, 0.0), FREQ[::4])
-    std = 0.02 * np.abs(exact.G) + 1e-4 * np.abs(exact.G).max(axis=0)
-    response = replace(exact, G=exact.G + std * circular(rng, std.shape), noise=Covariance(std**2, np.inf))
-    spec = FitSpec(parameters={name: ParameterSpec() for name in ("m_6", "k_*")})
-    parameters = choose(spec, robot)
-    fit = Assembly.of([response], robot, spec, parameters).at(parameters.x, "complex")
-    x = parameters.x + 0.02 * rng.standard_normal(len(parameters.x))
-    assert_sums_of_all_elements(fit, x)
-    part = next(fit.parts[0].normal.columns.at(fit.parts[0].theta(fit.parameters, x)))
-    assert part.S.shape == (2, 1, 3, 3)
-
-
 def random_part(
     rng: np.random.Generator, start: int, F: int, n_y: int, n_u: int, n_1: int, n_2: int, n_3: int
 ) -> Sensitivity:
@@ -197,43 +161,6 @@ def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, n_3, precisi
         tolerance = 1e-12 if precision is np.float64 else 1e-5
         moments = expected.moments * upper
         np.testing.assert_allclose(found.moments * upper, moments, rtol=0, atol=tolerance * np.abs(moments).max())
-
-
-@pytest.mark.parametrize("mode", ["minimal", "constrained"])
-@pytest.mark.parametrize("F", [1, 60])
-def test_a_linkage_has_the_same_normal_equations_in_c_and_numpy(F, mode, monkeypatch):
-    """Correlated weights, elements left out, a held spring; every byte again from the copy of another process."""
-    robot, rng, model = linkage(bends=True), np.random.default_rng(4), ModelSpec(mode)
-    built = formulate(robot, model)
-    linear = linearise(built, Configuration("c1", (0.3, 0.5)), built.theta, built.inputs, "acceleration")
-    exact = to_response(linear, linear.theta_ref, np.linspace(2, 60, F))
-    noise = correlated(rng, 0.02 * np.abs(exact.G))
-    measured = replace(exact, G=exact.G * (1 + 0.02 * circular(rng, exact.G.shape)), noise=noise)
-    spec = FitSpec(
-        parameters={name: ParameterSpec() for name in ("k_2", "d_*", "k_b2", "m_upper", "fm_*")},
-        weights=WeightSpec(
-            factors=(
-                FactorSpec(0.0, output=exact.outputs[0], input=exact.inputs[1]),
-                FactorSpec(0.0, band_hz=(15.0, 16.0)),
-            ),
-        ),
-    )
-    parameters = choose(spec, robot)
-    x = parameters.x + 0.05 * rng.standard_normal(len(parameters.x)) * (parameters.x > 0)
-
-    def evaluated(in_c: bool) -> tuple[ElasticFit, Evaluation]:
-        monkeypatch.setattr("elastid.linear.response.kernel.is_compiled", lambda: in_c)
-        fit = Assembly.of([measured], robot, spec, parameters, model).at(parameters.x, "complex")
-        return fit, fit.evaluate(x)
-
-    (_, by_numpy), (fit, in_c) = evaluated(False), evaluated(True)
-    size = np.sqrt(np.diag(by_numpy.hessian))
-    assert in_c.cost == pytest.approx(by_numpy.cost, rel=1e-10)  # G is 50 times the residuals, cond Z 3e3
-    np.testing.assert_allclose(in_c.gradient / size, by_numpy.gradient / size, atol=1e-10 * np.sqrt(in_c.cost))
-    np.testing.assert_allclose(in_c.hessian / np.outer(size, size), by_numpy.hessian / np.outer(size, size), atol=1e-11)
-    part = pickle.loads(pickle.dumps(fit.parts[0]))
-    here, again = (one.normal.at(fit.parts[0].theta(fit.parameters, x)) for one in (fit.parts[0], part))
-    assert [np.asarray(one).tobytes() for one in here] == [np.asarray(one).tobytes() for one in again]
 
 
 Q = 18  # five chunks
@@ -297,10 +224,3 @@ def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(
     bare = [replace(response, noise=None) for response in responses]
     with refused("fit/weights", place="configuration c0"):
         list(each_at_home(partial(weigh, spec=NO_FLOOR), bare, Execution(2)))
-
-
-def test_one_process_or_few_lines_keep_configurations_here(responses, monkeypatch):
-    """The work of others is then worth less than what it takes to ask them."""
-    assert home_of(responses, Execution(1)) == HERE
-    monkeypatch.setattr(chunks, "MIN_LINES", 20_000)
-    assert home_of(responses, Execution(2)) == HERE

@@ -59,21 +59,6 @@ def test_the_cost_is_the_mahalanobis_distance(form):
     assert fit.evaluate(x).cost == pytest.approx(V, rel=1e-9)
 
 
-def test_residuals_of_other_data_are_not_taken_over():
-    """Sums of a response serve its models alone: with other data or weights they are computed again."""
-    (one, other), model = (correlated(np.random.default_rng(seed)) for seed in (0, 1)), plant(OUTPUTS, INPUTS)
-    first, second = (fit_of(response, model, FULL) for response in (one, other))
-    x = parameters().x
-    again = first.with_residuals_of(first)
-    assert again.evaluate(x).cost == first.evaluate(x).cost
-    assert again.parts[0].normal.residuals is first.parts[0].normal.residuals
-    part = replace(again.parts[0], measured=second.parts[0].measured)
-    alone = replace(part, compressed=None)
-    assert replace(again, parts=(part,)).evaluate(x).cost == replace(again, parts=(alone,)).evaluate(x).cost
-    halved = replace(again.parts[0], gain=again.parts[0].gain / 2)
-    assert replace(again, parts=(halved,)).evaluate(x).cost == pytest.approx(first.evaluate(x).cost / 4)
-
-
 def test_full_weights_are_sharper_than_diagonal_ones_and_attain_the_cramer_rao_bound():
     """60 responses, two inputs and three outputs that a torque at the gear moves alike.
 

@@ -80,14 +80,3 @@ def test_unknown_places_are_named():
     test = LoadTest(configuration="c7", force=(0, 0, -1), std=1e-6, deflection=(0, 0, 0))
     with refused("fit/loads", place="loads"):
         placed_tests([test], NAMED)
-
-
-@pytest.mark.slow
-def test_repetitions_of_the_bootstrap_draw_the_readings_too(responses):
-    """Standard deviations of 40 repetitions, within a factor of two of the covariance."""
-    tests = load_tests(arm(), np.random.default_rng(4), std=2e-6)
-    spec = replace(SPRINGS, bootstrap=40, seed=1)
-    both = identify(responses, arm(), spec, loads=placed_tests(tests, NAMED))
-    width = np.log(both.bootstrap95[:, 1] / both.bootstrap95[:, 0]) / (2 * 1.96)
-    ratio = width / np.sqrt(np.diag(both.covariance))
-    assert np.all((ratio > 0.6) & (ratio < 1.6)), ratio

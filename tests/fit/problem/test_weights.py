@@ -55,21 +55,6 @@ def test_weights_from_few_degrees_of_freedom_are_unbiased_and_steady(dof, true):
     assert inner.std() < 1.6 / np.sqrt(24)
 
 
-def test_many_degrees_of_freedom_are_left_alone():
-    """With 30 and more the measured variance is used line by line, with E[1 / v~] = 1 / v."""
-    rng = np.random.default_rng(2)
-    variance = sampled(rng, np.full(F, 0.1), 30.0)
-    np.testing.assert_allclose(smooth_variance(variance, G, 30.0)[0], variance * 30 / 29)
-
-
-def test_a_zero_variance_takes_its_neighbours():
-    """A line on which the few repetitions agree by chance is not infinitely sure."""
-    variance = np.full(F, 0.1)
-    variance[7] = 0.0
-    smooth, _ = smooth_variance(variance, G, 3.0)
-    assert smooth[7] == pytest.approx(smooth[6])
-
-
 def test_the_floor_adds_to_the_variance():
     """sigma^2 = v + (floor |G|)^2."""
     weights = weigh(response(0.01), FitSpec(weights=WeightSpec(floor=0.05)))

@@ -192,19 +192,6 @@ def test_a_damping_that_hardly_acts_is_not_overshot():
     assert len(seen) < 25
 
 
-def test_a_narrow_curved_valley_is_followed():
-    """Rosenbrock's, scaled so that its floor is as flat beside its sides as a weak parameter beside a strong one."""
-    parameters = Parameters((Parameter("x", -1.2, lower=-9, upper=9), Parameter("y", 1.0, lower=-9, upper=9)))
-
-    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return np.array([100 * (x[1] - x[0] ** 2), 1 - x[0], 1.0]), np.array([[-200 * x[0], 100], [-1, 0], [0, 0]])
-
-    end = solve(problem(parameters, residual), parameters.x)
-    assert end.converged
-    np.testing.assert_allclose(end.x, [1, 1], atol=4 * FINE)
-    assert end.iterations < 60
-
-
 def test_starts_spread_evenly_within_their_factor_and_bounds():
     """The first is the given one; ln k fills its range in strata, a damping spreads over the factor squared."""
     parameters = Parameters(

@@ -4,19 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from plants import random_plants as study
 from plants.noise_record import noise_record, truth
 from plants.random_plants import N, record_of
 from scipy.stats import kstest
 
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
-from elastid.frf.local import least_squares
 from elastid.frf.local.fitted_response import Experiments, fitted_response, with_model_error
-from elastid.frf.local.least_squares import WindowTerms, fit_ladder, fitted_transient, windows
-from elastid.frf.local.response import local_response
+from elastid.frf.local.least_squares import WindowTerms, fit_ladder, windows
 from elastid.frf.spec import EstimatorSpec
 from elastid.response import Quality
 
@@ -35,15 +30,6 @@ def test_coherences_of_two_inputs_are_their_shares() -> None:
     np.testing.assert_allclose(quality.coherence.mean(axis=0), (shares / power[:, :, None]).mean(axis=0), atol=0.07)
     assert np.median(quality.condition) < 2
     np.testing.assert_allclose(quality.singular_values, np.linalg.svd(response.G, compute_uv=False))
-
-
-def test_noise_alone_has_no_coherence() -> None:
-    """An output that no input moves: unknowns over equations, half of the lines' power, do not count as explained."""
-    record = noise_record(8192, 2, n=1)
-    y = np.random.default_rng(3).normal(size=record.y.shape)
-    for method in ("local_polynomial", "local_rational"):
-        response = estimate([replace(record, y=y)], replace(SPEC, method=method))
-        assert np.median(response.quality.multiple_coherence) < 0.1
 
 
 def periodic(closed: bool, s: float) -> Quality:
@@ -94,23 +80,6 @@ def test_a_richer_model_widens_the_variance_where_it_differs_and_has_a_useful_va
         np.testing.assert_allclose((total.right / fitted.total.right)[:, 0, 0], ratio)
 
 
-@given(count=st.integers(3, 60), n_w=st.integers(1, 40), line=st.integers(0, 200), seed=st.integers(0, 10**6))
-@settings(deadline=None, max_examples=50)
-def test_a_window_is_of_neighbours_and_holds_its_line_in_the_middle_or_at_an_end_of_the_band(
-    count: int, n_w: int, line: int, seed: int
-) -> None:
-    """On any grid: contiguous, n_w of them, offsets within [-1, 1]; off centre only against an end."""
-    available = np.sort(np.random.default_rng(seed).permutation(200)[:count])
-    window = windows(available, np.array([line]), n_w)
-    index = window.index[0]
-    assert len(index) == min(n_w, count)
-    assert np.all(np.diff(index) == 1)
-    assert np.abs(window.offset).max() <= 1
-    below, above = np.sum(available[index] < line), np.sum(available[index] > line)
-    if index[0] > 0 and index[-1] < count - 1:
-        assert abs(below - above) <= 1
-
-
 def test_the_residual_of_local_fits_is_chi_square_with_its_degrees_of_freedom() -> None:
     """2 scatter / variance of each output has 2 dof real ones: Kolmogorov and Smirnov, and its mean to 2 %."""
     rng = np.random.default_rng(1)
@@ -139,26 +108,3 @@ def test_poles_that_fit_mere_noise_are_not_taken() -> None:
     greedy, careful = (fit_ladder(Z, R, where, steps).chosen for steps in (ladder[1:], ladder))
     assert np.mean(greedy.scatter.real) / greedy.dof < 2 * 0.9
     assert np.mean(careful.scatter.real) / careful.dof == pytest.approx(2, rel=0.02)
-
-
-def test_blocks_of_lines_do_not_change_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line at a time equals all at once."""
-    taken = study.TwoModes(N=512, lines=(6, 200)).from_rest(2, 60.0, np.random.default_rng(0))
-    whole = local_response([taken], study.LRM)
-    monkeypatch.setattr(least_squares, "_BLOCK_NUMBERS", 1)
-    np.testing.assert_allclose(local_response([taken], study.LRM).G, whole.G, rtol=1e-9)
-
-
-def test_a_transient_of_two_poles_is_recovered_at_the_lines_from_the_bins_between_them() -> None:
-    """Exactly, for all signals at once; five bins are as many as its terms, and separate nothing."""
-    bins = np.arange(1, 61)
-    lines, rest = bins[bins % 3 == 0], bins[bins % 3 != 0]
-
-    def transient(k: np.ndarray) -> np.ndarray:
-        poles = (k[:, None] - 20 - 6j) * (k[:, None] - 45 + 5j) / 400
-        return np.stack([1 + 0.01 * k, 2 - 0.02j * k], axis=1) / poles
-
-    fit = fitted_transient(transient(rest), rest, lines, n_y=1)
-    np.testing.assert_allclose(fit.T[:, 0], transient(lines), rtol=1e-9)
-    assert fitted_transient(transient(rest[:5]), rest[:5], lines, n_y=1) is None
-    assert fitted_transient(transient(rest[:6]), rest[:6], lines, n_y=1) is not None

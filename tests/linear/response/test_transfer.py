@@ -10,7 +10,6 @@ from plants.oblique_arm import arm, linear
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
-from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
@@ -59,21 +58,6 @@ def test_modes_are_where_the_dynamic_stiffness_is_singular():
         left = (pole**2 * model.M + pole * model.D + model.K) @ phi
         assert np.abs(left).max() < 1e-7 * np.abs(model.K @ phi).max()
         assert np.abs(phi).max() == pytest.approx(1)
-
-
-def test_slopes_are_exact_but_for_centres_of_mass():
-    """Affine in stiffness, damping, friction, rotors, masses and inertias: M, D, K far away equal the model's own."""
-    robot = arm()
-    model = serial(robot)
-    linearised = linear(robot)
-    point = equilibrium(model, model.theta, linearised.configuration)
-    rng = np.random.default_rng(0)
-    factor = [1.0 if name.startswith("c_") else rng.uniform(0.5, 2) for name in model.parameters]
-    theta = model.theta * np.array(factor)
-    M, D, K = linearised.matrices(np.append(theta, 0))
-    np.testing.assert_allclose(M, model.mass(point.q, theta).full(), atol=1e-10 * np.abs(M).max())
-    np.testing.assert_allclose(D, model.damping(point.q, theta).full(), atol=1e-10 * np.abs(D).max())
-    np.testing.assert_allclose(K, model.stiffness(point.q, [], theta).full(), atol=1e-10 * np.abs(K).max())
 
 
 def test_delay_turns_the_phase_only():
@@ -145,22 +129,3 @@ def test_images_make_the_response_that_of_the_held_and_sampled_plant(
     assert np.max(np.abs(G - exact) / scale) < tolerance
     without = frequency_response(replace(model, hold=None), model.theta_ref, freq_hz)
     assert np.max(np.abs(without - exact) / scale) > 1e-5
-
-
-def test_an_inertia_has_the_images_of_the_closed_form() -> None:
-    """G_inf (pi x)^3 cos(pi x) / sin(pi x)^3, here far above the resonance of a soft spring."""
-    model, freq_hz = two_masses(1e-3), np.array([50.0, 100.0, 200.0])
-    theta = np.where([name == "fm" for name in model.parameters], 0.0, model.theta_ref)
-    a = np.pi * freq_hz / RATE_HZ
-    G = frequency_response(model, theta, freq_hz)[:, 0, 0]
-    np.testing.assert_allclose(G, (a / np.sin(a)) ** 3 * np.cos(a) / 6.0, rtol=1e-6)
-
-
-def test_an_output_behind_a_filter_and_a_torque_that_is_not_held_have_none() -> None:
-    model, freq_hz = two_masses(25), np.linspace(1, 200, 40)
-    without = frequency_response(replace(model, hold=None), model.theta_ref, freq_hz)
-    half = frequency_response(replace(model, hold=HeldTorque((RATE_HZ,), (True, False))), model.theta_ref, freq_hz)
-    np.testing.assert_array_equal(half[:, 1], without[:, 1])
-    assert np.max(np.abs(half[:, 0] - without[:, 0])) > 1e-2
-    none = frequency_response(replace(model, hold=HeldTorque((0.0,), (True, True))), model.theta_ref, freq_hz)
-    np.testing.assert_array_equal(none, without)

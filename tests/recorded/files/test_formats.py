@@ -1,7 +1,9 @@
 """The formats of log files, and channels of a log by name."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +23,9 @@ from plants.ros_bag import LogArrays, write_bag
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files.formats import contents, opened_log, read_channels
-from elastid.recorded.files.log import ArrayLog
+from elastid.recorded.files import formats
+from elastid.recorded.files.formats import Format, contents, read_channels
+from elastid.recorded.files.log import ArrayLog, StoredArray
 
 
 def test_contents_lists_every_signal_of_a_file(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
@@ -43,7 +46,7 @@ def test_contents_lists_every_signal_of_a_file(tmp_path: Path, log: dict[str, np
 
 
 def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
-    """A damaged MATLAB file, bytes of no format, a text without numbers, a format that contradicts itself."""
+    """A damaged MATLAB file, bytes of no format, a text without numbers, formats that no text can have."""
     (tmp_path / "bad.mat").write_bytes(b"MATLAB 5.0 MAT-file, but not really".ljust(200, b"x"))
     (tmp_path / "bytes.h5").write_bytes(bytes(range(256)) * 8)
     (tmp_path / "words.csv").write_text("no,numbers\nin,here\n")
@@ -54,6 +57,7 @@ def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
         ("words.csv", TextFormatSpec(), "records/text", "words.csv"),
         ("empty.csv", TextFormatSpec(), "records/text", "empty.csv"),
         ("words.csv", TextFormatSpec(",", ","), "records/text", "text"),
+        ("words.csv", TextFormatSpec(",,"), "records/text", "text"),
     ):
         with refused(code, place=place):
             measured(tmp_path, study_of(name, text=text))
@@ -98,17 +102,12 @@ def write_bag_folder(base: Path, log: LogArrays) -> ExperimentSpec:
     return study_of("bag", with_names(BAG_NAMES), time="joint_states.time")
 
 
-def write_mcap_folder(base: Path, log: LogArrays) -> ExperimentSpec:
-    write_bag(base / "bag", log, "MCAP")
-    return study_of("bag", with_names(BAG_NAMES), time="joint_states.time")
-
-
 def write_mcap_file(base: Path, log: LogArrays) -> ExperimentSpec:
     (file,) = write_bag(base / "bag", log, "MCAP").glob("*.mcap")
     return study_of(str(file.relative_to(base)), with_names(BAG_NAMES), time="joint_states.time")
 
 
-@pytest.mark.parametrize("write", [write_tdms, write_parquet, write_bag_folder, write_mcap_folder, write_mcap_file])
+@pytest.mark.parametrize("write", [write_tdms, write_parquet, write_bag_folder, write_mcap_file])
 def test_a_log_is_the_same_record_in_every_format(
     write: Callable[[Path, LogArrays], ExperimentSpec], tmp_path: Path, log: LogArrays
 ) -> None:
@@ -141,6 +140,42 @@ def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs
         contents(tmp_path / "log", TEXT)
 
 
+@contextmanager
+def _opened_doubles(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    values = np.frombuffer(path.read_bytes()[4:])
+    yield ArrayLog(path, {"x": StoredArray(values.shape, values.dtype, lambda: values)})
+
+
+DOUBLES = Format("raw", lambda path, head: head.startswith(b"RAW!"), _opened_doubles, "export it again")
+NO_FORMAT = 7
+
+
+def _register(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setitem(sys.modules, "elastid_doubles", sys.modules[__name__])
+    point = EntryPoint("doubles", f"elastid_doubles:{name}", "elastid.readers")
+    monkeypatch.setattr(formats, "_points", lambda: (point,))
+
+
+def test_another_package_adds_a_format_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its file is read; files of other formats are read as before."""
+    _register(monkeypatch, "DOUBLES")
+    (tmp_path / "log.raw").write_bytes(b"RAW!" + np.arange(5.0).tobytes())
+    assert contents(tmp_path / "log.raw", TEXT) == {"x": (5,)}
+    (tmp_path / "log.csv").write_text("a,b\n1,2\n3,4\n")
+    assert contents(tmp_path / "log.csv", TEXT) == {"a": (2,), "b": (2,)}
+
+
+@pytest.mark.parametrize("name", ["ABSENT", "NO_FORMAT"])
+def test_an_entry_point_that_holds_no_format_is_named(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What cannot be imported, and what is something else."""
+    _register(monkeypatch, name)
+    (tmp_path / "log.csv").write_text("a,b\n1,2\n3,4\n")
+    with refused("install/missing-package", holds=("doubles", name)):
+        contents(tmp_path / "log.csv", TEXT)
+
+
 def _read(path: Path, *names: str, column: int | None = None) -> np.ndarray:
     return read_channels(path, [ChannelSpec("u", "motor 1", name, column) for name in names], TEXT)
 
@@ -159,27 +194,6 @@ def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> Non
     np.testing.assert_array_equal(
         _read(tmp_path / "log.dat", "t", "x", "f"), [[0, 1, 0], [0.0025, np.nan, 1], [0.005, 3, 2], [0.0075, 4, 3]]
     )
-
-
-def test_a_negative_increment_of_tdms_is_no_rate(tmp_path: Path) -> None:
-    """`inspect` showed a signal at -1 Hz."""
-    from nptdms import ChannelObject, TdmsWriter
-
-    with TdmsWriter(tmp_path / "log.tdms") as file:
-        file.write_segment([ChannelObject("g", "torque", np.arange(9.0), {"wf_increment": -1.0})])
-    with opened_log(tmp_path / "log.tdms", TEXT) as log:
-        assert isinstance(log, ArrayLog)
-        assert log.arrays["g/torque"].rate_hz is None
-
-
-def test_times_of_tdms_are_seconds(tmp_path: Path) -> None:
-    """From the first."""
-    from nptdms import ChannelObject, TdmsWriter
-
-    at = np.datetime64("2026-05-01T10:00:00", "us") + np.arange(3) * np.timedelta64(4000, "us")
-    with TdmsWriter(tmp_path / "log.tdms") as writer:
-        writer.write_segment([ChannelObject("a", "t", at), ChannelObject("a", "x", np.array([1, 2, 3]))])
-    np.testing.assert_allclose(_read(tmp_path / "log.tdms", "a/t", "a/x"), [[0, 1], [0.004, 2], [0.008, 3]])
 
 
 @pytest.mark.parametrize(

@@ -3,18 +3,14 @@
 import sys
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
-from plants.lab_logs import CHANNELS, measured, save_csv, study_of
 from plants.refusals import refused
 from scipy.io import savemat
 
-from elastid.app.inspection import described
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.formats import contents, opened_log, read_channels
-from elastid.store.artefacts import FORMAT
 
 
 def test_a_reader_of_matlab_files_that_dies_takes_nothing_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -95,20 +91,3 @@ def test_a_changed_file_is_read_again(tmp_path: Path):
     for last in (4.0, 7.0):
         savemat(tmp_path / "log.mat", {"a": np.append(np.arange(4.0), last)})
         assert read_channels(tmp_path / "log.mat", [channel], TextFormatSpec())[-1] == last
-
-
-@pytest.mark.parametrize("placeholder", [1e308, -1e120])
-def test_a_number_that_no_sensor_gives_is_refused(tmp_path: Path, log, placeholder: float):
-    """Its square, which covariances are made of, would overflow."""
-    spoilt = np.where(np.arange(len(log["phi"])) == 7, placeholder, log["phi"])
-    save_csv(tmp_path / "log.csv", log | {"phi": spoilt})
-    with refused("records/values", place="log.csv"):
-        measured(tmp_path, study_of("log.csv", CHANNELS))
-
-
-def test_labels_of_another_type_than_they_had_are_not_taken_on_trust(tmp_path: Path):
-    """HDF5 ends the process on an attribute of labels that is a number."""
-    with h5py.File(tmp_path / "frf.h5", "w") as file:
-        file.attrs["elastid"], file.attrs["format"] = "frf", FORMAT
-        file.create_dataset("a", data=np.zeros((2, 3))).attrs["DIMENSION_LABELS"] = np.nan
-    assert "a (2, 3) = 0" in described(tmp_path / "frf.h5")

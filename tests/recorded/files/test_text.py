@@ -48,13 +48,6 @@ def test_columns_without_headings_are_named_as_inspect_names_them(tmp_path: Path
         read_channels(path, [ChannelSpec("u", "motor 1", "column 10", 3)], text)
 
 
-def test_a_delimiter_of_several_characters_is_refused(tmp_path: Path) -> None:
-    """It ended in `damaged, cut short or no text file`."""
-    (tmp_path / "log.csv").write_text("1,,2\n3,,4\n")
-    with refused("records/text", place="text", holds="',,'"):
-        contents(tmp_path / "log.csv", TextFormatSpec(",,"))
-
-
 def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(
     tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:

@@ -52,23 +52,6 @@ def test_noise_and_steps_of_an_encoder_are_no_spikes(seed: int, level: float, q:
     np.testing.assert_array_equal(repaired.signals, signals)
 
 
-@pytest.mark.parametrize("periods", [3, 4, 5])
-def test_few_periods_of_a_slow_wander_have_no_spikes_but_their_own(periods: int) -> None:
-    """One of three periods is their median, and a sample of it between others of it is no spike; one of 30 sigma is."""
-    rng = np.random.default_rng(periods)
-    for seed in range(20):
-        n = periods * N
-        slow = np.cumsum(rng.normal(size=(n, 2)), axis=0) * np.array([5e-5, 0.05])
-        signals = wave(np.arange(n), seed) + slow + rng.normal(size=(n, 2)) * np.array([1e-4, 0.1])
-        repaired = without_spikes(signals, N, 1, LOG)
-        np.testing.assert_array_equal(repaired.signals, signals)
-        spoilt = signals.copy()
-        spoilt[N + 77, 1] += 6.0
-        repaired = without_spikes(spoilt, N, 1, LOG)
-        assert counts(repaired.findings) == {MASKED: 1}
-        assert np.flatnonzero(np.isnan(repaired.signals[:, 1])).tolist() == [N + 77]
-
-
 def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     """2 % of a channel; a burst of oscillation that only one period has."""
     rng = np.random.default_rng(5)
@@ -167,20 +150,6 @@ def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     assert find_steps(np.stack([CLEAN[:, 0], fine], axis=1), N, 1, LOG) == ()
 
 
-def test_levels_that_a_torque_was_given_are_no_steps() -> None:
-    """A binary sequence, a ternary one and the blows of a hammer; a coarse encoder is one still."""
-    rng = np.random.default_rng(0)
-    for levels in ((-1.0, 1.0), (-1.0, 0.0, 1.0)):
-        given = np.repeat(rng.choice(levels, 600), 5)
-        assert find_steps(np.stack([given, CLEAN[:, 1]], axis=1), len(given), 1, LOG) == ()
-    blows = np.zeros(3000)
-    for first in (100, 900, 2100):
-        blows[first : first + 3] = 50.0, 100.0, 50.0
-    assert find_steps(np.stack([blows, CLEAN[:, 1]], axis=1), 3000, 1, LOG) == ()
-    coarse = 0.7 * CLEAN[:, 1].std() * np.round(CLEAN[:, 1] / (0.7 * CLEAN[:, 1].std()))
-    assert len(find_steps(np.stack([blows, coarse], axis=1), 3000, 1, LOG)) == 1
-
-
 def test_missing_samples_come_back_exactly_where_nothing_else_is_wrong() -> None:
     """Single ones, a gap, both ends, with a drift of a hundred times the signal: equal to the signal to 1e-9."""
     signals = CLEAN + DRIFT
@@ -208,18 +177,6 @@ def test_what_is_filled_never_touches_what_was_measured(gaps: list[tuple[int, in
     np.testing.assert_array_equal(repaired.signals[good], signals[good])
     assert np.isfinite(repaired.signals).all()
     assert counts(repaired.findings).get(FILLED, 0) == np.sum(~good)
-
-
-def test_half_wave_samples_are_filled_with_the_other_sign() -> None:
-    """Odd lines only: the second half of the period is minus the first."""
-    rng = np.random.default_rng(3)
-    lines = np.arange(1, 120, 2)
-    t = np.arange(4 * N // 2)
-    x = (np.exp(2j * np.pi * np.outer(t / N, lines)) @ np.exp(2j * np.pi * rng.random(60))).real[:, None]
-    spoilt = x.copy()
-    spoilt[300:310] = np.nan
-    repaired = filled(spoilt, N // 2, -1, Log("x", ("u",)))
-    np.testing.assert_allclose(repaired.signals, x, atol=1e-8)
 
 
 def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() -> None:

@@ -79,15 +79,6 @@ def test_what_follows_a_stop_for_good_is_cut_off(periods: int, tmp_path: Path) -
     assert any(f"of {periods} stand still" in text for text in said(record.notes))
 
 
-def test_a_robot_that_rests_in_every_period_does_not_stop(tmp_path: Path) -> None:
-    """The excitation has a pause of its own."""
-    log = {name: np.where(np.arange(800) % N < 120, x, 0.0) for name, x in _log(4).items()}
-    save_csv(tmp_path / "log.csv", log)
-    record = measured(tmp_path, study_of("log.csv"))
-    assert (record.n_periods, record.left_out) == (4, ())
-    assert not any("stop" in text for text in said(record.notes))
-
-
 @pytest.mark.parametrize("periods", [3, 6])
 def test_a_log_that_begins_before_the_excitation_keeps_all_its_periods(periods: int, tmp_path: Path) -> None:
     """Rest during 0.7 of the first period is a start, no stop, and later periods show that the period is right."""

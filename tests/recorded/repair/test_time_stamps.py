@@ -13,7 +13,6 @@ from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import counts
 from elastid.recorded.repair.time_stamps import (
     GAPS,
-    at_times,
     clock_drift,
     delay,
     even_grid,
@@ -104,17 +103,6 @@ def test_stamps_in_another_unit_are_refused_before_anything_is_resampled(unit: f
         on_grid(t + 3e7 * (np.arange(5000) > 2999), t[:, None], 1000.0, LOG)
 
 
-def test_noise_grows_little_at_the_ends() -> None:
-    """Jitter of a fiftieth of a sample; undamped, the ends of 9 in 40 logs are off by up to 42 times the signal."""
-    rng, worst = np.random.default_rng(0), 0.0
-    for _ in range(40):
-        t = np.arange(400) / 1000 + 2e-5 * rng.standard_normal(400)
-        x = waves(t, 150.0) / 4 + 1e-3 * rng.standard_normal((400, 2))
-        found = on_grid(t, x, 1000.0, LOG).signals
-        worst = max(worst, float(np.abs(found - waves(t[0] + np.arange(len(found)) / 1000, 150.0) / 4).max()))
-    assert worst < 0.05
-
-
 @pytest.mark.parametrize(
     ("stamps", "rate_hz"),
     [
@@ -174,12 +162,6 @@ def test_clocks_that_agree_are_left_alone(seed: int, noise: float) -> None:
     assert resampled(signals, signals[:, :1], N, LOG).findings == ()
 
 
-def test_a_wrong_period_is_no_drift_of_a_clock() -> None:
-    """Half a percent is beyond any clock: left to the check of the period, which names the right one."""
-    signals = wave(np.arange(P * N) * N / (N + 2.5))
-    assert resampled(signals, signals[:, :1], N, LOG).findings == ()
-
-
 @settings(max_examples=20, deadline=None)
 @given(tau=st.floats(-240, 240), noise=st.sampled_from([0.0, 0.3]))
 def test_the_delay_between_two_logs_is_found_to_a_hundredth_of_a_sample(tau: float, noise: float) -> None:
@@ -191,14 +173,3 @@ def test_the_delay_between_two_logs_is_found_to_a_hundredth_of_a_sample(tau: flo
     assert found == pytest.approx(tau, abs=0.03 if noise else 1e-6)
     assert correlation > 0.9
     assert delay(a, rng.normal(size=P * N), N)[1] < 0.5
-
-
-def test_interpolation_is_exact_in_its_band_and_keeps_the_rest_out() -> None:
-    """Halved rate: what the lower rate can hold stays to 2e-4, what it cannot is gone to 1e-3."""
-    t, half = np.arange(4000.0), np.arange(100, 1900) * 2.0
-    low, high = np.cos(2 * np.pi * 0.21 * t), np.cos(2 * np.pi * 0.3 * t)
-    result = at_times(np.stack([low, high], axis=1), half, 1000, band=0.5)
-    np.testing.assert_allclose(result[:, 0], np.cos(2 * np.pi * 0.21 * half), atol=2e-4)
-    np.testing.assert_allclose(result[:, 1], 0.0, atol=1e-3)
-    constant = at_times(np.full((4000, 1), 7.0), np.array([-40.3, 17.7, 4010.2]), 1000)
-    np.testing.assert_allclose(constant, 7.0, rtol=1e-12)

@@ -449,12 +449,6 @@ def test_units_of_a_file_are_believed(tmp_path: Path, code: int, metre: float, n
     assert [note.code for note in table.notes] == ([] if code == 1 else ["responses/units"])
 
 
-def test_a_unit_of_the_study_overrides_that_of_the_file(tmp_path: Path) -> None:
-    """mm/s^2 in both is not taken twice: the channel's own factor comes later."""
-    table = uff_table(written(tmp_path / "a.uff", 10), channels("mm/s^2"))
-    np.testing.assert_allclose(table.G[:, 0, 0], -G, rtol=1e-6)
-
-
 def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path: Path) -> None:
     """Millimetres in m; a trace line is interrupted at 0; a place with the other sign moves the other way."""
     geometry = uff_geometry(written(tmp_path / "a.uff", 10), channels("m/s^2"))

@@ -5,21 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.predicted_arm import result
-from plants.report_values import full_content
 
 from elastid.design.forecast import Forecast
 from elastid.design.limits import QUANTITIES, LimitUse
-from elastid.report.figures.drawings import drawings
 from elastid.report.figures.fit import information, limit_use
 from elastid.report.figures.use import SHOWN, workspace_figure
 from elastid.use.map import WorkspaceMap, map_workspace
-
-
-def test_every_figure_of_a_full_report_is_drawn_once():
-    """Names are file names and so unique; each belongs to a section of the page."""
-    names = [drawing.name for drawing in drawings(full_content())]
-    assert len(set(names)) == len(names)
-    assert {"parameters", "frf-c1", "frf-c2", "identifiability"} <= set(names)
 
 
 def forecast():

@@ -8,7 +8,7 @@ from plants.friction_study import friction_content, friction_result
 from plants.report_values import TRUTH, fit_result, lines_of, pair
 
 from elastid.report.content import parameter_rows
-from elastid.report.figures.fit import forest, identifiability, quality_figure, torque_balance_figure
+from elastid.report.figures.fit import forest, quality_figure, torque_balance_figure
 from elastid.report.page.page import rendered
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.response import Levels, Quality
@@ -16,15 +16,6 @@ from elastid.store.friction_study import FRICTION, write_friction_result
 from elastid.store.results import read_twin
 from elastid.validation.torque_balance import DRY, INERTIA, TorqueBalance, torque_balance
 from elastid.validation.twin import LINK, MOTION, TORQUE, SignalKind, TwinFindings, TwinRun, TwinSignal
-
-
-def test_the_identifiability_figure_writes_strong_correlations_into_the_matrix():
-    """-0.97 twice, nothing else; the singular values beside it."""
-    matrix, values = identifiability(fit_result()).axes
-    np.testing.assert_allclose(matrix.images[0].get_array(), fit_result().correlation)
-    assert [text.get_text() for text in matrix.texts if text.get_text()] == ["-0.97", "-0.97"]
-    np.testing.assert_allclose(values.get_lines()[0].get_ydata(), [2.0, 1.0, 0.5, 0.01])
-    assert values.get_title() == "singular values, condition 200"
 
 
 def test_the_forest_plot_shows_start_estimate_truth_and_bound_hits_as_ratios_to_the_truth():
@@ -100,17 +91,6 @@ def test_the_levels_of_every_output_are_drawn_and_noise_is_taken_off_the_detecti
             level = np.sqrt(found.amplitude[:, i] ** 2 - found.noise[:, i] ** 2)
             np.testing.assert_allclose(drawn[f"nonlinear, {name}"].get_ydata(), db(level))
             np.testing.assert_allclose(drawn[f"nonlinear, {name}"].get_xdata(), found.freq_hz)
-
-
-def test_the_last_panels_show_the_unexplained_share_and_singular_values():
-    """One curve an output, two singular values of G and of the inputs, their condition in the title."""
-    quality = made_up()
-    lost, gains, inputs = quality_figure(RESPONSE, quality, "c1").axes[4:7]
-    shown = [line.get_ydata() for line in lost.get_lines()]
-    np.testing.assert_allclose(shown, 1 - quality.multiple_coherence.T)
-    np.testing.assert_allclose([line.get_ydata() for line in gains.get_lines()], db(quality.singular_values.T))
-    np.testing.assert_allclose([line.get_ydata() for line in inputs.get_lines()], db(quality.input_singular_values.T))
-    assert inputs.get_title().endswith("condition 1.5")
 
 
 def balance() -> TorqueBalance:

@@ -1,14 +1,12 @@
 """Levels, law and what it leaves of them, over speed, load and temperature; a motion with its regression."""
 
-import math
-
 import numpy as np
 import pytest
 from plants import friction_study as study
 from plants.dry_friction import robot
 from plants.published_friction import drawn, published_levels
 from plants.report_values import bars_of, lines_of
-from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
+from plants.taken_friction import LEVELS, STDS, taken_friction
 
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.spec import LawSpec
@@ -43,16 +41,6 @@ def test_levels_of_other_conditions_are_grey_and_counted(published: StaticLaw) -
     points = {name: len(x) for name, (x, _) in bars_of(axes).items()}
     assert points == {"levels at other loads and temperatures": 96, "levels, both directions": 12}
     assert Condition.typical(published.levels).text(published) == "at a load of 0 N·m and 62 °C"
-
-
-def test_the_curve_after_a_reversal_goes_from_one_sliding_level_to_the_other() -> None:
-    """The bristle bends over twice its threshold; the interval is that of both levels."""
-    friction = taken_friction()
-    x, torque, std, is_distance = curve_of(friction, "motor 1")
-    assert is_distance
-    for at, expected in ((-1e-4, -4.5), (THRESHOLD, LEVELS[0]), (3 * THRESHOLD, 4.5)):
-        assert math.isclose(np.interp(at, x, torque), expected, rel_tol=1e-2)
-    assert math.isclose(std[-1], math.hypot(*STDS))
 
 
 def test_without_a_bristle_it_is_a_curve_over_velocity() -> None:

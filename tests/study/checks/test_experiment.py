@@ -10,7 +10,6 @@ from plants.channel_mistakes import Mistake, complaint, is_at_line, write_rig
 from plants.refusals import refused
 
 from elastid.app import scaffold
-from elastid.app.overview import overview
 from elastid.app.stage_table import stages_of
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
@@ -41,12 +40,6 @@ def test_what_cannot_be_excited_is_refused_with_what_would_fit(tiny: Path, overr
     assert len(str(refusal.value).splitlines()) == 1
 
 
-def test_the_overview_tells_lines(tiny: Path) -> None:
-    """What `elastid check` prints."""
-    plain = overview(load(tiny).study)
-    assert "48 odd lines from 5 to 100 Hz" in plain
-
-
 def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_path: Path) -> None:
     """Before anything is measured: with a rod of half the length the linkage does not even close at its start."""
     linkage, short = CONFIGS / "linkage_arm.yml", tmp_path / "short.yml"
@@ -63,8 +56,6 @@ TEMPLATES = {
     "frf": "frf",
     "friction": "friction",
 }
-# Properties of a study that stages are handed, and the sections that they are made of.
-MADE_OF = {"places": "robot", "friction_joints": "friction", "seeded_fit": "fit", "text": "name"}
 
 
 @pytest.fixture(scope="module")

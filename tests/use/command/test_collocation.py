@@ -9,6 +9,7 @@ import pytest
 from plants.commanded_arm import arm, move, rigid_gears
 
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.robot.simplified import with_joints
 from elastid.use.moves import MotionLimits, point_to_point
 from elastid.use.plans import CommandedRobot, best_plan, plan, planned_error, sampled
 
@@ -64,22 +65,6 @@ def test_limits_hold_where_they_keep_the_tool_off_its_path() -> None:
     assert errors[1] > errors[0]
 
 
-def test_a_finer_mesh_gives_the_same_motion() -> None:
-    """To a hundredth of a milliradian."""
-    own, robot = move(0.8), arm()
-    commanded = CommandedRobot.of(robot, "tool", own.ends[0])
-    t = np.linspace(0, 0.8, 50)
-    coarse, fine = (
-        plan(commanded, own, MotionLimits.of(robot), 0.1, knots_per_s=per_s).q(t) for per_s in (100.0, 200.0)
-    )
-    assert np.abs(coarse - fine).max() < 1e-5
-
-
 def replace_limits(robot: Robot, limits: Limits) -> Robot:
     """The robot with these limits of its driven joints."""
-
-    def changed(joint: Joint) -> Joint:
-        return replace(joint, limits=limits) if joint.motor is not None else joint
-
-    bodies = (replace(body, joints=tuple(map(changed, body.joints))) for body in robot.bodies)
-    return replace(robot, bodies=tuple(bodies))
+    return with_joints(robot, lambda joint: joint if joint.motor is None else replace(joint, limits=limits))

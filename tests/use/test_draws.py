@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plants.predicted_arm import STD, result
 
-from elastid.fit.fitted_robot import draw_robots
+from elastid.use.draws import draw_robots
 
 
 def test_draws_scatter_as_the_fit_says() -> None:
