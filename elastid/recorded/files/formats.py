@@ -73,7 +73,7 @@ FORMATS = (
         lambda path, head: head.startswith(b"MATLAB") and is_hdf5(path, head),
         partial(foreign.opened_hdf5, is_matlab=True),
         "copy it or save it again",
-    ),  # fmt: skip
+    ),
     Format("HDF5", is_hdf5, foreign.opened_hdf5, "copy it or export it again"),
     Format("MATLAB", is_matlab, guarded(foreign.opened_matlab), "copy it or save it again with -v7"),
     Format("text", lambda path, head: True, text.opened, "copy it or export it again"),
