@@ -22,7 +22,7 @@ from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.masks import rest_before
 from elastid.recorded.repair.missing import bridged_gaps, filled
-from elastid.recorded.repair.periodicity import found_period, period_samples, rounded_samples
+from elastid.recorded.repair.periodicity import period_samples, rounded_samples
 from elastid.recorded.repair.time_stamps import CLOCK, PASSBAND, at_times, clock_drift, delay, on_grid
 
 
@@ -96,7 +96,11 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
     period = None if period_s is None else own_samples(period_s, lowest, recorded, file)
     known_hz = None if recorded.rate_hz == "unknown" else lowest
-    periods = [found_period(period, known_hz)] if period is not None and recorded.period_of(file) == "find" else []
+    periods = list[Finding]()
+    if period is not None and recorded.period_of(file) == "find":
+        seconds = "" if known_hz is None else f" ({period / known_hz:.8g} s)"
+        text = f"the torques repeat every {period:.8g} samples{seconds}: taken as the period"
+        periods.append(Finding("periods found", 1, text))
     aligned, shifts = _aligned(at_rate, period, experiment)
     n = min(len(part.signals) for part in aligned)
     signals = np.full((n, len(channels)), np.nan)
