@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.errors import Named, UnknownNameError, index_of
+from elastid.base.errors import Named, index_of
 from elastid.base.names import posture_of
 from elastid.base.section import Key, section
 
@@ -168,10 +168,7 @@ class Parameters:
         return iter(self.parameters)
 
     def __getitem__(self, name: str) -> Parameter:
-        for parameter in self.parameters:
-            if parameter.name == name:
-                return parameter
-        raise UnknownNameError(f"no parameter {name}; there are {', '.join(p.name for p in self.parameters) or 'none'}")
+        return self.parameters[index_of(name, [p.name for p in self.parameters], "parameter")]
 
     def index(self, name: str) -> int:
         """The place of a name in theta; UnknownNameError lists the names there are."""

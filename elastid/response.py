@@ -19,7 +19,9 @@ from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Note, check_kind, index_of, installed
 from elastid.base.escape import control_labels
 from elastid.base.workers import Kept
-from elastid.covariance import Covariance, CovarianceForm, scaled
+from elastid.covariance import Covariance as Covariance
+from elastid.covariance import CovarianceForm as CovarianceForm
+from elastid.covariance import scaled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
 
 # Arrays of a Quality with the lines of its response.
@@ -373,15 +375,3 @@ def in_quantity(response: Response, quantity: Motion) -> Response:
         bias=None if response.bias is None else gain * response.bias,
         leakage=None if response.leakage is None else gain * response.leakage,
     )
-
-
-__all__ = [
-    "LINE_ARRAYS",
-    "Covariance",
-    "CovarianceForm",
-    "Levels",
-    "Quality",
-    "Response",
-    "Responses",
-    "in_quantity",
-]

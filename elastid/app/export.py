@@ -34,7 +34,7 @@ from elastid.targets.control import write_control, write_responses_control
 from elastid.targets.csv import write_csv, write_friction_csv, write_responses_csv
 from elastid.targets.draws import write_draws
 from elastid.targets.fmu import write_fmu
-from elastid.targets.friction import Observer, write_compensation, write_observers
+from elastid.targets.friction import write_compensation, write_observers
 from elastid.targets.matlab import write_matlab, write_responses_matlab
 from elastid.targets.mujoco import write_mujoco
 from elastid.targets.numbers import interval_lines
@@ -162,8 +162,7 @@ def _export_friction(run: Run, target: str, folder: Path) -> Iterable[Path]:
 
 def _export_observers(run: Run, target: str, folder: Path) -> Iterable[Path]:
     """The filter of each joint that was followed, in C."""
-    joints = read_filter(run.path("follow"))
-    return write_observers(folder, {row.joint: Observer(row.filtered, row.noise, row.rate_hz) for row in joints})
+    return write_observers(folder, {row.joint: row for row in read_filter(run.path("follow"))})
 
 
 def _written(folder: Path, text: str) -> tuple[Path]:

@@ -52,13 +52,9 @@ def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
     try:
         signals: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]
     except DataError:
-        signals = [_column(log, i) for i in range(len(named))]
+        signals = [(log.columns([k])[:, 0] for k in (i,)) for i in range(len(named))]
     units = log.units or [""] * len(named)
     return [_signal_row(*row, unit, x) for row, unit, x in zip(named, units, signals, strict=True)]
-
-
-def _column(log: TextLog, i: int) -> Iterator[FloatArray]:
-    yield log.columns([i])[:, 0]
 
 
 def _rise(start: NDArray[Any]) -> str:

@@ -308,7 +308,10 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
                 shutil.rmtree(run.partial(name), ignore_errors=True)
                 keep_checksums(run.folder, stage.texts)
             else:
-                _report_damage(run, run.path(name), stage)
+                path, damaged = run.path(name), [run.folder / file for file in changed_texts(run.folder, stage.texts)]
+                damaged += [path] if path.suffix == ".h5" and path.is_file() and not is_intact(path) else []
+                for file in damaged:
+                    run.console.warn(f"{file} has changed since it was written; it is made again")
                 carry_out(run, name)
         run.console.shows_tables = True
         for conclude in dict.fromkeys(stage.conclude for stage in stages.values() if stage.conclude):
@@ -341,14 +344,6 @@ def carry_out(run: Run, name: str) -> None:
             load_with_logs(run.loaded.path, run.loaded.overrides)
         except StudyError as error:  # what `check` refuses, and the import does not
             run.console.warn(str(error))
-
-
-def _report_damage(run: Run, path: Path, stage: Stage) -> None:
-    damaged = [run.folder / name for name in changed_texts(run.folder, stage.texts)]
-    if path.suffix == ".h5" and path.is_file() and not is_intact(path):
-        damaged.append(path)
-    for file in damaged:
-        run.console.warn(f"{file} has changed since it was written; it is made again")
 
 
 def all_cores() -> int:

@@ -22,7 +22,7 @@ from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.masks import rest_before
 from elastid.recorded.repair.missing import bridged_gaps, filled
-from elastid.recorded.repair.periodicity import found_period, period_samples, rounded_samples
+from elastid.recorded.repair.periodicity import period_samples, rounded_samples
 from elastid.recorded.repair.time_stamps import CLOCK, PASSBAND, at_times, clock_drift, delay, on_grid
 
 
@@ -96,13 +96,20 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
     period = None if period_s is None else own_samples(period_s, lowest, recorded, file)
     known_hz = None if recorded.rate_hz == "unknown" else lowest
-    periods = [found_period(period, known_hz)] if period is not None and recorded.period_of(file) == "find" else []
+    periods = list[Finding]()
+    if period is not None and recorded.period_of(file) == "find":
+        seconds = "" if known_hz is None else f" ({period / known_hz:.8g} s)"
+        text = f"the torques repeat every {period:.8g} samples{seconds}: taken as the period"
+        periods.append(Finding("periods found", 1, text))
     aligned, shifts = _aligned(at_rate, period, experiment)
     n = min(len(part.signals) for part in aligned)
     signals = np.full((n, len(channels)), np.nan)
     for part in aligned:
         signals[:, part.members] = part.signals[:n]
-    keep = sorted(_first_of_each(channels), key=lambda i: channels[i].role == "d")
+    firsts: dict[tuple[str, str], int] = {}  # a signal that two files hold is taken from the first
+    for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
+        firsts.setdefault((channels[i].role, channels[i].at), i)
+    keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
     rows = parts[0].rows if len(parts) == 1 else None
     first = 0 if file.samples is None else file.samples[0]
     drivers = [i for i in keep if channels[i].role == "r"] or [i for i in keep if channels[i].role == "u"]
@@ -334,11 +341,3 @@ def _by_motor(
         if channels[i].role == role
     }
     return {motor: x for motor, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}
-
-
-def _first_of_each(channels: Sequence[ChannelSpec]) -> list[int]:
-    """Places of the channels, a signal that two files hold being taken from the first."""
-    first: dict[tuple[str, str], int] = {}
-    for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
-        first.setdefault((channels[i].role, channels[i].at), i)
-    return sorted(first.values())

@@ -43,12 +43,11 @@ from elastid.robot.simplified import with_point_mass
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of motions and temperatures of joints, and of warm-ups (of 12 clean logs none is refused)."""
+    """Limits of motions of joints, and of warm-ups (of 12 clean logs none is refused)."""
 
     # Travel below which a joint is held by its controller, in m where it slides and in rad.
     held_travel_m: float = 1e-3
     held_travel_rad: float = 5e-3
-    impossible_degc: float = 150.0
     # Of warm-ups.
     step_s: float = 10.0  # of constant power, at least: several cycles of a motion
     max_steps: int = 500  # of one log
@@ -199,7 +198,10 @@ class _LogReader:
                 velocity=_signal(signals, "y", joint.name, "velocity"),
                 disturbance=_signal(signals, "d", joint.name),
                 reference=_signal(signals, "reference", joint.name),
-                link_position=_link_position(signals, joint.name),
+                # Of a link that has an encoder in addition to that of its motor.
+                link_position=signals.get(("y", f"joint {joint.name}", "position"))
+                if ("y", f"motor {joint.name}", "position") in signals
+                else None,
                 temperature=self._temperature(signals, joint.name, len(positions[joint.name])),
                 speed=self.file.speed,
                 load=self.file.load,
@@ -257,13 +259,6 @@ class _LogReader:
         if degrees is None:
             is_start = self.file.purpose == "warm_up"  # of the log, not of all its samples
             return None if is_start or self.file.temperature is None else np.full(n, float(self.file.temperature))
-        if float(degrees.max()) > LIMITS.impossible_degc:
-            raise DataError(
-                "records/channels",
-                f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which no joint bears; give that "
-                "channel its unit, K or degF",
-                self.path,
-            )
         return degrees
 
 
@@ -271,12 +266,6 @@ def _joint_of(channel: ChannelSpec) -> str:
     """The joint that a channel is of; empty where its place is a body or a frame."""
     kind, _, name = channel.at.partition(" ")
     return name if kind in ("motor", "joint") else ""
-
-
-def _link_position(signals: Signals, joint: str) -> FloatArray | None:
-    """Position of the link of a joint that has an encoder in addition to that of its motor."""
-    has_motor = ("y", f"motor {joint}", "position") in signals
-    return signals.get(("y", f"joint {joint}", "position")) if has_motor else None
 
 
 def _signal(signals: Signals, role: str, joint: str, quantity: str = "") -> FloatArray | None:

@@ -37,7 +37,6 @@ class Cell:
     """An element in one configuration: residual over its standard deviation, NaN where none is known; dB otherwise."""
 
     configuration: int
-    element: int
     name: str
     value: float
 
@@ -183,18 +182,14 @@ def _of_truth(rows: Sequence[ParameterRow]) -> str:
     return f"{inside} of {len(known)} true values inside their intervals" if known else ""
 
 
-def elements_of(agreement: Agreement) -> list[str]:
-    """Elements in the order of an agreement's arrays, row by row."""
-    return [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
-
-
 def strip(agreements: Sequence[Agreement]) -> Strip:
     """Residual over noise of every element in every configuration; errors in dB where no noise is known."""
     known = any(np.isfinite(agreement.rms_sigma).any() for agreement in agreements)
     rows = []
     for q, agreement in enumerate(agreements):
         values = agreement.rms_sigma if known else agreement.rms_log_db
-        cells = tuple(Cell(q, k, name, float(values.flat[k])) for k, name in enumerate(elements_of(agreement)))
+        names = [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
+        cells = tuple(Cell(q, name, float(value)) for name, value in zip(names, values.flat, strict=True))
         rows.append((agreement.configuration, cells))
     every = [cell for _, cells in rows for cell in cells if math.isfinite(cell.value)]
     worst = max(every, key=lambda cell: cell.value, default=None)
@@ -233,23 +228,12 @@ def summary_line(content: ReportContent) -> str:
     if content.plan is not None:
         records = sum(content.plan.realisations) * len(content.plan.inputs)
         parts += [f"{records} records", f"{number(content.plan.robot_time_s, 3)} s of robot time"]
-    if version := content.provenance.get("elastid"):
-        parts.append(f"elastid {version}")
     return " · ".join(parts)
 
 
-@dataclass(frozen=True)
-class Advice:
-    """Thresholds of the advice on the first screen; none was measured."""
-
-    actions: int = 3
-    # Relative standard deviation of the prior of a number that explains the residuals.
-    prior_std: float = 0.05
-    # Half-width of an interval that needs no further measurement.
-    half_width: float = 0.005
-
-
-ADVICE = Advice()
+# Of advice, none of them measured: actions that are shown, relative std of the prior of a number that explains the
+# residuals, and half-width of an interval that needs no further measurement.
+MOST_ACTIONS, PRIOR_STD, NARROW = 3, 0.05, 0.005
 
 
 @dataclass(frozen=True)
@@ -277,7 +261,7 @@ def next_steps(result: Result, rows: Sequence[ParameterRow], plan: Plan | None =
     candidates = [_action_of_status(result), _of_residuals(result)]
     if result.status == "model_error" and any(index.place == 1 and not index.members for index in result.indices):
         candidates.reverse()  # a reading of the channels says more than to check them
-    if poor is not None and half_width(poor) > ADVICE.half_width and not is_wrong(result):
+    if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
         candidates.append(None if result.exceeds_noise else _of_experiments(result, plan, poor))
     actions = [action for action in candidates if action is not None]
     if is_wrong(result):
@@ -286,7 +270,7 @@ def next_steps(result: Result, rows: Sequence[ParameterRow], plan: Plan | None =
         )
     else:
         last = Action("Use the numbers.", "No interval or residual asks for another measurement.")
-    return tuple(actions[: ADVICE.actions] or [last])
+    return tuple(actions[:MOST_ACTIONS] or [last])
 
 
 # Meaning and command line of exports; the page, which is the same wherever it is made, knows no path.
@@ -316,8 +300,8 @@ def _of_residuals(result: Result) -> Action | None:
         tied = {p.tie.to for p in result.parameters if p.tie is not None}
         if not {*first.members} <= {*result.parameters.names} - tied or len(first.members) > 1 or not first.log[0]:
             return Action("Do what the first warning says.", excess)
-        text = f"--set 'fit.parameters.{first.name}={{prior: {{std: {ADVICE.prior_std}}}}}'"
-        return Action(f"Free {first.name}, with a prior of {percent(ADVICE.prior_std)}.", excess, text)
+        text = f"--set 'fit.parameters.{first.name}={{prior: {{std: {PRIOR_STD}}}}}'"
+        return Action(f"Free {first.name}, with a prior of {percent(PRIOR_STD)}.", excess, text)
     if not result.exceeds_noise:
         return None
     if result.status == "converged":  # distortion by the arm's own swing leaves a little more than the noise

@@ -76,14 +76,8 @@ def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
 def opened(path: Path | str, kind: str) -> Iterator[Any]:
     """An artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
     path = Path(path)
-    if path.is_dir():
-        raise DataError("files/kind", "is a folder; name one of the files in it", path)
     if not path.is_file():
-        gone = next((folder for folder in reversed(path.parents) if not folder.exists()), path)
-        raise DataError(
-            "files/missing",
-            f"{path}: no such file" if gone == path else f"{path}: no such file, since there is no folder {gone}",
-        )
+        raise DataError("files/missing", "no such file", path)
     # Before HDF5 looks at it: some damages end the process there.
     if not is_intact(path):
         raise DataError("files/damaged", "its content has changed since it was written; delete it and run again", path)

@@ -14,7 +14,6 @@ velocity near 0 does not reverse the torque. Link side, SI.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import casadi as ca
@@ -24,7 +23,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
-from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
+from elastid.friction_study.extended_kalman_filter import FollowedFriction, FollowedJoint, filter_step, first_estimate
 from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
 from elastid.targets.code import c_sources, dense
@@ -32,16 +31,7 @@ from elastid.targets.numbers import c_row
 from elastid.use.plans import SLIDING
 
 
-@dataclass(frozen=True)
-class Observer:
-    """The filter of a joint at a rate, with its noise."""
-
-    joint: FollowedJoint
-    noise: FilterNoise
-    rate_hz: float
-
-
-def write_observers(folder: Path, observers: Mapping[str, Observer]) -> tuple[Path, ...]:
+def write_observers(folder: Path, observers: Mapping[str, FollowedFriction]) -> tuple[Path, ...]:
     """observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
     identifiers = c_identifiers(observers)
     steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
@@ -53,20 +43,20 @@ def write_observers(folder: Path, observers: Mapping[str, Observer]) -> tuple[Pa
     return source, header
 
 
-def _step(name: str, observer: Observer) -> ca.Function:
+def _step(name: str, observer: FollowedFriction) -> ca.Function:
     """(x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
-    step = filter_step(observer.joint, observer.rate_hz)
+    step = filter_step(observer.filtered, observer.rate_hz)
     x, P, u, g, y = step.sx_in()[:5]
-    results = step(x, P, u, g, y, observer.noise.vector(observer.joint, observer.rate_hz))
+    results = step(x, P, u, g, y, observer.noise.vector(observer.filtered, observer.rate_hz))
     return dense(f"{name}_step", [x, P, u, g, y], results)
 
 
-def _functions(name: str, observer: Observer, step: ca.Function) -> str:
-    x, P = first_estimate(observer.joint, 0.0)
+def _functions(name: str, observer: FollowedFriction, step: ca.Function) -> str:
+    x, P = first_estimate(observer.filtered, 0.0)
     n, size = len(x), P.size
-    angles = [i for i, state in enumerate(observer.joint.states) if state.startswith("q_")]
-    spring = f" - load / {observer.joint.stiffness!r}" if observer.joint.stiffness > 0 else ""
-    moved = "".join(f"  x[{i}] = angle{spring if observer.joint.states[i] == 'q_l' else ''};\n" for i in angles)
+    angles = [i for i, state in enumerate(observer.filtered.states) if state.startswith("q_")]
+    spring = f" - load / {observer.filtered.stiffness!r}" if observer.filtered.stiffness > 0 else ""
+    moved = "".join(f"  x[{i}] = angle{spring if observer.filtered.states[i] == 'q_l' else ''};\n" for i in angles)
     return f"""
 void {name}_start(double x[{n}], double P[{size}], double angle, double load) {{
   static const double x_start[{n}] = {c_row(x)};
@@ -89,7 +79,7 @@ void {name}_follow(double x[{n}], double P[{size}], double torque, double load, 
 """
 
 
-def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -> str:
+def _header(observers: Mapping[str, FollowedFriction], identifiers: Mapping[str, str]) -> str:
     lines = ["Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"]
     lines += ["torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"]
     lines += ["say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
@@ -97,13 +87,13 @@ def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -
     lines += ["that are held: P ends with the n cross covariances of each of them, over its std.", "", "States:", ""]
     declared = []
     for name, observer in observers.items():
-        states, key = observer.joint.states, identifiers[name]
-        n, size = len(states), len(states) * (len(states) + len(observer.joint.held))
+        states, key = observer.filtered.states, identifiers[name]
+        n, size = len(states), len(states) * (len(states) + len(observer.filtered.held))
         meanings = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
         lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
-        held = [f"{name} {observer.joint.tolerances[name]:.2g}" for name in observer.joint.held]
+        held = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.held]
         lines.append(f"  holds, with relative std: {', '.join(held) or 'nothing'}")
-        lines.append(f"  starts with 95 % bands {_starts(observer.joint)}")
+        lines.append(f"  starts with 95 % bands {_starts(observer.filtered)}")
         declared.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")
         declared.append(
             f"void {key}_follow(double x[{n}], double P[{size}], double torque, double load, double angle,\n"

@@ -22,7 +22,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, vstack
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
@@ -228,7 +228,8 @@ class _Problem:
         self.ends = [commanded.rest(angles) for angles in move.ends]
         self.count = N + DEGREE  # of coefficients
         splines = BSpline(self.knots, np.eye(self.count), DEGREE)
-        self.bases = [csc_array(splines(times[1:-1], order)) for order in range(4)]
+        parts = np.array_split(times[1:-1], 1 + N // 200)  # dense matrices of few rows at a time
+        self.bases = [vstack([csc_array(splines(part, order)) for part in parts], "csc") for order in range(4)]
         self.target = commanded.poses(commanded.rigid(move, times[1:-1])[0])
         still = np.zeros((2, self.n_q))
         self.holding = commanded.torque(np.array(self.ends), still, still)

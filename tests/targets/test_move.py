@@ -4,6 +4,7 @@ import ctypes
 import shutil
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from scipy.io import loadmat
 
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.extended_kalman_filter import FilterNoise, KalmanFilter
-from elastid.targets.friction import Observer, write_compensation, write_observers
+from elastid.targets.friction import write_compensation, write_observers
 from elastid.targets.move import write_move, write_move_c
 from elastid.use.tune import Outcome, TunedMove
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
@@ -117,13 +118,14 @@ def test_friction_compensation_in_c_is_the_law_of_the_robot(tmp_path: Path) -> N
 
 
 NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift={"Fc": 6e-3, "f": 25e-3, "offset": 1e-3})
+OBSERVED = SimpleNamespace(filtered=FOLLOWED, noise=NOISE, rate_hz=RATE_HZ)
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
 def test_c_compiles_whatever_the_joints_are_called(tmp_path: Path) -> None:
     """CasADi refuses two underscores in a row in the name of a function, C much else."""
     names = (*HOSTILE[:: 1 + len(HOSTILE) // 10], "axis - 1", "axis 1", "x*/ #error pwn")
-    source, _ = write_observers(tmp_path, dict.fromkeys(names, Observer(FOLLOWED, NOISE, RATE_HZ)))
+    source, _ = write_observers(tmp_path, dict.fromkeys(names, OBSERVED))
     command = ["cc", "-std=c99", "-Wall", "-Werror", "-fsyntax-only", source]
     compiled = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (compiled.returncode, compiled.stderr) == (0, "")
@@ -132,7 +134,7 @@ def test_c_compiles_whatever_the_joints_are_called(tmp_path: Path) -> None:
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
 def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
     """States and covariance of a second, to rounding."""
-    source, header = write_observers(tmp_path, {"2": Observer(FOLLOWED, NOISE, RATE_HZ)})
+    source, header = write_observers(tmp_path, {"2": OBSERVED})
     library = tmp_path / "observer.so"
     flags = ["-std=c99", "-O2", "-Wall", "-Werror", "-shared", "-fPIC"]
     subprocess.run(["cc", *flags, source, "-o", library, "-lm"], check=True)

@@ -17,13 +17,6 @@ from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import ArrayLog, StoredArray, seconds
 
 
-def is_matlab(path: Path, head: bytes) -> bool:
-    """True by the header; files of version 4 have none, and are known by their suffix."""
-    # Version and byte order stand behind the free text of a header, little or big endian.
-    signatures = (b"\x00\x01IM", b"\x01\x00MI")
-    return head.startswith(b"MATLAB") or head[124:128] in signatures or path.suffix.lower() == ".mat"
-
-
 @contextmanager
 def opened_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """MATLAB up to version 7, by SciPy: all variables, members of structs behind a dot, elements of cells in braces.
@@ -126,16 +119,6 @@ def _channel(channel: Any) -> StoredArray:
 def _read_channel(channel: Any, part: slice = slice(None)) -> NDArray[Any]:
     values = np.asarray(channel[part])
     return seconds(values, channel[0]) if values.dtype.kind == "M" else values
-
-
-def is_hdf5(path: Path, head: bytes) -> bool:
-    """True by the signature, at the start or behind a user block, the size of which is a power of two."""
-    return any(head.startswith(b"\x89HDF\r\n\x1a\n", offset) for offset in (0, 512, 1024, 2048, 4096))
-
-
-def is_matlab_hdf5(path: Path, head: bytes) -> bool:
-    """HDF5 with MATLAB's header in front of it."""
-    return head.startswith(b"MATLAB") and is_hdf5(path, head)
 
 
 @contextmanager

@@ -45,17 +45,38 @@ def starts_with(mark: bytes) -> Callable[[Path, bytes], bool]:
     return lambda path, head: head.startswith(mark)
 
 
-# The first that recognises a file reads it.
+def is_ros_bag(path: Path, head: bytes) -> bool:
+    """A folder by its metadata; an MCAP file, a ROS 1 bag, and the database of a ROS 2 bag without its folder."""
+    signatures = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\x00")
+    return os.path.isfile(path / "metadata.yaml") or head.startswith(signatures)
+
+
+def is_hdf5(path: Path, head: bytes) -> bool:
+    """True by the signature, at the start or behind a user block, the size of which is a power of two."""
+    return any(head.startswith(b"\x89HDF\r\n\x1a\n", offset) for offset in (0, 512, 1024, 2048, 4096))
+
+
+def is_matlab(path: Path, head: bytes) -> bool:
+    """True by the header; files of version 4 have none, and are known by their suffix."""
+    # Version and byte order stand behind the free text of a header, little or big endian.
+    signatures = (b"\x00\x01IM", b"\x01\x00MI")
+    return head.startswith(b"MATLAB") or head[124:128] in signatures or path.suffix.lower() == ".mat"
+
+
+# The first that recognises a file reads it: HDF5 with MATLAB's header in front of it, text what is of no other format.
 FORMATS = (
-    Format("ROS bag", ros_bag.recognises, guarded(ros_bag.opened), "copy it again with all files of its folder"),
+    Format("ROS bag", is_ros_bag, guarded(ros_bag.opened), "copy it again with all files of its folder"),
     Format("TDMS", starts_with(b"TDSm"), guarded(foreign.opened_tdms), "copy it or export it again"),
     Format("Parquet", starts_with(b"PAR1"), guarded(foreign.opened_parquet), "copy it or export it again"),
     Format(
-        "MATLAB 7.3", foreign.is_matlab_hdf5, partial(foreign.opened_hdf5, is_matlab=True), "copy it or save it again"
+        "MATLAB 7.3",
+        lambda path, head: head.startswith(b"MATLAB") and is_hdf5(path, head),
+        partial(foreign.opened_hdf5, is_matlab=True),
+        "copy it or save it again",
     ),
-    Format("HDF5", foreign.is_hdf5, foreign.opened_hdf5, "copy it or export it again"),
-    Format("MATLAB", foreign.is_matlab, guarded(foreign.opened_matlab), "copy it or save it again with -v7"),
-    Format("text", text.recognises, text.opened, "copy it or export it again"),
+    Format("HDF5", is_hdf5, foreign.opened_hdf5, "copy it or export it again"),
+    Format("MATLAB", is_matlab, guarded(foreign.opened_matlab), "copy it or save it again with -v7"),
+    Format("text", lambda path, head: True, text.opened, "copy it or export it again"),
 )
 
 

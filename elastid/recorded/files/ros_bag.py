@@ -8,7 +8,6 @@ stamp of its messages, or where they have none the time at which the bag receive
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -23,15 +22,7 @@ from elastid.base.errors import installed
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
-# An MCAP file, a ROS 1 bag, and the database of a ROS 2 bag without its folder.
-_SIGNATURES = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\x00")
-_METADATA = "metadata.yaml"
 _JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
-
-
-def recognises(path: Path, head: bytes) -> bool:
-    """A folder by its metadata, a file by its signature."""
-    return os.path.isfile(path / _METADATA) or head.startswith(_SIGNATURES)
 
 
 @contextmanager

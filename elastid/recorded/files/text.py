@@ -128,11 +128,6 @@ class TextLog:
         return column - 1
 
 
-def recognises(path: Path, head: bytes) -> bool:
-    """A file of no other format is taken as text."""
-    return True
-
-
 @contextmanager
 def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     """A text log; DataError where there are no numbers, StudyError for a format that contradicts itself."""
@@ -265,10 +260,7 @@ def _quoted(content: str, delimiter: str | None) -> list[str]:
     """The fields of a line with quotes, within which a delimiter has no meaning; None: any white space."""
     if delimiter is None:
         content, delimiter = re.sub(r"\s", " ", content).strip(), " "
-    try:
-        return next(csv.reader([content], delimiter=delimiter, skipinitialspace=True))
-    except csv.Error:  # a field of more than 128 KB: no line of a log
-        return content.split(delimiter)
+    return next(csv.reader([content], delimiter=delimiter, skipinitialspace=True))
 
 
 def _without_comment(line: str, comment: str, is_quoted: bool) -> str:

@@ -14,7 +14,6 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import Note
-from elastid.base.statistics import runs
 
 _CODES = {  # of findings that mend nothing
     "quantised channels": "records/quantised",
@@ -76,14 +75,6 @@ def counts(findings: Iterable[Finding]) -> dict[str, int]:
     for finding in findings:
         total[finding.kind] = total.get(finding.kind, 0) + finding.count
     return total
-
-
-def in_runs(flags: BoolArray, least: int) -> BoolArray:
-    """The flags (n,) that belong to runs of at least so many."""
-    result = np.zeros(len(flags), dtype=np.bool_)
-    for start, end in runs(flags, least):
-        result[start:end] = True
-    return result
 
 
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:

@@ -28,7 +28,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.statistics import STD_OVER_MAD, runs
-from elastid.recorded.repair import Finding, Log, Repaired, blocks, expected, flat, in_runs
+from elastid.recorded.repair import Finding, Log, Repaired, blocks, expected, flat
 
 MASKED, STOPPED = "samples taken as missing", "stops"
 
@@ -271,7 +271,9 @@ def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
         at_limit = _at_limit(x)
         if not at_limit.any():
             continue
-        clipped = in_runs(at_limit, LIMITS.min_equal)
+        clipped = np.zeros(len(x), dtype=np.bool_)
+        for start, end in runs(at_limit, LIMITS.min_equal):
+            clipped[start:end] = True
         share, n_clipped = float(clipped.mean()), int(clipped.sum())
         if share < LIMITS.min_clipped_share or _visits(x, clipped) < LIMITS.min_places * max(1, len(x) // L):
             continue

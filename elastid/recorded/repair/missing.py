@@ -139,7 +139,9 @@ def repair(
     start = _in_whole_samples(signals, period, N, L)
     going = without_stops(start.signals, roles["u"], L, log)
     moving = without_standstill(going.signals, L, log)
-    clock = _at_the_clock(moving.signals, drivers, N, log)
+    both = _and_missing(moving.signals)
+    clock = resampled(both, both[:, drivers], N, log)
+    clock = replace(clock, signals=_with_missing(clock.signals)) if clock.findings else Repaired(moving.signals)
     check(clock.signals[:, drivers])
     full = filled(clock.signals, L, sign, log)
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
@@ -178,12 +180,6 @@ def _in_whole_samples(signals: FloatArray, period: float, N: int, L: int) -> Rep
     )
     end = np.full((lacking, signals.shape[1]), np.nan)
     return Repaired(np.concatenate([result, end]), (*findings, Finding("incomplete periods", 1, text)))
-
-
-def _at_the_clock(signals: FloatArray, drivers: IntArray, N: int, log: Log) -> Repaired:
-    both = _and_missing(signals)
-    result = resampled(both, both[:, drivers], N, log)
-    return replace(result, signals=_with_missing(result.signals)) if result.findings else Repaired(signals)
 
 
 def _and_missing(signals: FloatArray) -> FloatArray:

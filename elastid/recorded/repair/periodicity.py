@@ -15,7 +15,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.recorded.repair import Finding, Log, flat
+from elastid.recorded.repair import Log, flat
 from elastid.recorded.repair.time_stamps import CLOCK, at_times
 
 
@@ -273,12 +273,6 @@ def unstated_period_notes(drivers: FloatArray, where: str) -> tuple[Note, ...]:
 def grid_samples(period: float, half_wave: bool) -> int:
     """The whole number of samples nearest to a period; an even one where half of it counts."""
     return 2 * round(period / 2) if half_wave and period != round(period) else round(period)
-
-
-def found_period(period: float, rate_hz: float | None) -> Finding:
-    """The period that the study left to be found, as a finding."""
-    seconds = "" if rate_hz is None else f" ({period / rate_hz:.8g} s)"
-    return Finding("periods found", 1, f"the torques repeat every {period:.8g} samples{seconds}: taken as the period")
 
 
 def rounded_samples(samples: float) -> float:

@@ -298,17 +298,11 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     if grid is not None:
         rows, grid_hz = grid
         if abs(grid_hz / rate_hz - 1) <= CLOCK.max_error:
-            return _with_gaps(signals, rows, log)
+            lost, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
+            result[rows] = signals
+            return Repaired(result, (_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log),) if lost else ())
         time_s = rows / grid_hz
     return _at_instants(time_s, signals, rate_hz, log)
-
-
-def _with_gaps(signals: FloatArray, rows: IntArray, log: Log) -> Repaired:
-    if (lost := int(rows[-1]) + 1 - len(signals)) == 0:
-        return Repaired(signals)
-    result = np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
-    result[rows] = signals
-    return Repaired(result, (_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log),))
 
 
 def _gaps(lost: int, gaps: IntArray, log: Log) -> Finding:
@@ -336,8 +330,6 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
     result, share = _fitted(time_s, signals, grid_s, knot_hz)
     missing = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
-    for end in (*gaps, *(gaps + 1)):  # the ends of a gap are measured
-        missing[np.abs(grid_s - time_s[end]) < 0.5 / rate_hz] = False
     result[missing] = np.nan
     text = (
         f"its time has {steps}: resampled on its stamps to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz; "

@@ -84,7 +84,7 @@ def friction_curve(law: StaticLaw) -> Figure:
         above, below = _levels(law, direction, on_curve)
         curves += above
         left += below
-    for direction in law_directions(law):
+    for direction in (1.0, -1.0) if depends_on(law, "directions") else (0.0,):
         curves += _law(law, condition, direction)
     measured = float(levels.speed.min()), float(levels.speed.max())
     reach = max(3.0, 1.1 * float(np.abs(residuals(law)).max()))
@@ -116,19 +116,9 @@ def depends_on(law: StaticLaw, part: str) -> bool:
     return any(name.startswith(part) for name in law.names)
 
 
-def law_directions(law: StaticLaw) -> tuple[float, ...]:
-    """Directions in which the law differs; (0,) where it does not."""
-    return (1.0, -1.0) if depends_on(law, "directions") else (0.0,)
-
-
 def residuals(law: StaticLaw) -> FloatArray:
     """(level - law) / std (n,)."""
     return (law.levels.torque - law.torque(law.levels.conditions)) / law.levels.std
-
-
-def law_band(law: StaticLaw, at: Conditions) -> tuple[FloatArray, FloatArray]:
-    """The law (n,) at conditions, and half the width of its 95 % band."""
-    return law.torque(at), law.reach * law.torque_std(at)
 
 
 def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list[Curve], list[Curve]]:
@@ -153,7 +143,8 @@ def _law(law: StaticLaw, condition: Condition, direction: float) -> Iterator[Cur
     name = f"law, {DIRECTIONS[direction][1]}" if direction else "law with 95 % band"
     for ends, text in (((low, high), name), ((low / BEYOND, low), ""), ((high, high * BEYOND), "")):
         speed = np.geomspace(*ends, POINTS)
-        torque, half = law_band(law, condition.at(speed, direction))
+        at = condition.at(speed, direction)
+        torque, half = law.torque(at), law.reach * law.torque_std(at)
         looks = {"ls": "-" if text else "--", "lw": 1.3, "zorder": 3}
         yield Curve(speed, torque, text, color, band=(torque - half, torque + half), looks=looks)
 

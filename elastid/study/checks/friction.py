@@ -124,14 +124,7 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
         yield unknown((*path, "joint"), "driven joint", file.joint, driven)
     if file.ambient is not None and file.purpose != "warm_up":
         yield Problem((*path, "ambient"), "the room's temperature is that of a warm-up; temperature is the joint's")
-    recorded = study.experiment.as_recorded()
-    if file.purpose != "at_rest" and recorded.period_of(file) is not None:
-        message = (
-            "passes and loops of friction are evaluated without a period; leave period and period_samples out, or give "
-            "them with the files of purpose at_rest alone"
-        )
-        yield Problem(path, message)
-    logged = sorted({channel.at for channel in recorded.channels if channel.role == "u"})
+    logged = sorted({channel.at for channel in study.experiment.channels if channel.role == "u"})
     if file.purpose in ("loops", "at_rest") and not file.joint and len(logged) > 1:
         message = (
             f"{', '.join(logged)} are logged, and none moves much; give joint: the one that is excited, alone, since "

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from elastid.base.errors import StudyError, did_you_mean
-from elastid.experiment.specs.channels import Places
+from elastid.base.errors import did_you_mean
 from elastid.robot import Robot
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
@@ -22,14 +21,6 @@ def check_names(path: KeyPath, noun: str, names: Sequence[str], known: Sequence[
     for i, name in enumerate(names):
         if name not in known:
             yield unknown((*path, i), noun, name, known)
-
-
-def check_place(path: KeyPath, location: str, places: Places) -> Iterator[Problem]:
-    """A location is on the robot, or on the structure."""
-    try:
-        places.check_location(location)
-    except StudyError as error:
-        yield Problem(path, str(error))
 
 
 def check_units(path: KeyPath, values: object, robot: Robot) -> Iterator[Problem]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import ElastidError, did_you_mean
+from elastid.base.errors import ElastidError, StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
@@ -25,7 +25,7 @@ from elastid.recorded.link_side import channel_refusals
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples
 from elastid.store.files import content_hash
-from elastid.study.checks.names import check_place, unknown
+from elastid.study.checks.names import unknown
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -136,7 +136,10 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
         if channel.role == "u" and channel.at not in inputs:
             yield unknown((*place, "at"), "input", channel.at, inputs)
         elif channel.role == "y":
-            yield from check_place((*place, "at"), channel.at, robot)
+            try:
+                robot.check_location(channel.at)
+            except StudyError as error:
+                yield Problem((*place, "at"), str(error))
             if tool.motors == "held" and channel.at.startswith("motor "):
                 yield Problem((*place, "at"), f"{channel.at} does not move while the motors are held; leave it out")
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
