@@ -26,13 +26,6 @@ def test_x_holds_logarithms_of_the_free_positive_parameters():
     np.testing.assert_allclose(SET.x_bounds, [[math.log(2), 0], [math.log(2e4), 1e-2]])
 
 
-def test_ties_follow_their_parameter_whether_free_or_fixed():
-    """k_twin = 1.5 k and m_twin = 2 m wherever k goes; only what follows x is moved by it."""
-    x = np.array([math.log(10.0), 2e-3])
-    np.testing.assert_allclose(SET.expand(x), [10, 15, 12, 24, 2e-3])
-    assert SET.moved() == ("k", "k_twin", "delay")
-
-
 def test_with_values_returns_another_set_and_leaves_the_first():
     """Values flow: the start of the copy moves, that of the original does not."""
     moved = SET.with_values({"k": 300.0})
