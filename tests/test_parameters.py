@@ -3,7 +3,6 @@
 import math
 import pickle
 
-import numpy as np
 import pytest
 
 from elastid.parameters import Parameter, Parameters, Prior, Tie
@@ -17,13 +16,6 @@ SET = Parameters(
         Parameter("delay", 1e-3, lower=0.0, upper=1e-2),
     )
 )
-
-
-def test_x_holds_logarithms_of_the_free_positive_parameters():
-    """k as ln k, the delay as it is; fixed and tied parameters have no place in x."""
-    assert SET.free_names == ("k", "delay")
-    np.testing.assert_allclose(SET.x, [math.log(200), 1e-3])
-    np.testing.assert_allclose(SET.x_bounds, [[math.log(2), 0], [math.log(2e4), 1e-2]])
 
 
 def test_with_values_returns_another_set_and_leaves_the_first():
