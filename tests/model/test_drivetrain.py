@@ -186,6 +186,21 @@ def test_compliances_in_series_add(springs, before):
     np.testing.assert_allclose(np.linalg.inv(model.K[3:, 3:]), links + shafts, rtol=1e-9)
 
 
+def test_damping_in_series_is_right_to_first_order():
+    """K + s D against the exact dynamic stiffness of springs with dampers in series: the error falls as s^2."""
+    robot = wrist(shafts=True, links=True)
+    model, eta = linear(robot), robot.eta
+    k, d = np.array([7e3, 14e3, 21e3]), np.full(3, 3.0)
+    D = model.D[3:, 3:] - eta.T @ np.diag(np.full(3, 1e-4)) @ eta
+    errors = []
+    for omega in (1.0, 10.0):
+        s = 1j * omega
+        shafts = np.linalg.inv(eta) @ np.diag(1 / (K_SHAFT + s * D_SHAFT)) @ np.linalg.inv(eta).T
+        exact = np.linalg.inv(np.diag(1 / (k + s * d)) + shafts)
+        errors.append(np.abs(exact - model.K[3:, 3:] - s * D).max())
+    assert errors[1] / errors[0] == pytest.approx(100, rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("gears", "says"),
     [
