@@ -76,6 +76,8 @@ def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
 def opened(path: Path | str, kind: str) -> Iterator[Any]:
     """An artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
     path = Path(path)
+    if path.is_dir():
+        raise DataError("files/kind", "is a folder; name one of the files in it", path)
     if not path.is_file():
         raise DataError("files/missing", "no such file", path)
     # Before HDF5 looks at it: some damages end the process there.
