@@ -43,11 +43,12 @@ from elastid.robot.simplified import with_point_mass
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of motions of joints, and of warm-ups (of 12 clean logs none is refused)."""
+    """Limits of motions and temperatures of joints, and of warm-ups (of 12 clean logs none is refused)."""
 
     # Travel below which a joint is held by its controller, in m where it slides and in rad.
     held_travel_m: float = 1e-3
     held_travel_rad: float = 5e-3
+    impossible_degc: float = 150.0
     # Of warm-ups.
     step_s: float = 10.0  # of constant power, at least: several cycles of a motion
     max_steps: int = 500  # of one log
@@ -259,6 +260,13 @@ class _LogReader:
         if degrees is None:
             is_start = self.file.purpose == "warm_up"  # of the log, not of all its samples
             return None if is_start or self.file.temperature is None else np.full(n, float(self.file.temperature))
+        if float(degrees.max()) > LIMITS.impossible_degc:
+            raise DataError(
+                "records/channels",
+                f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which no joint bears; give that "
+                "channel its unit, K or degF",
+                self.path,
+            )
         return degrees
 
 

@@ -6,12 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from plants.refusals import refused
 
-from elastid.design.choice import draw_candidates
+from elastid.design.choice import draw_candidates, visible
+from elastid.design.optimal import DesignCriterion
 from elastid.design.spec import BoxSpec, CandidateSpec
 from elastid.model.frame_tree import tree
 from elastid.model.kinematics import knots, skeleton
+from elastid.parameters import Parameter, Parameters
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot
 
 MOTOR = Motor(1e-3)
@@ -101,3 +105,17 @@ def test_a_carrier_too_wide_for_the_limits_is_refused() -> None:
     """Nothing is left between them."""
     with refused("design/candidates", place="design.candidates"):
         draw_candidates(CandidateSpec(), ARM, 1, swing=1.8)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), decades=st.lists(st.floats(-5, 5), min_size=4, max_size=4))
+def test_candidates_inform_the_same_numbers_whatever_their_units(seed: int, decades: list[float]) -> None:
+    """Two numbers that only a sum shows are wanted no more; what stands for their difference is in its units."""
+    rng, unit = np.random.default_rng(seed), 10.0 ** np.array(decades)
+    J = rng.standard_normal((6, 4, 3)) + 1.0
+    J[:, 3] = J[:, 2]
+    H, difference = J @ np.swapaxes(J, 1, 2), np.array([0.0, 0.0, 1.0, -1.0]) / unit
+    numbers = Parameters(tuple(Parameter(name, 1.0) for name in "abcd"))
+    wanted, ground = visible(DesignCriterion(np.eye(4)), H * np.outer(unit, unit), np.zeros((4, 4)), numbers)
+    np.testing.assert_array_equal(wanted.interest, np.eye(4)[:, :2])
+    assert difference @ ground @ difference == pytest.approx(np.trace(H.mean(axis=0)[2:, 2:]), rel=1e-6)

@@ -7,15 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from plants.friction_axis import LIMITS, axis, planned
 from plants.refusals import refused
 
 from elastid.design.friction import (
     StribeckGuess,
     _information,
+    axis_of,
+    default_window,
     optimal_speeds,
 )
 from elastid.experiment.plan.friction import pass_reference
+from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.friction_study.spec import (
     AtRestSpec,
     FrictionSpec,
@@ -24,7 +29,8 @@ from elastid.friction_study.spec import (
     PreslidingSpec,
     WarmUpSpec,
 )
-from elastid.robot import Limits
+from elastid.record import Configuration
+from elastid.robot import Joint, Limits
 
 
 def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() -> None:
@@ -117,3 +123,19 @@ def test_no_speed_would_help_more_than_the_certificate_says() -> None:
     assert gains.max() < 5 * 1.1
     spread = _information(GUESS, np.geomspace(0.5, 250.0, 50)).mean(axis=0)
     assert (np.linalg.det(spread) / np.linalg.det(M)) ** (1 / 5) < 0.8
+
+
+@settings(max_examples=10, deadline=None)
+@given(torque=st.floats(140.0, 180.0), bandwidth_hz=st.floats(4.0, 15.0))
+def test_ramps_take_the_torque_that_gravity_and_friction_leave(torque: float, bandwidth_hz: float) -> None:
+    """Of 90 % of any limit; the loop lags by break-away to both sides, and windows without limits have their size."""
+    robot = axis(replace(LIMITS, torque=torque, acceleration=np.inf))
+    (joint,) = robot.driven
+    found = axis_of(robot, joint, Configuration("up", np.zeros(1)), PassesSpec(), ControllerSpec(bandwidth_hz))
+    room = 0.9 * torque - found.holding - found.guess.stiction
+    taken = max(0.2 * room, room - found.guess.viscous * LIMITS.velocity)
+    assert found.inertia * found.limits.acceleration == pytest.approx(taken)
+    loop = found.inertia * (2 * np.pi * bandwidth_hz) ** 2
+    assert found.limits.lag * loop == pytest.approx(2 * found.guess.stiction)
+    assert default_window(Joint("1")) == (-1.0, 1.0)
+    assert default_window(Joint("1", motion="translation")) == (-0.25, 0.25)

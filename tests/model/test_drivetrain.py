@@ -13,11 +13,14 @@ from plants.gears import COUPLINGS, D_SHAFT, K_SHAFT, LINKS, RATIO, J, wrist
 from plants.refusals import refused
 
 from elastid.experiment.specs.channels import ChannelSpec
+from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import linearise
-from elastid.linear.response.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.recorded.link_side import to_joints
+from elastid.response import Covariance
 from elastid.robot import BASE, Body, GearCoupling, Joint, Motor, Placement, Robot, Spring, unit_axis
 from elastid.targets.mujoco import write_mujoco
 
@@ -210,3 +213,22 @@ def test_logs_of_coupled_motors_come_to_the_link_side_together():
     np.testing.assert_allclose(both[3:], np.linalg.solve(robot.eta, angle))
     with refused("study/recorded", place="channel t4"):
         to_joints([*channels[:2], *channels[3:]], robot)
+
+
+def test_springs_on_both_ends_of_coupled_gears_are_told_apart() -> None:
+    """Three axes coupled all around: six stiffnesses in series are found from starts a factor 1.5 off."""
+    robot = wrist(shafts=True, links=True)
+    responses = []
+    for i, angles in enumerate(((0.3, 0.5, -0.2), (-0.6, 1.1, 0.4))):
+        model = serial(robot)
+        at = linearise(model, Configuration(f"c{i}", angles), model.theta, robot.motor_locations, "acceleration")
+        exact = to_response(at, at.theta_ref, np.linspace(2, 80, 60))
+        responses.append(replace(exact, noise=Covariance((0.01 * np.abs(exact.G)) ** 2, np.inf)))
+    truth = {name: value for name, (value, _) in robot.parameters().items() if name[0] == "k"}
+    off = dict(zip(truth, (1.5, 1 / 1.5, 1.5, 1.2, 1 / 1.3, 1.4), strict=True))
+    start = robot.with_parameters({name: value * off[name] for name, value in truth.items()})
+    spec = FitSpec(parameters={"k*": ParameterSpec()}, starts=1)
+    result = identify(responses, start, spec)
+    found = np.array([result.values[name] for name in truth])
+    np.testing.assert_allclose(found, list(truth.values()), rtol=1e-4)
+    assert result.status == "converged"

@@ -69,6 +69,15 @@ def test_a_stribeck_shape_is_no_part_of_fast_sliding() -> None:
     np.testing.assert_array_equal(sliding_means(np.zeros((1, 4)), [(shape, 1.0)]), 0)
 
 
+def test_half_periods_are_repetitions_with_the_other_sign() -> None:
+    """A half-wave record has the amplitudes of the same record in whole periods."""
+    record = swinging(3, 0.2)
+    for shape in (SIGN, Shape("motor 1", "stop", 0.05)):
+        np.testing.assert_allclose(
+            amplitudes_of(replace(record, half_wave=True), shape, [3, 9]), amplitudes_of(record, shape, [3, 9])
+        )
+
+
 def test_a_stop_operator_of_a_sinusoid_has_its_first_harmonic() -> None:
     """By quadrature over one turn."""
     angle = 2 * np.pi * np.arange(200_000) / 100_000

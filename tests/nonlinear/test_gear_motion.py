@@ -151,10 +151,12 @@ def test_an_edge_is_the_change_of_an_effect_with_its_scale() -> None:
 
 
 def test_a_stop_loses_four_levels_times_what_it_slides_in_a_loop() -> None:
-    """Work of a loop of amplitude A about a stop of range D: 4 (A - D) for level 1."""
+    """Work of a loop of amplitude A about a stop of range D: 4 (A - D) for level 1; its slope is that of the way."""
     x = 1e-3 * np.sin(PHASE)
-    phi = implicit_law(GearEffect("stop", "1", 2e-4), x)[0]
+    phi, slope = implicit_law(GearEffect("stop", "1", 2e-4), x)
     loop = np.append(x, x[0])
+    stays = slope[1:] == slope[:-1]
+    assert np.diff(phi)[stays] == pytest.approx((slope[1:] * np.diff(x))[stays], abs=1e-9)
     middle = (phi + np.roll(phi, -1)) / 2
     assert np.sum(middle * np.diff(loop)) == pytest.approx(4 * (1e-3 - 2e-4), rel=1e-3)
     assert np.abs(phi).max() == 1.0
