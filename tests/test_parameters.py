@@ -3,7 +3,6 @@
 import math
 import pickle
 
-import numpy as np
 import pytest
 
 from elastid.parameters import Parameter, Parameters, Prior, Tie
@@ -17,20 +16,6 @@ SET = Parameters(
         Parameter("delay", 1e-3, lower=0.0, upper=1e-2),
     )
 )
-
-
-def test_x_holds_logarithms_of_the_free_positive_parameters():
-    """k as ln k, the delay as it is; fixed and tied parameters have no place in x."""
-    assert SET.free_names == ("k", "delay")
-    np.testing.assert_allclose(SET.x, [math.log(200), 1e-3])
-    np.testing.assert_allclose(SET.x_bounds, [[math.log(2), 0], [math.log(2e4), 1e-2]])
-
-
-def test_ties_follow_their_parameter_whether_free_or_fixed():
-    """k_twin = 1.5 k and m_twin = 2 m wherever k goes; only what follows x is moved by it."""
-    x = np.array([math.log(10.0), 2e-3])
-    np.testing.assert_allclose(SET.expand(x), [10, 15, 12, 24, 2e-3])
-    assert SET.moved() == ("k", "k_twin", "delay")
 
 
 def test_with_values_returns_another_set_and_leaves_the_first():

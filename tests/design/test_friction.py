@@ -139,3 +139,10 @@ def test_ramps_take_the_torque_that_gravity_and_friction_leave(torque: float, ba
     assert found.limits.lag * loop == pytest.approx(2 * found.guess.stiction)
     assert default_window(Joint("1")) == (-1.0, 1.0)
     assert default_window(Joint("1", motion="translation")) == (-0.25, 0.25)
+
+
+@given(speed=st.floats(0.5, 250.0))
+def test_friction_that_is_planned_for_falls_from_stiction_by_its_slope(speed: float) -> None:
+    h = 1e-5 * speed
+    assert GUESS.torque(0.0) == pytest.approx(GUESS.stiction)
+    assert GUESS.slope(speed) == pytest.approx((GUESS.torque(speed + h) - GUESS.torque(speed - h)) / (2 * h), abs=1e-6)

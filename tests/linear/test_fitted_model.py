@@ -81,15 +81,3 @@ def test_numbers_follow_the_fit_and_their_slopes_are_those_of_differences() -> N
     moved = estimated.theta(estimated.x + np.eye(len(estimated.x))[-1])
     place = estimated.names.index("m_fore")
     assert moved[place] == pytest.approx(np.exp(0.1) * theta[place])
-
-
-def test_matrices_are_symmetric_and_forces_work_on_the_motion_they_are_at() -> None:
-    """M, D, K of what moves; B of `force tool x` is C of `frame tool x` transposed, Maxwell's reciprocity."""
-    ports = [f"force tool {axis}" for axis in "xyz"]
-    model = result().at(ANGLES, ports, [f"frame tool {axis}" for axis in "xyz"])
-    A = model.linear
-    for matrix in (A.M, A.D, A.K):
-        np.testing.assert_allclose(matrix, matrix.T, rtol=1e-12)
-    np.testing.assert_allclose(A.B, A.C.T, rtol=1e-12, atol=1e-15)
-    G = model.response(np.array([3.0, 17.0])).G
-    np.testing.assert_allclose(G, G.transpose(0, 2, 1), rtol=1e-10, atol=1e-16)

@@ -34,17 +34,6 @@ def robot() -> Robot:
     )
 
 
-def test_coordinates_are_joints_then_motors_of_elastic_gears():
-    """Names and order, and the motor of a rigid gear turning with its joint."""
-    model = serial(robot())
-    assert model.coordinates == ("joint 1", "joint 1x", "joint 2", "joint free", "motor 1")
-    assert model.inputs == ("motor 1", "motor 2")
-    assert [model.index(name) for name in model.inputs] == [4, 2]
-    np.testing.assert_array_equal(np.argwhere(model.B), [[2, 1], [4, 0]])
-    assert model.parameters == tuple(robot().parameters())
-    assert model.n_c == 0
-
-
 def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
     """Wrist axes 4 and 6 in line, no mass between them: their turns cannot be distinguished. Bent, the robot stands."""
     elastic = [Joint(name, axis, Spring(1e4), MOTOR) for name, axis in (("4", "z"), ("5", "y"), ("6", "z"))]

@@ -10,10 +10,9 @@ from plants.report_values import fit_result
 from elastid.app.summaries import modes_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.model.formulation import formulate
-from elastid.model.kinematics import frame_poses
 from elastid.parameters import Parameter, Parameters
 from elastid.record import Configuration
-from elastid.report.modes import load_name, mode_drawing, shares_in_words, spring_names
+from elastid.report.modes import load_name, shares_in_words, spring_names
 from elastid.response import Response
 from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Robot, Rod, Spring
 
@@ -66,17 +65,3 @@ def test_energies_follow_the_numbers_of_a_configuration() -> None:
     np.testing.assert_allclose(warm.frequency_hz, soft, rtol=1e-9)
     gear = cold.stores.index("gear 2")
     assert warm.energy[gear, 1] != pytest.approx(cold.energy[gear, 1], rel=0.05)
-
-
-def test_the_tool_moves_as_the_shape_moves_the_kinematics() -> None:
-    """By one factor in all directions: differences of the pose along real and imaginary part of the shape."""
-    q, freq_hz, shapes, figure = swinging()
-    drawing = mode_drawing(figure, shapes, ARM.gravity)
-    for mode in range(len(freq_hz)):
-        h, tool = 1e-6, []
-        for part in (shapes[:, mode].real, shapes[:, mode].imag):
-            ends = frame_poses(ARM, np.stack([q + h * part, q - h * part]), "tool").position
-            tool.append((ends[0] - ends[1]) / (2 * h))
-        expected, moved = tool[0] + 1j * tool[1], drawing.moved[-1, :, mode]
-        factor = (expected.conj() @ moved) / (expected.conj() @ expected)
-        np.testing.assert_allclose(moved, factor * expected, atol=1e-6 * np.abs(moved).max())

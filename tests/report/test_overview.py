@@ -12,7 +12,7 @@ from elastid.experiment.simulated.plant import true_response
 from elastid.fit.result import DISTORTED
 from elastid.modal.estimate import estimate_modes
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
-from elastid.report.content import ResponsesContent, model_lines, parameter_rows
+from elastid.report.content import ResponsesContent, parameter_rows
 from elastid.report.overview import (
     next_steps,
     numbers_answer,
@@ -103,15 +103,6 @@ def test_a_misfit_never_ends_in_numbers_to_be_used():
     assert next_steps(bent, rows)[0].text == "--set 'gears={}'"
     opened = replace(bent, message=f"{bent.message}; {NOT_EXPLAINED}")
     assert not any("gears" in action.text for action in next_steps(opened, rows))
-
-
-def test_lines_of_the_model_hold_the_measured_ones_and_resolve_a_resonance():
-    measured = np.arange(2.0, 60.0, 4.0)
-    lines = model_lines(measured, [29.68, 32.96], [0.01, 0.01])
-    assert set(measured) <= set(lines)
-    for f in (29.68, 32.96):
-        assert np.sum(np.abs(lines - f) < 0.01 * f) >= 4
-    assert len(model_lines(measured, [29.68], [0.01], 40)) == 40
 
 
 def test_a_fit_that_converged_a_little_beyond_the_noise_is_not_told_of_missing_joints():

@@ -18,7 +18,7 @@ from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.robot.simplified import elastic_coordinates, stiffened, without_friction
+from elastid.robot.simplified import elastic_coordinates, stiffened
 
 LINES = np.geomspace(1, 60, 30)
 SERIAL, CONSTRAINED, MINIMAL = ModelSpec(), ModelSpec("constrained"), ModelSpec("minimal")
@@ -82,12 +82,3 @@ def test_what_has_no_spring_cannot_be_made_rigid(name: str) -> None:
         stiffened(linkage(), [name])
     with refused("robot/no-spring", holds=("loop rod", "2, 3")):
         stiffened(stiffened(linkage(), ["rod"]), ["rod"])
-
-
-def test_without_friction_no_motor_and_no_joint_takes_energy() -> None:
-    """Viscous and Coulomb friction, of motors and joints."""
-    rubbing = Joint("1", "y", Spring(1e4), Motor(2e-3, 50, 3e-3, coulomb=0.1), 2.0)
-    robot = without_friction(Robot("one", (Body("arm", joints=(rubbing,), mass=1.0, inertia=1.0),)))
-    (joint,) = robot.driven
-    assert joint.motor is not None
-    assert (joint.viscous, joint.motor.viscous, joint.motor.dry_friction, joint.friction) == (0.0, 0.0, None, None)

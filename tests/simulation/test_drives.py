@@ -19,16 +19,8 @@ from elastid.model.formulation import formulate
 from elastid.robot import Friction, GearRipple, Joint, Robot, TransmissionError
 from elastid.robot import Gear as GearSection
 from elastid.robot.simplified import with_joints
-from elastid.simulation.drives import Drives, Lag, Ripple, gear_forces
+from elastid.simulation.drives import Drives, Lag, gear_forces
 from elastid.simulation.dynamics import contacts, free_acceleration
-
-
-def test_ripple_is_a_sine_of_the_angle_with_its_phase() -> None:
-    """Of the torque."""
-    ripple = Ripple(np.array([0.1]), np.array([12.0]), np.array([0.4]))
-    drives = Drives(np.zeros(1), np.array([np.inf]), (ripple,))
-    expected = 0.1 * np.sin(12.0 * 0.3 + 0.4)
-    np.testing.assert_allclose(float(ca.DM(drives.on_motors(ca.SX(2.0), ca.SX(0.3)))), 2.0 + expected)
 
 
 @pytest.mark.parametrize("coefficients", [(1.0,), (1.4, 1.0), (2.0, 2.0, 1.0), (0.6, 0.5)])

@@ -8,10 +8,9 @@ from plants.friction_study import friction_content, friction_result
 from plants.report_values import TRUTH, fit_result, lines_of, pair
 
 from elastid.report.content import parameter_rows
-from elastid.report.figures.fit import forest, quality_figure, torque_balance_figure
+from elastid.report.figures.fit import forest, torque_balance_figure
 from elastid.report.page.page import rendered
 from elastid.report.page.page_of_friction import html_of_friction
-from elastid.response import Levels, Quality
 from elastid.store.friction_study import FRICTION, write_friction_result
 from elastid.store.results import read_twin
 from elastid.validation.torque_balance import DRY, INERTIA, TorqueBalance, torque_balance
@@ -50,47 +49,6 @@ def test_the_forest_plot_takes_the_estimate_as_reference_where_no_truth_is_known
 
 RESPONSE = pair(2, 4)[0]
 N = len(RESPONSE.freq_hz)
-
-
-def db(values):
-    return 20 * np.log10(values)
-
-
-def made_up():
-    """Two inputs, four outputs; two even and three odd detection lines."""
-    rng = np.random.default_rng(0)
-
-    def level(n):
-        return Levels(np.arange(3.0, 3.0 + n), 2 + rng.random((n, 4)), rng.random((n, 4)))
-
-    return Quality(
-        coherence=rng.random((N, 4, 2)),
-        multiple_coherence=0.5 + 0.5 * rng.random((N, 4)),
-        singular_values=rng.random((N, 2)),
-        input_singular_values=np.tile([3.0, 2.0], (N, 1)),
-        input_noise=rng.random((N, 2)),
-        output_noise=rng.random((N, 4)),
-        excited=level(N),
-        stochastic=rng.random((N, 4)),
-        even=level(2),
-        odd=level(3),
-    )
-
-
-def test_the_levels_of_every_output_are_drawn_and_noise_is_taken_off_the_detection_lines():
-    """In power, at the detection lines' own frequencies; a spare panel is empty."""
-    quality = made_up()
-    panels = quality_figure(RESPONSE, quality, "c1").axes
-    assert [axes.axison for axes in panels] == [True] * 7 + [False] * 2
-    for i, axes in enumerate(panels[:4]):
-        drawn = lines_of(axes)
-        np.testing.assert_allclose(drawn["excited lines"].get_ydata(), db(quality.excited.amplitude[:, i]))
-        np.testing.assert_allclose(drawn["noise"].get_ydata(), db(quality.excited.noise[:, i]))
-        np.testing.assert_allclose(drawn["stochastic nonlinear"].get_ydata(), db(quality.stochastic[:, i]))
-        for name, found in (("even", quality.even), ("odd", quality.odd)):
-            level = np.sqrt(found.amplitude[:, i] ** 2 - found.noise[:, i] ** 2)
-            np.testing.assert_allclose(drawn[f"nonlinear, {name}"].get_ydata(), db(level))
-            np.testing.assert_allclose(drawn[f"nonlinear, {name}"].get_xdata(), found.freq_hz)
 
 
 def balance() -> TorqueBalance:
