@@ -63,6 +63,14 @@ def test_every_point_moves_by_its_jacobian(numbers: list[float]) -> None:
     np.testing.assert_allclose(drawn.jacobian[-1] @ dq, (poses.position[0] - poses.position[1]) / (2 * h), atol=1e-8)
 
 
+def test_a_centre_of_mass_is_drawn_where_a_body_carries_nothing_and_a_strut_between_its_ends() -> None:
+    drawn = stick_figure(GANTRY, np.array([0.3, 0.0, -0.7, 0.0]))
+    assert "mass" not in {kind for _, _, kind in drawn.links}  # the hand carries the tool
+    ((first, second, _),) = [link for link in drawn.links if link[2] == "strut"]
+    np.testing.assert_allclose(drawn.points[first], [1, 0, 0])
+    assert np.linalg.norm(drawn.points[second] - drawn.points[first]) > 0.1
+
+
 @pytest.mark.parametrize("kind", ["constrained", "minimal"])
 @pytest.mark.parametrize("rod", [Rod(0.86, 6, 0.4, 0.5, 1e7), Rod(0.86, 6, 0.4, 0.5)], ids=["elastic", "rigid"])
 def test_a_rod_is_drawn_and_stretches_by_what_the_model_says(kind: str, rod: Rod) -> None:

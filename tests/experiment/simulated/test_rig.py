@@ -180,17 +180,6 @@ def test_the_acceleration_of_a_point_holds_the_images_that_its_record_states() -
     assert np.abs(frequency_response(linear, theta, freq_hz) / G - 1)[:, 1].max() > 7e-4
 
 
-def test_a_record_holds_the_plan_without_its_transient() -> None:
-    """Two periods of what was injected, repeating themselves, the transient simulated and dropped."""
-    simulated = three_axes()
-    experiment = simulated.experiments[1]
-    record = simulated.measure(experiment)
-    assert record.n_samples == 4000
-    np.testing.assert_array_equal(record.r, np.tile(simulated.plan.torque(experiment), (2, 1)))
-    change = np.abs(record.y[2000:] - record.y[:2000]).max() / np.ptp(record.y, axis=0).max()
-    assert change < 1e-3
-
-
 def test_encoders_count_motor_turns() -> None:
     """A reading is a whole number of counts per motor turn times the ratio, on the link side."""
     simulated = three_axes(SimulatedSpec(noise=NoiseSpec(encoder_counts=4096)))
