@@ -130,6 +130,7 @@ def _search(
 ) -> tuple[Assembly, _Ends]:
     """The assembled fit, where all starts ended, best first, and how many reached the best."""
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
+    check_kind(parameters, Parameters | None, "parameters", "elastid.choose(robot, 'k_*') makes them")
     check_responses(responses, robot)
     responses = [ratio_within(response, robot) for response in responses]
     parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])

@@ -91,7 +91,7 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
         raise
     except Exception as error:  # what a damaged file makes h5py and NumPy raise
         why = (str(error).strip("'\"") or type(error).__name__).splitlines()[0]
-        text = f"no HDF5 file of elastid, damaged, or of an older layout ({why}); delete it and run again"
+        text = f"no HDF5 file of elastid, damaged, or of an older layout ({why}); name another, or make it again"
         raise DataError("files/damaged", text, path) from error
 
 

@@ -61,7 +61,7 @@ def read_source(path: Path, name: str, rank: int = 0) -> YamlSource:
     except FileNotFoundError:
         raise StudyError("files/missing", "no such file", name) from None
     except OSError as error:
-        raise StudyError("study/yaml", f"cannot be read ({error.strerror})", name) from None
+        raise StudyError("study/yaml", f"cannot be read ({error.strerror}); name a YAML file", name) from None
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:

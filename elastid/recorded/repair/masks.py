@@ -6,8 +6,9 @@ spike is one sample or two (Hampel's rule across periods):
 
     e = x - median of the periods,   d = |e - running median of e| > 8 sigma
 
-only where d is six times as large as at its neighbours, and three times as at all but 2 % of the samples of most parts
-of the log: drift, transients, steps and bursts of oscillation are no spikes, nor is what recurs, as the pulse of a
+only where e is as far from the parabola through its neighbours, six times as far as each of
+those, and d six times as large as at its neighbours and three times as at all but 2 % of the samples of most parts of
+the log: drift, transients, steps and bursts of oscillation are no spikes, nor is what recurs, as the pulse of a
 controller at an encoder's count.
 
 Limits and steps of a converter are reported: clipping at the highest or lowest value, and quantisation with its noise.
@@ -206,6 +207,8 @@ def _spikes(x: FloatArray, e: FloatArray, smallest: float) -> IntArray:
 
     d = np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror"))
     sigma = STD_OVER_MAD * float(np.median(d))
+    if sigma == 0:  # most samples agree exactly: from the smaller 99 %
+        sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
     least = max(LIMITS.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x), smallest)
     parts = d[: len(d) // LIMITS.parts * LIMITS.parts].reshape(LIMITS.parts, -1)
     beyond_usual = LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
@@ -216,11 +219,22 @@ def _spikes(x: FloatArray, e: FloatArray, smallest: float) -> IntArray:
         if len(run) > LIMITS.max_run or first <= n or end > len(e) - n:
             continue
         around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
-        if d[run].max() > LIMITS.min_ratio * around.max():
+        distance, scatter = _from_parabola(e, run)
+        if d[run].max() > LIMITS.min_ratio * around.max() and distance > max(least, LIMITS.min_ratio * scatter):
             spikes.append(run)
     if sum(map(len, spikes)) <= LIMITS.max_share * len(x):
         spikes = [run for run in spikes if d[run].max(initial=0.0) > beyond_usual or not run.size]
     return np.concatenate(spikes)
+
+
+def _from_parabola(e: FloatArray, run: IntArray) -> tuple[float, float]:
+    """Largest distances of a run, and of its neighbours, from the parabola through these."""
+    first, last, n = int(run[0]), int(run[-1]), LIMITS.neighbours
+    sides = np.r_[max(0, first - 1 - n) : max(0, first - 1), last + 2 : min(len(e), last + 2 + n)]
+    powers = np.vander((np.r_[sides, run] - (first + last) / 2) / n, 3)
+    coefficients = np.linalg.lstsq(powers[: len(sides)], e[sides], rcond=None)[0]
+    away = np.abs(e[np.r_[sides, run]] - powers @ coefficients)
+    return float(away[len(sides) :].max()), float(away[: len(sides)].max())
 
 
 CLIPPED = "samples at a limit"
