@@ -304,8 +304,8 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
         return ()
     unit, taken = ("rad/s", "Hz") if typical > 0 else ("Hz", "rad/s")
     text = (
-        f"{math.exp(typical):.3g} times the start: are frequencies in {unit}, where {taken} was taken (39 times), or "
-        "motions in degrees (57 times, with the inertias)? All stiffnesses are off by it, and no residual shows it"
+        f"{math.exp(typical):.3g} times the start: are frequencies in {unit}, where {taken} was taken (39 times), "
+        "motions in degrees (57 times), or torques on the other side of a gear (its ratio)? No residual shows it"
     )
     return (Note("fit/frequency-unit", text, ", ".join(result.parameters.free[i].name for i in stiff)),)
 
