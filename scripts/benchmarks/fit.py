@@ -14,13 +14,13 @@ the numbers; last_run.json has those of the last run of each part. How time and 
 
 Measured (CPU time, medians in turn, a machine of two cores that worked at something else beside): with loops in C one
 evaluation takes 0.7 (evaluation_over_solve) times the bare solves and 1.8 (evaluation_over_floor) times the floor, with
-NumPy alone 2.4 (numpy_evaluation_over_solve) and 6.4 (numpy_evaluation_over_floor) times; CasADi takes 243
+NumPy alone 3.3 (numpy_evaluation_over_solve) and 8.3 (numpy_evaluation_over_floor) times; CasADi takes 146
 (casadi_over_evaluation) times as long for one. With ten inertial parameters more, which move the robot under gravity
-with every stiffness, it is 4.9 (inertial_evaluation_over_floor) times the floor, with NumPy 17.2
-(numpy_inertial_evaluation_over_floor), and linearised again at every point, as the search for them must, 30.2
-(relinearised_evaluation_over_floor). A whole fit is 36 (faster_than_same_jacobian) times faster than
-least_squares with the same Jacobian, at worst 30 (faster_than_same_jacobian_at_worst) times, 58
-(faster_than_finite_differences) times faster than with finite differences and 154 (faster_than_casadi) times faster
+with every stiffness, it is 3.7 (inertial_evaluation_over_floor) times the floor, with NumPy 31.5
+(numpy_inertial_evaluation_over_floor), and linearised again at every point, as the search for them must, 29.0
+(relinearised_evaluation_over_floor). A whole fit is 35 (faster_than_same_jacobian) times faster than
+least_squares with the same Jacobian, at worst 29 (faster_than_same_jacobian_at_worst) times, 43
+(faster_than_finite_differences) times faster than with finite differences and 100 (faster_than_casadi) times faster
 than with CasADi's derivatives.
 """
 
