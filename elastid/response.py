@@ -20,7 +20,6 @@ from elastid.base.errors import Note, check_kind, index_of, installed
 from elastid.base.escape import control_labels
 from elastid.base.workers import Kept
 from elastid.covariance import Covariance as Covariance
-from elastid.covariance import CovarianceForm as CovarianceForm
 from elastid.covariance import scaled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
-from functools import cache
+from functools import cache, wraps
 from typing import Any, TypeVar, dataclass_transform
 
 from elastid.base.names import check_different
@@ -81,6 +81,7 @@ def section(cls: type[T]) -> type[T]:
     made: Any = dataclass(frozen=True)(cls)
     by_default, requires = made.__init__, any(f.default is f.default_factory for f in fields(made))
 
+    @wraps(by_default)  # the signature that a prompt shows
     def __init__(self: T, *values: Any, **keys: Any) -> None:
         if not (values or keys or requires):
             by_default(self)
@@ -90,12 +91,12 @@ def section(cls: type[T]) -> type[T]:
         try:
             validator(made).validate_python(ArgsKwargs(values, keys), self_instance=self)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
+            first = error.errors()[0]
             message, steps = first["msg"].removeprefix("Value error, "), list(first["loc"])
             if steps and isinstance(steps[0], int):  # given without its name
                 steps[0] = made.__match_args__[steps[0]]
-            place = f"{'.'.join(map(str, steps))}: "
-            raise ValueError(f"{place}{message} (got {first['input']!r:.60})" if steps else message) from None
+            text = f"{'.'.join(map(str, steps))}: {message} (got {first['input']!r:.60})" if steps else message
+            raise ValueError(text) from None
 
     made.__init__ = __init__
     made.__pydantic_config__ = _CONFIG
@@ -105,6 +106,6 @@ def section(cls: type[T]) -> type[T]:
 @cache
 def validator(section: type) -> Any:
     """pydantic's validator of a section, made when the first one is: that of a study takes longer than reading one."""
-    from pydantic import TypeAdapter
+    from pydantic import TypeAdapter  # value types stay free of pydantic until one is made
 
     return TypeAdapter(section).validator

@@ -93,7 +93,7 @@ def answers(
     H, shifts = frequency_response(linear, theta, grid_hz), fitted.response_shifts(grid_hz)
 
     def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> float:
-        """Of Re a^T G b."""
+        """Standard deviation of Re a^T G b."""
         return float(np.linalg.norm((a @ shifts[:, line] @ b).real))
 
     C = H[0].real
