@@ -74,8 +74,6 @@ class Kind:
     bandwidth_hz: float
     carrier: float
     half_wave: bool
-    period: int = PERIOD
-    rate_hz: float = RATE_HZ
 
     @classmethod
     def drawn(cls, number: int, seed: int) -> Kind:
@@ -109,7 +107,7 @@ class Kind:
     @property
     def lines(self) -> tuple[int, ...]:
         """Those of its grid at which the controller does not cancel the excitation, from half its bandwidth on."""
-        return tuple(k for k in GRIDS[self.grid] if k * self.rate_hz / self.period >= self.bandwidth_hz / 2)
+        return tuple(k for k in GRIDS[self.grid] if k * RATE_HZ / PERIOD >= self.bandwidth_hz / 2)
 
     @property
     def rng(self) -> np.random.Generator:
@@ -137,7 +135,7 @@ class Kind:
     def disturbance(self, rng: np.random.Generator, n: int, n_u: int) -> FloatArray:
         """Torque (n, n_u) of slow wander with a time constant of 5 s, and of a step somewhere."""
         white = rng.standard_normal((n, n_u))
-        decay = np.exp(-1 / (5.0 * self.rate_hz))
+        decay = np.exp(-1 / (5.0 * RATE_HZ))
         slow = np.empty((n, n_u))
         last = rng.standard_normal(n_u)
         for i in range(n):
@@ -202,7 +200,7 @@ class Chain:
         A[: 2 * n, 2 * n : 4 * n] = np.eye(2 * n)
         A[2 * n : 4 * n, : 4 * n] = -np.linalg.solve(M, np.hstack([K, D]))
         A[2 * n : 4 * n, 4 * n :] = np.linalg.inv(M)[:, :n]
-        whole = expm(A / self.kind.rate_hz)
+        whole = expm(A / RATE_HZ)
         return whole[: 4 * n, : 4 * n], whole[: 4 * n, 4 * n :]
 
     def logs(self) -> Iterator[Log]:
@@ -215,11 +213,11 @@ class Chain:
         """All experiments, run side by side, from three periods on: what they begin with has died out."""
         kind, n_u = self.kind, len(self.J)
         pairs = [(m, e) for m in range(kind.realisations) for e in range(n_u)]
-        first, n = 3 * kind.period, (3 + kind.periods) * kind.period
+        first, n = 3 * PERIOD, (3 + kind.periods) * PERIOD
         periods = np.concatenate([self.multisines(rng) for _ in range(kind.realisations)])
         r = np.tile(periods, (1, 3 + kind.periods, 1))
         w = np.stack([kind.disturbance(rng, n, n_u) for _ in pairs])
-        u, q, _ = self.run(r, w + 0.002 * np.array(TORQUE_RMS[:n_u]) * rng.standard_normal(r.shape), rng)
+        u, q = self.run(r, w + 0.002 * np.array(TORQUE_RMS[:n_u]) * rng.standard_normal(r.shape), rng)
         u = u + kind.noise * np.array(TORQUE_RMS[:n_u]) * rng.standard_normal(u.shape)
         for i, (m, e) in enumerate(pairs):
             names = {"r": r[i, first:], "u": u[i, first:], "q": q[i, first:] * RATIO[:n_u]}
@@ -230,33 +228,31 @@ class Chain:
         """Torques (n_u, N, n_u) of the experiments of a realisation: orthogonal multisines of random phases."""
         n_u, lines = len(self.J), np.array(self.kind.lines)
         turns = np.exp(2j * np.pi * rng.random((len(lines), n_u)))
-        wave = np.exp(2j * np.pi * np.outer(np.arange(self.kind.period), lines) / self.kind.period)
+        wave = np.exp(2j * np.pi * np.outer(np.arange(PERIOD), lines) / PERIOD)
         amplitude = np.array(TORQUE_RMS[:n_u]) * np.sqrt(2 / len(lines))
         return np.stack([(wave @ (turns * amplitude * signs)).real for signs in hadamard(n_u)])
 
-    def run(self, r: FloatArray, w: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Torques, read angles, link side, and accelerations of the links (E, n, n_u) of all experiments."""
+    def run(self, r: FloatArray, w: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Torques and read angles (E, n, n_u), link side, of all experiments."""
         E, n, n_u = r.shape
         whole, of_torque = (matrix.T for matrix in self.step)
-        total, mobility = self.J + np.diag(self.inertia), np.linalg.inv(self.inertia)
+        total = self.J + np.diag(self.inertia)
         omega = 2 * np.pi * self.kind.bandwidth_hz
         stiffness, damping = total * omega**2, (1.6 if self.kind.bandwidth_hz < 2 else 0.8) * total * omega
-        carrier = self.kind.carrier * np.sin(2 * np.pi * np.arange(n) / self.kind.period)
+        carrier = self.kind.carrier * np.sin(2 * np.pi * np.arange(n) / PERIOD)
         count = 2 * np.pi / self.kind.counts / np.array(RATIO[:n_u]) if self.kind.counts else 0.0
         noise = 1e-7 * (1 + 4 * rng.random()) * rng.standard_normal(r.shape)
         x, before = np.zeros((E, 4 * n_u)), np.zeros((E, n_u))
-        u, q, a = np.empty(r.shape), np.empty(r.shape), np.empty(r.shape)
+        u, q = np.empty(r.shape), np.empty(r.shape)
         for i in range(n):
             read = x[:, :n_u] + noise[:, i]
             if self.kind.counts:
                 read = np.round(read / count) * count
             error = carrier[i] - read
-            u[:, i] = r[:, i] + stiffness * error + damping * (error - before) * self.kind.rate_hz
+            u[:, i] = r[:, i] + stiffness * error + damping * (error - before) * RATE_HZ
             q[:, i], before = read, error
-            bent, rate = (x[:, j : j + n_u] - x[:, j + n_u : j + 2 * n_u] for j in (0, 2 * n_u))
-            a[:, i] = (self.k * bent + self.d * rate) @ mobility
             x = x @ whole + (u[:, i] + w[:, i]) @ of_torque
-        return u, q, a
+        return u, q
 
 
 def _arm_inertia(arm: tuple[float, ...], posture: float, n: int) -> FloatArray:

@@ -59,39 +59,39 @@ Measured: TypeAlias = tuple[tuple[tuple[Record, ...], ...], IntArray]
 @cache
 def measured(coulomb: tuple[float, float] = COULOMB, realisations: int = 3, seed: int = 1) -> Measured:
     """The records of both configurations on a slow carrier, and the planned lines."""
-    return _simulated(robot(coulomb), CONFIGURATIONS, realisations, seed, 2)
+    return simulated(robot(coulomb), CONFIGURATIONS, realisations, seed, 2)
 
 
 def measured_robot(machine: Robot) -> Measured:
     """As `measured`, of another robot of these axes."""
-    return _simulated(machine, CONFIGURATIONS, 3, 2, 2)
+    return simulated(machine, CONFIGURATIONS, 3, 2, 2)
 
 
 @cache
 def measured_bristles(law: str) -> Measured:
     """Two realisations in one configuration, of friction by another law."""
-    return _simulated(robot(law=law), {"a": CONFIGURATIONS["a"]}, 2, 1, 8)
+    return simulated(robot(law=law), {"a": CONFIGURATIONS["a"]}, 2, 1, 8)
 
 
 @cache
 def measured_swing() -> Measured:
     """Without friction and nearly without noise, so that distortion is that of the arm, as it swings about "b"."""
     quiet = NoiseSpec(torque_std=0.03, angle_std=1e-8)
-    return _simulated(robot((0.0, 0.0)), {"b": CONFIGURATIONS["b"]}, 2, 1, 2, quiet)
+    return simulated(robot((0.0, 0.0)), {"b": CONFIGURATIONS["b"]}, 2, 1, 2, quiet)
 
 
-def _simulated(
+def simulated(
     machine: Robot,
     configurations: dict[str, tuple[float, ...]],
     realisations: int,
     seed: int,
     substeps: int,
     noise: NoiseSpec = NOISE,
+    carrier: CarrierSpec | None = CarrierSpec(0.01, 2),  # noqa: B008
 ) -> Measured:
     excitation = MultisineSpec(500.0, 4.0, (2.0, 50.0), TORQUE_RMS, grid="odd-random")
-    carrier = CarrierSpec(0.01, 2)
-    simulated = SimulatedSpec(noise=noise, carrier=carrier, substeps=substeps)
-    experiment = ExperimentSpec(configurations, realisations, 2, 1, simulated=simulated)
+    rig_spec = SimulatedSpec(noise=noise, carrier=carrier, substeps=substeps)
+    experiment = ExperimentSpec(configurations, realisations, 2, 1, simulated=rig_spec)
     rig = SimulatedRig(machine, experiment, make_plan(excitation, experiment, machine, seed), seed)
     records = [rig.measure(each) for each in rig.experiments]
     of_each = [tuple(r for r in records if r.configuration.name == name) for name in configurations]

@@ -7,13 +7,13 @@ from elastid.friction_study.motion_signals import Motion
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Body, Joint, Motor, Placement, Robot
 
-RATE = 250.0
+RATE, RATIO = 250.0, 100.0
 COULOMB, VISCOUS = (9.0, 5.0), (14.0, 6.0)
 
 
 def two_axes() -> Robot:
     """Two axes under gravity; the second is at the end of an arm of the first."""
-    motor = Motor(inertia=1e-3, ratio=100.0)
+    motor = Motor(inertia=1e-3, ratio=RATIO)
     arm = {"mass": 12.0, "center_of_mass": (0.3, 0.05, 0.0), "inertia": (0.1, 0.5, 0.5)}
     upper = Body("upper", joints=(Joint("1", "y", motor=motor),), **arm)  # type: ignore[arg-type]
     lower = Body(
