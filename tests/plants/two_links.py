@@ -12,8 +12,8 @@ from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop
 from elastid.simulation.controller import feed_forward
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import Contacts, contacts
+from plants.arm import LENGTH, MASS, OFFSET, STIFFNESS, robot
 from plants.integration import acceleration, runge_kutta
-from plants.predicted_arm import LENGTH, MASS, OFFSET, STIFFNESS, robot
 
 FREE = np.array([[-np.inf, np.inf]] * 2)
 NO_FRICTION = np.zeros(2)
@@ -21,7 +21,7 @@ NO_FRICTION = np.zeros(2)
 
 def arm(damping: float = 0.0, gravity: float = -9.81) -> Robot:
     """Two links in a vertical plane, both joints elastic."""
-    return robot((damping, damping), -gravity)
+    return robot(damping=(damping, damping), gravity=-gravity)
 
 
 def motor(inertia: float = 2e-3) -> Robot:
