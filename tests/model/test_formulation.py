@@ -1,13 +1,12 @@
 """Coordinates, sides, places and readings of an ElasticModel, and of one joint; the `model` section."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.dry_friction import robot as two_axes
 from plants.linkages import LEVER, LOWER, linkage
 from plants.refusals import refused
-from plants.two_axes import ROBOT
 
 from elastid.friction_study.presliding import OF_FILE, _Model
 from elastid.linear.equilibrium import equilibrium, rigid_posture
@@ -16,7 +15,6 @@ from elastid.model.formulation import formulate, held_joint, serial, unseen
 from elastid.model.spec import ModelSpec, Variant
 from elastid.record import Configuration
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Rod, Spring
-from elastid.study.robots import load_robot
 
 MOTOR = Motor(1e-3, -80, viscous=2e-3)
 
@@ -184,10 +182,9 @@ def test_places_read_their_rates_and_an_accelerometer_gravity_as_it_tilts() -> N
     np.testing.assert_allclose(model.output_jacobian(q, places), C)
 
 
-def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held(tmp_path: Path) -> None:
+def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held() -> None:
     """At two postures; the whole model with every coordinate struck out but those of motor 1 and joint 1."""
-    (tmp_path / "robot.yml").write_text(ROBOT)
-    robot = load_robot(tmp_path / "robot.yml")
+    robot = two_axes((0.0, 0.0))
     model = formulate(robot)
     omega = 2 * np.pi * np.geomspace(1, 50, 7)
     for angles in (np.array([0.0, 0.2]), np.array([0.4, -0.9])):

@@ -1,4 +1,4 @@
-"""An arm of two elastic joints, as a robot, as if a fit had ended there, and its closed form in a vertical plane."""
+"""An arm of two elastic joints in a vertical plane, as if a fit had ended there, and its closed form."""
 
 from functools import cache
 
@@ -18,7 +18,6 @@ STD = 0.02  # relative, of each stiffness and damping
 
 
 def robot(
-    axes: str = "yy",
     damping: tuple[float, float] | None = DAMPING,
     gravity: float = GRAVITY,
     viscous: float = 0.0,
@@ -26,14 +25,13 @@ def robot(
     limits: tuple[Limits, Limits] = (Limits(), Limits()),
     tolerances: Tolerances | None = None,
 ) -> Robot:
-    """Two links with a tool at the end of the second: modes at about 5 and 17 Hz in a vertical plane.
+    """Two links in a vertical plane with a tool at the end of the second: modes at about 5 and 17 Hz.
 
     damping: None of rigid gears.  viscous, coulomb: friction of the motors, motor side.
     """
     springs = [None, None] if damping is None else [Spring(k, d) for k, d in zip(STIFFNESS, damping, strict=True)]
     first, second = (
-        Joint(str(i + 1), axis, springs[i], Motor(2e-3, RATIO, viscous, coulomb[i]), limits=limits[i])
-        for i, axis in enumerate(axes)
+        Joint(str(i + 1), "y", springs[i], Motor(2e-3, RATIO, viscous, coulomb[i]), limits=limits[i]) for i in range(2)
     )
     upper = Body("upper", joints=(first,), mass=MASS[0], center_of_mass=(OFFSET[0], 0, 0), inertia=INERTIA[0])
     fore = Body("fore", "upper", Placement((LENGTH, 0, 0)), (second,), MASS[1], (OFFSET[1], 0, 0), INERTIA[1])

@@ -11,6 +11,7 @@ from elastid.base.errors import StudyError
 from elastid.study import load_with_logs
 from elastid.study.robots import yaml_text
 from plants import dry_friction, moving_arm
+from plants.arm import RATIO
 
 # The study of a motion.
 MOTION = """name: motion
@@ -158,7 +159,7 @@ def write_rig(folder: Path, rig: str) -> tuple[Mistake, ...]:
     lines, further, mistakes = MOTIONS[rig]
     log = {name: x for name, x in motion_log().items() if name.partition("_")[0] in ("tau", "phi", "spare", *further)}
     np.savetxt(folder / "log.csv", np.stack([*log.values()], 1), "%.9g", ",", header=",".join(log), comments="")
-    inexact = moving_arm.two_axes().with_parameters({"m_upper": 20.0, "m_lower": 7.0})
+    inexact = moving_arm.ARM.with_parameters({"m_upper": 50.0, "m_fore": 12.0})
     (folder / "robot.yml").write_text(yaml_text(inexact))
     (folder / "study.yml").write_text(MOTION + lines + FILES)
     return OF_ALL + mistakes
@@ -166,7 +167,7 @@ def write_rig(folder: Path, rig: str) -> tuple[Mistake, ...]:
 
 def motion_log() -> dict[str, np.ndarray]:
     """Channels (n,) by name, as logged, of a motion of two axes; angles of the motors by an encoder of 16 bit."""
-    rng, motions, ratio = np.random.default_rng(0), moving_arm.motion(0), moving_arm.RATIO
+    rng, motions, ratio = np.random.default_rng(0), moving_arm.motion(0), RATIO
     n, count = len(motions["1"].position), 360 / 65536
     log = {"t": np.arange(n) / moving_arm.RATE, "spare": np.zeros(n)}
     for name, motion in motions.items():

@@ -1,5 +1,6 @@
-"""A simulated rig of two axes, springs in both gears and one in the arm, with dry friction at its motors."""
+"""A simulated rig of two axes, springs in both gears and two in the arm, with dry friction at its motors."""
 
+from dataclasses import replace
 from functools import cache
 from typing import TypeAlias
 
@@ -25,15 +26,19 @@ NOISE = NoiseSpec(torque_std=0.3, angle_std=1e-7)
 
 
 def robot(coulomb: tuple[float, float] = COULOMB, law: str = "coulomb") -> Robot:
-    """Resonances between 8 and 40 Hz.  law: `coulomb`, `lugre` or `maxwell slip` at the motors, or `joint`: Coulomb's
-    behind the gears."""
+    """Resonances between 8 and 40 Hz; the second motor rides on the first link.
+
+    law: `coulomb`, `lugre` or `maxwell slip` at the motors, or `joint`: Coulomb's behind the gears.
+    """
     motors, behind = [], []
     for inertia, ratio, level in zip((0.2, 0.1), RATIO, coulomb, strict=True):
         friction = _bristles(level / ratio, law)
         own = level / ratio if law == "coulomb" else 0.0
         motors.append(Motor(inertia, ratio, 0.02, own, friction=friction))
         behind.append(Friction(coulomb=level) if law == "joint" else None)
-    upper = Body("upper", joints=(Joint("1", "z", Spring(30e3, 30), motors[0], friction=behind[0]),), mass=30,
+    motors[1] = replace(motors[1], on="upper", axis="z")
+    joints = (Joint("1", "z", Spring(30e3, 30), motors[0], friction=behind[0]), Joint("1x", "x", Spring(40e3, 30)))
+    upper = Body("upper", joints=joints, mass=30,
                  center_of_mass=(0.05, 0, 0.3), inertia=(2, 2, 0.6))  # fmt: skip
     joints = (Joint("2", "y", Spring(15e3, 10), motors[1], friction=behind[1]), Joint("2x", "x", Spring(12e3, 5)))
     fore = Body("fore", "upper", Placement((0, 0, 0.6)), joints, mass=20,
