@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants import lugre_rig, warm_rig
+from plants import lugre_joint, warm_rig
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
@@ -43,7 +43,7 @@ bodies:
 """
 
 
-def study(folder: Path, *files: str, robot: str = lugre_rig.ROBOT, **keys: object) -> Run:
+def study(folder: Path, *files: str, robot: str = lugre_joint.ROBOT, **keys: object) -> Run:
     defaults = {"rate": 1000, "hold": "zero-order", "presliding": "auto", "thermometer": ""}
     listed = "\n".join(f"      - {file}" for file in files)
     (folder / "robot.yml").write_text(robot)
@@ -67,14 +67,14 @@ def holds(number: FrictionNumber, truth: float, stds: float = 3.3) -> bool:
 def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:
     """Two amplitudes, no other log: sigma_0 to 1 % and sigma_1 to 10 %, within their intervals, with page and JSON."""
     rng = np.random.default_rng(3)
-    for name, size in (("small", 1.0), ("large", 2.0)):
-        lugre_rig.write_rest_log(tmp_path / f"{name}.csv", lugre_rig.multisine(size, rng), rng)
+    for name, size in (("small", 0.05), ("large", 0.1)):
+        lugre_joint.write_rest_log(tmp_path / f"{name}.csv", lugre_joint.multisine(size, rng), rng)
     files = [f"{{path: {name}.csv, purpose: at_rest, period: 2 s}}" for name in ("small", "large")]
     found = numbers(result_of(study(tmp_path, *files)))
-    for name, truth, error in (("s0_m1", lugre_rig.SIGMA_0, 0.01), ("s1_m1", lugre_rig.SIGMA_1, 0.1)):
+    for name, truth, error in (("s0_m1", lugre_joint.SIGMA_0, 0.01), ("s1_m1", lugre_joint.SIGMA_1, 0.1)):
         assert found[name].std < error * truth
         # Without a log that slides viscous friction is not known, and is in the damping.
-        assert holds(found[name], truth + (lugre_rig.VISCOUS if name == "s1_m1" else 0.0))
+        assert holds(found[name], truth + (lugre_joint.VISCOUS if name == "s1_m1" else 0.0))
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["status"] == "partly"
     assert (tmp_path / "run" / "report.html").exists()
