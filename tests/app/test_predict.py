@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants import rigid_axis as axis
+from plants.cogged_joint import CoggedJoint, simulated
 from plants.moving_arm import motion
 
 from elastid.app import cli
@@ -36,8 +36,11 @@ def study_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
     def made(name: str, seed: int, coulomb: float) -> Path:
         folder = tmp_path_factory.mktemp(name)
-        rng = np.random.default_rng(seed)
-        q, u = (signal[::4, 0] for signal in axis.simulated(1, rng, 16.0, coulomb))
+        rng, t = np.random.default_rng(seed), np.arange(32000) * 5e-4
+        waves = zip(rng.uniform(0.1, 1.5, 5), rng.uniform(0, 2 * np.pi, 5), rng.uniform(0.1, 0.4, 5), strict=True)
+        reference = sum(size / f**0.7 * np.sin(2 * np.pi * f * t + phase) for f, phase, size in waves)
+        joint = CoggedJoint(6.0, coulomb, coulomb, viscous=20.0, gravity=0.0, cogging=0.0)
+        q, u = (signal[::4] for signal in simulated([joint], [reference], 5e-4)[0])
         np.savetxt(folder / "log.csv", np.stack([u + rng.normal(0, 0.5, len(u)), q], axis=1), delimiter=",")
         (folder / "study.yml").write_text(STUDY, encoding="utf-8")
         return folder / "study.yml"
