@@ -7,6 +7,7 @@ import pytest
 from plants.dry_friction import robot as two_axes
 from plants.linkages import LEVER, LOWER, linkage
 from plants.refusals import refused
+from plants.template_arm import arm as template_arm
 
 from elastid.friction_study.presliding import OF_FILE, _Model
 from elastid.linear.equilibrium import equilibrium, rigid_posture
@@ -17,19 +18,6 @@ from elastid.record import Configuration
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Rod, Spring
 
 MOTOR = Motor(1e-3, -80, viscous=2e-3)
-
-
-def robot() -> Robot:
-    """An elastic gear, a rigid gear, a further elastic joint and a free one."""
-    first = (Joint("1", "y", Spring(5e4, 40), MOTOR, viscous=3), Joint("1x", "x", Spring(2e5, 90)))
-    second = (Joint("2", "z", motor=MOTOR, viscous=4), Joint("free", (1.0, 1.0, 0.0), viscous=0.5))
-    return Robot(
-        "mixed",
-        (
-            Body("a", joints=first, mass=20, center_of_mass=(0.3, 0, 0.1), inertia=(1, 2, 2)),
-            Body("b", "a", Placement((0.6, 0.1, 0), (0.4, 0, 0.2)), second, 9, (0.2, 0.25, 0.1), (0.2, 0.3, 0.4)),
-        ),
-    )
 
 
 def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
@@ -71,7 +59,7 @@ def test_an_elastic_rod_is_cut_or_closes_its_loop_with_the_joints_in_it_held(
 
 def test_a_tree_is_serial_and_a_linkage_constrained_unless_another_formulation_is_asked_for() -> None:
     """An elastic rod has a coordinate of its own in the constrained one; a rigid one is a row in both."""
-    assert (formulate(robot()).n_c, formulate(robot()).independent) == (0, None)
+    assert (formulate(template_arm()).n_c, formulate(template_arm()).independent) == (0, None)
     elastic, rigid = linkage(), linkage(Rod(LOWER, 6.2))
     assert (formulate(elastic).n_c, formulate(elastic).coordinates[-1]) == (1, "rod rod")
     assert "rod rod" not in formulate(rigid).coordinates
