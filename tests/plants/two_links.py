@@ -15,14 +15,14 @@ from plants.arm import robot
 FREE = np.array([[-np.inf, np.inf]] * 2)
 
 
-def arm(damping: float = 0.0, gravity: float = -9.81) -> Robot:
+def arm(damping: float = 0.0) -> Robot:
     """Two links in a vertical plane, both joints elastic."""
-    return robot(damping=(damping, damping), gravity=-gravity)
+    return robot(damping=(damping, damping))
 
 
-def motor(inertia: float = 2e-3) -> Robot:
+def motor() -> Robot:
     """A single motor on a weightless gear, 20 kg m^2 on the link side, and nothing else."""
-    return Robot("motor", (Body("rotor", joints=(Joint("1", "z", motor=Motor(inertia, 100.0)),), mass=1.0),))
+    return Robot("motor", (Body("rotor", joints=(Joint("1", "z", motor=Motor(2e-3, 100.0)),), mass=1.0),))
 
 
 def quiet(model: ElasticModel, q0: np.ndarray, n: int, torque: np.ndarray | None = None) -> Commands:
