@@ -174,8 +174,7 @@ class Assembly:
         notes: list[Note] = []
         for numbers, configurations in groups.items():
             theta = np.array(numbers)
-            rests = [equilibrium(model, theta, posture) for posture in configurations.values()]
-            notes += spring_notes(model, theta, rests)
+            notes += spring_notes(model, theta, (equilibrium(model, theta, c) for c in configurations.values()))
         return tuple(notes)
 
     def reweighted(self, x: FloatArray) -> Assembly:
