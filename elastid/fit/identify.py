@@ -340,13 +340,12 @@ def _with_agreements(estimate: _Found, assembly: Assembly, spec: FitSpec, ends: 
         return None if assembly.loads is None else static_agreement(assembly.loads, motors), tool
 
     of_motors = fitted(alone)
-    static, tool = compared(of_motors[3])
-    if of_motors[3].exceeds_noise or _disagree(static) or _disagree(tool):
-        # A reading in a wrong unit pulls both into a valley that the responses alone would never end in.
+    if of_motors[3].exceeds_noise or any(map(_disagree, compared(of_motors[3]))):
+        # A reading in a wrong unit pulls both into a valley that the responses alone would never end in, where the
+        # robot may find no rest under its loads.
         again = fitted(alone, searched=True)
-        if (again[3].floor, again[3].cost) < (of_motors[3].floor, of_motors[3].cost):
-            of_motors = again
-            static, tool = compared(of_motors[3])
+        of_motors = min(of_motors, again, key=lambda each: (each[3].floor, each[3].cost))
+    static, tool = compared(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
         return *estimate[:3], replace(estimate[3], static=static, tool=tool)
     if tool is not None and not tool.disagrees:

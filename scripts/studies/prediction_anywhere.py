@@ -44,7 +44,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-from plants.outside_arm import Outside, outside_of
+from plants.outside_arm import ASKED, LINES, TOOL, Outside
 
 import elastid as ei
 from elastid.fit.identify import fit_parameters, identify
@@ -55,9 +55,6 @@ from elastid.study import load_robot
 from elastid.use.postures import random_postures
 
 HERE = Path(__file__).parents[2]
-TOOL = (1.0, 0.0, 0.10)
-LINES = np.concatenate([np.linspace(2, 40, 60), np.linspace(42, 60, 10)])
-ASKED = np.linspace(2, 60, 60)
 NOISE = 3e-3  # of the largest element on a line
 MISFITS = ("misfit", "missing", "several")
 CASES = ("right", "file", *MISFITS)
@@ -112,7 +109,7 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
     robot = load_robot(HERE / "elastid" / "app" / "templates" / "serial" / "robot.yml")
     nominal = replace(robot, frames=(Frame("tool", "fore_arm", Placement(TOOL)),))
     true_robot, given = described(case, nominal, rng)
-    true = outside_of(true_robot)
+    true = Outside(true_robot)
     free = {"k_*": ParameterSpec(), "d_*": ParameterSpec(), "fm_*": ParameterSpec()}
     if case == "missing":
         free |= {f"{kind}_2x": ParameterSpec(fixed=True) for kind in "kd"}

@@ -22,6 +22,8 @@ from elastid.robot import Joint, Payload, Robot, Tolerances
 from elastid.robot.simplified import stiffened, with_joints
 from plants.elastic_arm import CONFIGURATIONS, arm, measure
 from plants.elastic_arm import FREQ as FREQ_HZ
+from plants.two_mass import circular
+from plants.two_mass import drawn as with_noise
 
 RATE_HZ = 1000.0
 # Noise of every element relative to it, what the largest value adds, and the degrees of freedom of its variance.
@@ -72,26 +74,24 @@ def drawn(case: Case, rng: np.random.Generator, noise: float = NOISE, dof: float
 
 def _noisy(response: Response, rng: np.random.Generator, noise: float, dof: float) -> Response:
     size = np.abs(response.G)
-    std = noise * size + ADDED * size.max(axis=0)
-    error = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
-    variance = std**2 * (rng.chisquare(2 * dof, std.shape) / (2 * dof) if np.isfinite(dof) else 1.0)
-    return replace(response, G=response.G + error, total=Covariance(variance, dof))
+    G, total = with_noise(response.G, noise * size + ADDED * size.max(axis=0), rng, dof)
+    return replace(response, G=G, total=total)
 
 
-def rubbing(case: Case, rng: np.random.Generator, level: float = 0.01, dof: float = DOF) -> list[Response]:
+def rubbing(case: Case, rng: np.random.Generator, dof: float = DOF) -> list[Response]:
     r"""Responses with the distortion of dry friction, which acts as torques w that the logged ones do not hold.
 
     .. math:: dG = G W, \qquad \mathrm{cov}(\mathrm{vec}\, G) = I \otimes l^2 G G^H
 
-    level l: of the friction torque's distortion over the excitation's torque; its covariance is estimated from so many
-    degrees of freedom. What friction adds to fm_* the fit finds.
+    level l = 0.01: of the friction torque's distortion over the excitation's torque; its covariance is estimated from
+    so many degrees of freedom. What friction adds to fm_* the fit finds.
     """
     responses = []
     for quiet in drawn(case, rng, 0.2 * NOISE, np.inf):
         F, n_y, n_u = quiet.G.shape
-        repeated = [_circular(rng, (F, n_u, n_u)) for _ in range(int(dof))]
-        error = quiet.G @ (level * _circular(rng, (F, n_u, n_u)))
-        spread = level * np.stack([quiet.G @ W for W in repeated])  # (dof, F, n_y, n_u)
+        repeated = [circular(rng, (F, n_u, n_u)) for _ in range(int(dof))]
+        error = quiet.G @ (0.01 * circular(rng, (F, n_u, n_u)))
+        spread = 0.01 * np.stack([quiet.G @ W for W in repeated])  # (dof, F, n_y, n_u)
         right = np.einsum("rfau,rfbu->fab", spread, spread.conj()) / (dof * n_u)
         known = quiet.total
         right += np.eye(n_y) * np.mean(known.variance, axis=2)[:, :, None]
@@ -99,10 +99,6 @@ def rubbing(case: Case, rng: np.random.Generator, level: float = 0.01, dof: floa
         variance = np.einsum("faa->fa", right).real[:, :, None] * np.ones(n_u)
         responses.append(replace(quiet, G=quiet.G + error, total=Covariance(variance, dof * n_u, left, right)))
     return responses
-
-
-def _circular(rng: np.random.Generator, shape: tuple[int, ...]) -> ComplexArray:
-    return np.asarray(rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
 def _numbers(**factors: float) -> Fault:
@@ -134,11 +130,11 @@ def _one_channel_late(case: Case) -> Case:
     return _times(lambda f: np.exp(-2j * np.pi * f[:, None, None] * late))(case)
 
 
-def wrong_length(case: Case, by: float = 0.03) -> Case:
-    """The upper arm is so many metres longer in the file."""
+def wrong_length(case: Case) -> Case:
+    """The upper arm is 30 mm longer in the file."""
     upper, fore = case.robot.bodies
     x, y, z = fore.placement.xyz
-    longer = replace(fore, placement=replace(fore.placement, xyz=(x, y, z + by)))
+    longer = replace(fore, placement=replace(fore.placement, xyz=(x, y, z + 0.03)))
     return replace(case, robot=replace(case.robot, bodies=(upper, longer)))
 
 
@@ -155,9 +151,9 @@ def mirrored_motor(case: Case) -> Case:
     return _times(lambda f: np.broadcast_to(np.outer(signs, signs), (len(f), 2, 2)))(case)
 
 
-def wrong_rate(case: Case, factor: float = 1.02) -> Case:
-    """The rate was stated too high: frequencies are, and accelerations from logged angles by the square."""
-    scaled = (replace(r, freq_hz=factor * r.freq_hz, G=factor**2 * r.G) for r in case.responses)
+def wrong_rate(case: Case) -> Case:
+    """The rate was stated 2 % too high: frequencies are, and accelerations from logged angles by the square."""
+    scaled = (replace(r, freq_hz=1.02 * r.freq_hz, G=1.02**2 * r.G) for r in case.responses)
     return replace(case, responses=tuple(scaled))
 
 
@@ -166,15 +162,15 @@ def missing_torsion(case: Case) -> Case:
     return replace(case, robot=stiffened(case.robot, ["2z"]))
 
 
-def wrong_gear_ratio(case: Case, factor: float = 1.01) -> Case:
-    """Both ratios of the file too large: link-side torques are, angles too small, and rotors too heavy."""
+def wrong_gear_ratio(case: Case) -> Case:
+    """Both ratios of the file 1 % too large: link-side torques are, angles too small, and rotors too heavy."""
 
     def geared(joint: Joint) -> Joint:
         motor = joint.motor
-        return joint if motor is None else replace(joint, motor=replace(motor, ratio=factor * motor.ratio))
+        return joint if motor is None else replace(joint, motor=replace(motor, ratio=1.01 * motor.ratio))
 
     robot = with_joints(case.robot, geared)
-    return _times(lambda f: np.full((len(f), 1, 1), factor**-2))(replace(case, robot=robot))
+    return _times(lambda f: np.full((len(f), 1, 1), 1.01**-2))(replace(case, robot=robot))
 
 
 def hanging(case: Case) -> Case:
@@ -248,9 +244,9 @@ class Named:
     has_tolerances: bool = False
 
 
-def _number(fault: Fault, cause: str, step: float, within: float = 0.05) -> Named:
-    """A number that is found to 5 %, or another part of it."""
-    return Named(fault, cause, 0.95, (step,), within * abs(step))
+def _number(fault: Fault, cause: str, step: float) -> Named:
+    """A number that is found to 5 %."""
+    return Named(fault, cause, 0.95, (step,), 0.05 * abs(step))
 
 
 SOFT, OFF = 0.95, np.radians([-2.5, 3.0, -2.0])
