@@ -35,7 +35,8 @@ _UNITS = (
     "deg/s^2"), (r"m(/|_?per_?)s(\^?2|²)", "acceleration", "m/s^2"), (r"rad(/|_?per_?|_)s", "velocity", "rad/s"),
     (r"deg(/|_?per_?|_)s", "velocity", "deg/s"), (r"rpm|1/min", "velocity", "rpm"), (r"mm(/|_?per_?)s", "velocity",
     "mm/s"), (r"m(/|_?per_?)s", "velocity", "m/s"), (r"deg|°", "position", "deg"), (r"m?rad", "position", "rad"),
-    (r"mm", "position", "mm"), (r"n\*?m", "torque", "N*m"), (r"ma", "current", "mA"), (r"amps?", "current", "A"),
+    (r"mm", "position", "mm"), (r"[uµμ]m", "position", "um"), (r"n\*?m", "torque", "N*m"), (r"ma", "current", "mA"),
+    (r"amps?", "current", "A"),
     (r"g[\])]?$", "acceleration", "g"), (r"kn[\])]?$", "force", "kN"), (r"n[\])]?$", "force", "N"),
     (r"[\[(]a[\])]", "current", "A"), (r"[\[(]v[\])]", "voltage", "V"),
 )  # fmt: skip
@@ -60,6 +61,7 @@ class ChannelGuess:
     """One signal, its quantity and its unit (empty where unknown), and the reasons.
 
     rank: how much its name speaks for a measured signal.  sign: against its torque.  scale: of its numbers to the unit.
+    ratio: of the gear on whose motor's side it is, 1 on the link's.
     """
 
     name: str
@@ -70,6 +72,12 @@ class ChannelGuess:
     why: str
     sign: int = 1
     scale: float = 1.0
+    ratio: float = 1.0
+
+    @property
+    def to_si(self) -> float:
+        """Factor from the numbers of a motion to SI on the link side."""
+        return self.sign * self.scale * TABLE[self.unit][1] / self.ratio
 
     @property
     def key(self) -> tuple[str, int | None]:
@@ -294,12 +302,12 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
     joints = [_joint(*pair, values, rate_hz) for pair in zip(drives, paired, strict=True)]
     taken = {joint.motion.key for joint in joints}
-    is_structure = all(g.quantity == "force" for g in drives) and len(drives) < len(motions)
-    alike = MOTIONS if is_structure else (given,)
-    others = [*motions, *(g for g in guesses if g.quantity in alike and g.rank >= 0)]
-    others = list({g.key: _with_unit(g, None, values, rate_hz, slides) for g in others if g.key not in taken}.values())
+    measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
+    alike = MOTIONS if slides and len(drives) < len(measured) else (given,)  # of a structure all of them
+    further = [g for g in measured.values() if g.quantity in alike and g.key not in taken]
+    further = [_with_unit(g, None, values, rate_hz, slides) for g in further]
     slow = all(_median_hz(values[j.torque.key], rate_hz) < _MOTION_HZ for j in joints)
-    return LogGuess(tuple(joints), tuple(others), slow and given == "position")
+    return LogGuess(tuple(joints), tuple(further), slow and given == "position")
 
 
 def _completed(
