@@ -339,7 +339,7 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
         ordered, why = [joints[i] for i in sorted(range(len(names)), key=lambda i: order[labels[i]])], "number"
     else:
         ordered, why = list(joints), "place in the robot's file"
-    at = [_at(*pair, why) for pair in zip(robot.driven, ordered, strict=True)]
+    at = tuple(_at(*pair, why) for pair in zip(robot.driven, ordered, strict=True))
     readings = [_read_as(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
     fitting = [reading for reading in readings if all(map(partial(_is_in_limits, positions), robot.driven, reading))]
     return replace(guess, joints=(fitting or [at])[0])

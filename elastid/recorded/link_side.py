@@ -135,6 +135,9 @@ def value_refusals(
     channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], may_rest: Collection[str] = ()
 ) -> Iterator[tuple[int, str]]:
     """Place and reason of each column (n,) that no sensor of its role gives; may_rest: roles that may be constant."""
+    if max(map(len, columns)) < 2:
+        yield 0, "is one row, as is all of its log; export the whole measurement"
+        return
     known = [column[np.isfinite(column)] for column in columns]
     moving = {channel.role for channel, x in zip(channels, known, strict=True) if np.any(x != x[:1])}
     # An input may rest while others act.

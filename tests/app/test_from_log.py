@@ -126,7 +126,7 @@ def test_logs_are_at_the_motors_that_they_name(suffix: str, units: str, tmp_path
 
 
 def test_positions_that_fit_the_limits_before_the_gears_alone_are_of_the_motors(tmp_path: Path) -> None:
-    """Motors at 100 times the angles, in degrees as stated: side: motor for torque and motion, means behind the gears."""
+    """Motors at 100 times the angles, in degrees as stated: side: motor for all, configurations behind the gears."""
     angles = (0.2, -0.3)
     (tmp_path / "arm.urdf").write_text(ARM)
     logs = [logged(tmp_path / f"{i}.csv", ("shoulder", "elbow"), (100 * q, q), " [deg]") for i, q in enumerate(angles)]
