@@ -112,17 +112,13 @@ class ArrayLog:
 
         Raises DataError for a channel that is missing, not numeric, of another length, or without the stated column.
         """
-        return np.stack(self.columns(channels, part), axis=1)
-
-    def columns(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> list[FloatArray]:
-        """Signals (n_samples,), one for each channel; an array that holds several is read once."""
-        stored: dict[str, FloatArray] = {}
+        stored: dict[str, FloatArray] = {}  # an array that holds several channels is read once
         signals = [self._signal(channel, part, stored) for channel in channels]
         lengths = [len(signal) for signal in signals]
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
             raise self._refusal(f"the channels differ in length: {table} samples; all must come from one recording")
-        return signals
+        return np.stack(signals, axis=1)
 
     def stored(self, channel: ChannelSpec) -> StoredArray:
         """The array that holds a channel; DataError where it is missing or no signal."""

@@ -22,15 +22,8 @@ from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import missing_channel
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.
-_FORMATS: tuple[tuple[str, Literal[".", ","]], ...] = (
-    (",", "."),
-    (";", "."),
-    (";", ","),
-    ("tab", "."),
-    ("tab", ","),
-    ("whitespace", "."),
-    ("whitespace", ","),
-)
+_DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
+_FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace") for mark in _DECIMALS if mark != sign]
 
 
 WRITTEN_OTHERWISE = "; it seems to be written with "
