@@ -21,7 +21,6 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
@@ -75,7 +74,7 @@ def read_friction_logs(
     robot's own.  StudyError where channels, files and robot do not fit, DataError for a log that cannot be used.
     """
     recorded = spec.as_recorded()
-    postures = {posture.name: posture for posture in checked_configurations(spec, robot)}
+    postures = spec.postures
     records, heated, start_s = list[FrictionRecord](), dict[str, list[tuple[FrictionRecord, Heat, FileSpec]]](), 0.0
     notes = list[Note]()
     for name, file in zip(recorded.log_names, recorded.files, strict=True):

@@ -16,6 +16,7 @@ from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.record import Record
+from elastid.recorded.rig import mean_period
 from elastid.robot import Robot
 
 
@@ -42,8 +43,9 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, robot: Robot
     """
     assert record.r is not None
     planned, of_motors = plan.torque(rehearsal.experiment), [record.outputs.index(at) for at in record.inputs]
-    r, u, y = (_mean_period(x, plan) for x in (record.r, record.u, record.y[:, of_motors]))
-    position, torque = (_mean_period(x[plan.measured], plan) for x in (rehearsal.position, rehearsal.torque))
+    N = plan.period_samples
+    r, u, y = (mean_period(x, N) for x in (record.r, record.u, record.y[:, of_motors]))
+    position, torque = (mean_period(x[plan.measured], N) for x in (rehearsal.position, rehearsal.torque))
     spectrum = np.sum(np.fft.rfft(r, axis=0) * np.fft.rfft(planned, axis=0).conj(), axis=1)
     lag = int(np.argmax(np.fft.irfft(spectrum, len(r))))  # a start that all signals share is no contradiction
     late_s, none = min(lag, len(r) - lag) / plan.rate_hz, np.full(r.shape[1], np.inf)
@@ -61,10 +63,6 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, robot: Robot
         or _unlike(plan, "position (y)", y, position, same, size, posture)
         or _unlike(plan, "acting torque (u)", u, torque, same, size, holding)
     )
-
-
-def _mean_period(x: FloatArray, plan: Plan) -> FloatArray:
-    return np.asarray(x.reshape(-1, plan.period_samples, x.shape[1]).mean(axis=0))
 
 
 def _unlike(

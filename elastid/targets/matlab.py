@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,12 +59,17 @@ def write_responses_matlab(folder: Path, name: str, responses: Sequence[Response
 def _written(
     data: Path, content: dict[str, list[dict[str, Any]]], script: Path, name: str, first: Response
 ) -> tuple[Path, Path]:
-    written = io.BytesIO()
-    savemat(written, {key: _structs(rows) for key, rows in content.items()}, do_compression=True)
-    write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
+    write_mat(data, {key: _structs(rows) for key, rows in content.items()})
     known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
     write_text(script, from_template(f"targets/templates/{script.name}", **known))
     return data, script
+
+
+def write_mat(path: Path, content: Mapping[str, Any]) -> None:
+    """A MAT-file of version 5, the same bytes at any time."""
+    written = io.BytesIO()
+    savemat(written, content, do_compression=True)
+    write_whole(path, HEADING + written.getvalue()[len(HEADING) :])
 
 
 def _measured(G: Response) -> dict[str, Any]:
