@@ -84,7 +84,14 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     signals = [(g, x) for g, x in signals if g.name != clock.name and not (is_time(g.name) and is_clock(x))]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None:
-        raise DataError("records/channels", _no_guess([signal for signal, _ in signals]), first)
+        named = ", ".join(f"{signal.name} ({signal.quantity or 'unknown'})" for signal, _ in signals[:8]) or "none"
+        raise DataError(
+            "records/channels",
+            "no names and units say which signals are torques (of motors, hammer or shaker) and which motions; log "
+            "both, under headings such as tau_1 and q_1, or list a file of each under `also` in "
+            f"experiment.recorded.files. Those that change in it: {named}",
+            first,
+        )
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
     positions = {} if guess.is_motion and robot is None else positions_of(logs, form, guess)
     guess = guess if robot is None else in_order_of(robot, guess, positions)
@@ -171,15 +178,6 @@ def _clock(log: Log) -> Clock:
     return Clock(None, "no time is in the log")
 
 
-def _no_guess(signals: Sequence[ChannelGuess]) -> str:
-    named = ", ".join(f"{signal.name} ({signal.quantity or 'unknown'})" for signal in signals[:8]) or "none"
-    return (
-        "no names and units say which signals are torques (of motors, hammer or shaker) and which motions; log both, "
-        "under headings such as tau_1 and q_1, or list a file of each under `also` in experiment.recorded.files. Those "
-        f"that change in it: {named}"
-    )
-
-
 def _head(kind: str, first: Path) -> Iterator[str]:
     yield "# yaml-language-server: $schema=study.schema.json"
     yield f"# Written by `elastid new --from` from {one_line(first.name)}. Lines that it could not know are marked"
@@ -207,7 +205,13 @@ def _study(
         yield "# Stiffness and damping of gears need a robot, too: `elastid new DIR --template recorded` shows how."
     if guess.is_motion:
         yield "friction: {passes: detect} # guessed: slow motion of joints, whose friction can be found"
-    yield from ("experiment:", *configurations, "  recorded:", *_rate(clock), *period)
+    yield from ("experiment:", *configurations, "  recorded:")
+    rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
+    yield f"    rate_hz: {rate} # guessed: {clock.why}"
+    yield "    # hold: zero-order # of a torque or current that is the command of the drive and not measured"
+    if not clock.is_even:
+        yield f"    time: {_quoted(clock.name)} # samples are brought from it to rate_hz"
+    yield from period
     yield "    channels: # places are names of your choice; of a robot `side: motor` is for signals of the motor's side"
     if not names:
         motions = {joint.motion.place: joint.motion for joint in guess.joints}
@@ -241,14 +245,6 @@ def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
     for path, name in zip(paths, names, strict=True):
         shown = Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
         yield f"      - {{path: {_quoted(shown)}, configuration: {name}}}"
-
-
-def _rate(clock: Clock) -> Iterator[str]:
-    rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
-    yield f"    rate_hz: {rate} # guessed: {clock.why}"
-    yield "    # hold: zero-order # of a torque or current that is the command of the drive and not measured"
-    if not clock.is_even:
-        yield f"    time: {_quoted(clock.name)} # samples are brought from it to rate_hz"
 
 
 def _period(drives: FloatArray) -> list[str]:

@@ -37,13 +37,7 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         _response(plant.response(G.freq_hz, sampled=True).G, G, plant.response_std(G.freq_hz) ** 2)
         for plant, G in zip(model.models, model.measured, strict=True)
     ]
-    numbers = [
-        {
-            "name": p.name, "value": p.value, "std": p.std, "lower_95": p.low, "upper_95": p.high,
-            "std_by_noise": p.by_noise, "std_by_file": p.by_file, "unit": p.unit,
-        }
-        for p in known_numbers(model)
-    ]  # fmt: skip
+    numbers = [{"name": number.name, **number.row, "unit": number.unit} for number in known_numbers(model)]
     measured, systems = list(map(_measured, model.measured)), [_system(plant.state_space()) for plant in model.models]
     content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers, "tool": [_tool(model)]}
     data, script = folder / "model.mat", folder / "load_model.m"

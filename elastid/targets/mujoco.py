@@ -196,8 +196,7 @@ def _intervals(root: ET.Element, model: FittedRobot) -> None:
     ET.SubElement(custom, "text", name="numeric", data=legend)
     for known in known_numbers(model):
         if math.isfinite(known.std):
-            parts = (part for part in (known.by_noise, known.by_file) if math.isfinite(part))
-            row = in_full((known.value, known.std, known.low, known.high, *parts))
+            row = in_full(value for value in known.row.values() if math.isfinite(value))
             ET.SubElement(custom, "numeric", name=known.name, data=row)
 
 

@@ -102,11 +102,6 @@ class ArrayLog:
         """Every numeric signal with its shape."""
         return {name: array.shape for name, array in self.arrays.items() if array.is_signal}
 
-    def rows(self, channels: Sequence[ChannelSpec]) -> int | None:
-        """Samples of the channels if each of them can be read in pieces; None otherwise."""
-        arrays = [self.stored(channel) for channel in channels]
-        return min(array.shape[0] for array in arrays) if all(array.has_pieces for array in arrays) else None
-
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
         """Values (n_samples, n_c) of the channels, or a part of the samples.
 
