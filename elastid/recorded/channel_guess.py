@@ -306,8 +306,10 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     alike = MOTIONS if slides and len(drives) < len(measured) else (given,)  # of a structure all of them
     further = [g for g in measured.values() if g.quantity in alike and g.key not in taken]
     further = [_with_unit(g, None, values, rate_hz, slides) for g in further]
-    slow = all(_median_hz(values[j.torque.key], rate_hz) < _MOTION_HZ for j in joints)
-    return LogGuess(tuple(joints), tuple(further), slow and given == "position")
+    torques = np.stack([values[joint.torque.key] for joint in joints])
+    power = np.cumsum(np.abs(np.fft.rfft(torques - torques.mean(axis=1, keepdims=True))) ** 2, axis=1)
+    half_hz = np.argmax(power >= power[:, -1:] / 2, axis=1) * rate_hz / torques.shape[1]
+    return LogGuess(tuple(joints), tuple(further), bool(np.all(half_hz < _MOTION_HZ)) and given == "position")
 
 
 def _completed(
@@ -372,12 +374,6 @@ def _joint(drive: ChannelGuess, motion: ChannelGuess, values: Values, rate_hz: f
         motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
     motion = replace(motion, why=f"{motion.why}; it explains {100 * best.explained:.0f} % of {drive.name}")
     return JointGuess(drive, motion, best)
-
-
-def _median_hz(x: FloatArray, rate_hz: float) -> float:
-    """The frequency below which half of the power of a signal (n,) is."""
-    power = np.cumsum(np.abs(np.fft.rfft(x - x.mean())) ** 2)
-    return float(np.searchsorted(power, 0.5 * power[-1]) * rate_hz / len(x))
 
 
 @dataclass(frozen=True)
