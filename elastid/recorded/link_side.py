@@ -101,9 +101,10 @@ def _unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
     """T (n_c, n_c) from channels by their own ratio to the link side; StudyError where a coupled one is missing."""
+    T, motors = np.eye(len(channels)), list(robot.motor_locations)
+    if all(channel.side != "motor" for channel in channels):
+        return T
     torque, angle = robot.mixing.T, np.linalg.inv(robot.mixing)
-    T = np.eye(len(channels))
-    motors = list(robot.motor_locations)
     for row, channel in enumerate(channels):
         if channel.side != "motor" or channel.at not in motors:
             continue
