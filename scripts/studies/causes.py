@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from data_sheet_robots import Plant
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
@@ -203,14 +203,8 @@ def hardening(body: str, joint: int, rise: float) -> Callable[[Plant], Responses
     """A gear whose stiffness is `rise` higher at the largest torque that it carries in the configurations."""
 
     def of(plant: Plant) -> Responses:
-        spring = next(b for b in plant.robot.bodies if b.name == body).joints[joint].spring
-        model = formulate(plant.robot, plant.model)
-        at = [equilibrium(model, model.theta, c) for c in plant.configurations]
-        place = [j.name for j in plant.robot.driven].index(
-            next(b for b in plant.robot.bodies if b.name == body).joints[joint].name
-        )
-        deflection = max(abs(point.u[place]) for point in at) / spring.stiffness  # type: ignore[union-attr]
-        cubic = rise * spring.stiffness / (3 * deflection**2)  # type: ignore[union-attr]
+        k, deflections = at_rest(plant, body, joint)
+        cubic = rise * k / (3 * max(deflections) ** 2)
         return exact(plant, with_joint(body, joint, with_spring(lambda s: replace(s, cubic=cubic)))(plant.robot))
 
     return of
@@ -220,16 +214,19 @@ def backlash(body: str, joint: int, share: float) -> Callable[[Plant], Responses
     """A gear whose gap is so much of its smallest deflection under load."""
 
     def of(plant: Plant) -> Responses:
-        b = next(b for b in plant.robot.bodies if b.name == body).joints[joint]
-        model = formulate(plant.robot, plant.model)
-        at = [equilibrium(model, model.theta, c) for c in plant.configurations]
-        place = [j.name for j in plant.robot.driven].index(b.name)
-        gap = share * min(abs(point.u[place]) for point in at) / b.spring.stiffness  # type: ignore[union-attr]
-        return exact(
-            plant, with_joint(body, joint, with_spring(lambda s: replace(s, backlash=gap, rounding=0.5)))(plant.robot)
-        )
+        gap = share * min(at_rest(plant, body, joint)[1])
+        by = with_spring(lambda s: replace(s, backlash=gap, rounding=0.5))
+        return exact(plant, with_joint(body, joint, by)(plant.robot))
 
     return of
+
+
+def at_rest(plant: Plant, body: str, joint: int) -> tuple[float, list[float]]:
+    """Stiffness of a gear, and its deflections in the configurations."""
+    gear = next(b for b in plant.robot.bodies if b.name == body).joints[joint]
+    place = [j.name for j in plant.robot.driven].index(gear.name)
+    model, k = formulate(plant.robot, plant.model), gear.spring.stiffness  # type: ignore[union-attr]
+    return k, [abs(equilibrium(model, model.theta, c).u[place]) / k for c in plant.configurations]
 
 
 def coupled(ratio: float, motor: str, joint: str) -> Callable[[Plant], Responses]:
@@ -403,8 +400,6 @@ def compensated(plant: Plant) -> Responses:
 
 def _weight_slope(plant: Plant, G: Response) -> np.ndarray:
     """d g / d q (n, n) of the rigid robot, by differences of the torques at rest."""
-    from elastid.linear.equilibrium import equilibrium
-
     model, step = formulate(plant.robot, plant.model), 1e-4
     columns = []
     for i in range(len(G.configuration.angles)):
@@ -545,24 +540,6 @@ def current(unit: float) -> Callable[[Plant], Responses]:
     return of
 
 
-def _tensor(body: Body) -> FloatArray:
-    i = body.inertia
-    values = (i,) * 3 if isinstance(i, float | int) else tuple(i)
-    tensor = np.diag(np.array(values[:3], float))
-    if len(values) == 6:
-        for (a, b), value in zip(((0, 1), (0, 2), (1, 2)), values[3:], strict=True):
-            tensor[a, b] = tensor[b, a] = value
-    return tensor
-
-
-def _steiner(mass: float, r: FloatArray) -> FloatArray:
-    return np.asarray(mass * (r @ r * np.eye(3) - np.outer(r, r)))
-
-
-def _six(tensor: FloatArray) -> tuple[float, ...]:
-    return (*np.diag(tensor).tolist(), *(float(tensor[pair]) for pair in ((0, 1), (0, 2), (1, 2))))
-
-
 def drive(corner_hz: float, damping: float = 0.7) -> Callable[[ComplexArray], ComplexArray]:
     """The current loop of a drive, of second order."""
     omega = 2 * np.pi * corner_hz
@@ -627,31 +604,12 @@ def soft_base(share: float, axis: str) -> Callable[[Plant], Responses]:
 
 
 def hard(rise: float) -> Callable[[Plant], Responses]:
-    def of(plant: Plant) -> Responses:
-        return hardening(places(plant).body, places(plant).place, rise)(plant)
-
-    return of
+    return lambda plant: hardening(places(plant).body, places(plant).place, rise)(plant)
 
 
 def gapped(share: float) -> Callable[[Plant], Responses]:
     """Backlash of so much of the axis's smallest deflection under load."""
-
-    def of(plant: Plant) -> Responses:
-        axis, model = places(plant).axis, formulate(plant.robot, plant.model)
-        joint = plant.robot.driven[axis]
-        least = min(abs(equilibrium(model, model.theta, c).u[axis]) for c in plant.configurations)
-        gap = share * least / joint.spring.stiffness  # type: ignore[union-attr]
-
-        def by(robot: Robot) -> Robot:
-            spring = replace(joint.spring, backlash=gap, rounding=0.5)  # type: ignore[type-var]
-            changed = replace(joint, spring=spring)
-            return replace(robot, bodies=tuple(
-                replace(b, joints=tuple(changed if j is joint else j for j in b.joints)) for b in robot.bodies
-            ))  # fmt: skip
-
-        return exact(plant, by(plant.robot))
-
-    return of
+    return lambda plant: backlash(places(plant).body, places(plant).place, share)(plant)
 
 
 def encoder_at_link(plant: Plant) -> Responses:
