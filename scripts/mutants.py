@@ -28,6 +28,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from copy import deepcopy
@@ -78,6 +79,8 @@ def calculated(node: ast.AST) -> Iterator[Any]:
     if isinstance(node, ast.JoinedStr | ast.Raise | ast.FunctionDef | ast.ClassDef):
         return
     yield node
+    if isinstance(node, ast.UnaryOp) and isinstance(node.operand, ast.Constant):
+        return  # -1 loses its sign; -2 is the same shape
     for name, value in ast.iter_fields(node):
         if name not in ("annotation", "returns", "slice"):
             for child in value if isinstance(value, list) else [value]:
@@ -124,12 +127,18 @@ class Mutant:
 
 
 def mutants(room: str, count: int, seed: int) -> list[Mutant]:
-    """So many mutants of a room, drawn by seed and name."""
-    paths = sorted((ROOT / "elastid" / room).rglob("*.py"))
-    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths if path.name != "__init__.py"}
-    places = [(path, index) for path, tree in trees.items() for index in range(len(changes(tree)))]
+    """So many mutants of a room, drawn by seed, module and text of the line: other lines may change."""
+    drawn, trees = [], {}
+    for path in sorted((ROOT / "elastid" / room).rglob("*.py")):
+        text, occurrences = path.read_text(encoding="utf-8"), Counter[str]()
+        trees[path] = ast.parse(text)
+        for index, (line, _) in enumerate(changes(trees[path])):
+            changed = text.splitlines()[line - 1].strip()
+            occurrences[changed] += 1
+            rank = random.Random(f"{seed} {path.relative_to(ROOT)} {changed} {occurrences[changed]}").random()
+            drawn.append((rank, path, index))
     found = []
-    for path, index in sorted(random.Random(f"{seed} {room}").sample(places, min(count, len(places)))):
+    for _, path, index in sorted(sorted(drawn)[:count], key=lambda each: each[1:]):
         copy = deepcopy(trees[path])
         line, change = changes(copy)[index]
         change()
