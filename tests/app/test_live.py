@@ -176,7 +176,7 @@ def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_befor
     session(study, folder, robot_time=16.0).work()
     finer = session(study, folder, "k_*: 0.05 %", robot_time=100.0)
     first = read_plan(finer.plan(1))
-    second = finer._planned([first], finer._fitted([first]))
+    second = finer._planned([first], finer._fitted([first], None))
     assert isinstance(second, Plan)
     own = replace(finer.problem.experiment, simulated=finer.run.study.experiment.simulated)
     heavier = finer.run.study.as_robot().with_parameters({"m_fore": 22.0})

@@ -189,11 +189,17 @@ class Panel:
         if self.cells is not None:
             self.cells.draw(axes)
         else:
-            lighten(axes)
+            axes.grid(True, linewidth=0.4, color=GRID)
+            axes.set_axisbelow(True)
+            axes.spines[["top", "right"]].set_visible(False)
+            axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
             axes.margins(x=0.01)
             axes.set_yscale(self.scale)
         if self.frequency is not None:
-            set_log_frequency(axes, self.frequency)
+            low, high = float(self.frequency[0]), float(self.frequency[-1])
+            axes.set_xscale("log")
+            axes.set_xlim(low / 1.05, high * 1.05)
+            set_plain_ticks(axes.xaxis, round_ticks(low, high, 6))
         axes.set(**{k: v for k, v in (("xlim", self.x_ends), ("ylim", self.y_ends)) if v is not None})
         label(axes, self.x, self.y, self.title)
 
@@ -253,22 +259,6 @@ def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
 def set_names(axis: Axis, names: Sequence[str], **options: Any) -> None:
     """A name at 0, 1, 2 ...; options: of the text, such as rotation."""
     axis.set_ticks(range(len(names)), [plain(name) for name in names], **options)
-
-
-def lighten(axes: Axes) -> None:
-    """Thin grid, no box on the right and at the top, small labels."""
-    axes.grid(True, linewidth=0.4, color=GRID)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
-
-
-def set_log_frequency(axes: Axes, freq_hz: FloatArray, most: int = 6) -> None:
-    """Logarithmic frequency axis over freq_hz with at most so many plain numbers on it."""
-    low, high = float(freq_hz[0]), float(freq_hz[-1])
-    axes.set_xscale("log")
-    axes.set_xlim(low / 1.05, high * 1.05)
-    set_plain_ticks(axes.xaxis, round_ticks(low, high, most))
 
 
 def set_plain_ticks(axis: Axis, ticks: Sequence[float]) -> None:

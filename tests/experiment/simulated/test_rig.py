@@ -172,10 +172,10 @@ def test_a_lost_robot_is_reported_with_configuration_motor_and_time() -> None:
         loop.measure(loop.experiments[0])
 
 
-def test_steps_too_long_for_the_robot_are_refused_with_the_number_needed() -> None:
+def test_steps_too_long_for_the_robot_are_refused_with_the_number_needed_and_the_joint() -> None:
     """A stiff light joint or strong friction would make the integrator diverge; the study is refused before."""
     simulated = three_axes(SimulatedSpec(substeps=1, truth={"k_3x": 2e8}))
-    with refused("experiment/simulated", place="experiment.simulated.substeps"):
+    with refused("experiment/simulated", place="experiment.simulated.substeps", holds="joint 3x"):
         simulated.measure(simulated.experiments[0])
 
 
