@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from textwrap import indent
 
 import numpy as np
 import pytest
 from plants.cogged_joint import CoggedJoint, simulated
-from plants.moving_arm import motion
+from plants.moving_arm import ARM, motion
 
 from elastid.app import cli
+from elastid.study.robots import yaml_text
 
 STUDY = """
 name: axis
@@ -90,25 +92,21 @@ def test_what_cannot_be_predicted_is_refused(
     assert "the study identifies elasticity" in capsys.readouterr().err
 
 
-TWO_AXES = """
+OTHER = ARM.with_parameters({"m_upper": 3.0, "m_fore": 2.0, "Jm_1": 1e-3})
+TWO_AXES = f"""
 name: arm
 robot:
-  name: arm
-  bodies:
-    - {name: upper, mass: 3, inertia: 1, joints: [{name: "1", axis: y, motor: {inertia: 0.001, ratio: 100}}]}
-    - {name: lower, parent: upper, placement: {xyz: [0.8, 0, 0]}, mass: 2, inertia: 1,
-       joints: [{name: "2", axis: y, motor: {inertia: 0.001, ratio: 100}}]}
-friction: {passes: detect}
+{indent(yaml_text(OTHER), "  ")}friction: {{passes: detect}}
 experiment:
   recorded:
     rate_hz: 250
     channels:
-      - {role: u, at: motor 1, channel: column 1}
-      - {role: u, at: motor 2, channel: column 2}
-      - {role: y, at: motor 1, channel: column 3, quantity: position}
-      - {role: y, at: motor 2, channel: column 4, quantity: position}
-    files: [{path: first.csv}, {path: second.csv}]
-validation: {left_out: [second]}
+      - {{role: u, at: motor 1, channel: column 1}}
+      - {{role: u, at: motor 2, channel: column 2}}
+      - {{role: y, at: motor 1, channel: column 3, quantity: position}}
+      - {{role: y, at: motor 2, channel: column 4, quantity: position}}
+    files: [{{path: first.csv}}, {{path: second.csv}}]
+validation: {{left_out: [second]}}
 """
 
 
