@@ -291,7 +291,7 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
     moved, is_settled = math.inf, False
     for i in range(rounds):
         try:
-            if i == 1:  # the first optimum is near enough for the effect of the motion
+            if i == 1 or (i == 2 and moved > 3):  # near enough to the optimum for most effects of a motion
                 rested = assembly.at_rest(end.x)
             current = rested.reweighted(end.x)
             if len(c):

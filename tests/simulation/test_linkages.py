@@ -150,9 +150,7 @@ def test_constrained_and_cut_rod_accelerate_alike(name: str):
     np.testing.assert_allclose(a[shared], same, rtol=0, atol=1e-9 * np.abs(same).max())
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if name == "irb4400_linkage" else []) for name in POSE]
-)
+@pytest.mark.parametrize("name", POSE)
 def test_energy_is_conserved_and_loops_stay_closed(name: str):
     """Over 0.5 s without damping and torque, swinging freely: energy to 1e-6 of what moves, loops to rounding."""
     model = without(formulate(shipped(name)), "d", "f", "fm")

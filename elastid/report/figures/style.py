@@ -209,20 +209,22 @@ def matrix(
     rows: Sequence[Sequence[Panel | None]],
     height: float | Sequence[float] = 2.2,
     width: float = WIDE,
-    left: float = 0.85,
+    left: float = 0.0,
     gaps: tuple[float, float] = (0.22, 0.3),
     **options: Any,
 ) -> Figure:
     """Panels in rows and columns under a title and one legend, each label once.
 
-    height: of a row, or of each, in inches.  width: of the figure.  left: room for labels.  gaps: between columns and
-    between rows, in panels.  options: of Figure.subplots, such as sharex.
+    height: of a row, or of each, in inches.  width: of the figure.  left: room for labels, by the names of rows where
+    it is 0.  gaps: between columns and between rows, in panels.  options: of Figure.subplots, such as sharex.
     """
     heights = [height] * len(rows) if isinstance(height, int | float) else list(height)
     given = [panel for row in rows for panel in row if panel is not None]
     texts = {text for panel in given for curve in panel.curves for text in (curve.label, curve.band_label) if text}
     columns = max(1, int((width - 0.3) / (0.065 * max(map(len, texts), default=1) + 0.5)))
     below = max((len(name) for panel in given if panel.cells for name in panel.cells.columns), default=0)
+    names = [name for panel in given if panel.cells for name in panel.cells.rows]
+    left = left or max([0.85, *(0.4 + 0.075 * len(name) for name in names)])
     top = 0.4 + 0.17 * -(-len(texts) // columns) + 0.3 * any(panel.title for panel in given)
     bottom = 0.55 + 0.06 * below
     tall, width = round(top + bottom + sum(heights), 1), round(width, 1)  # whole pixels
