@@ -19,9 +19,9 @@ from elastid.study import load_robot
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 
 
-def linear(robot: Robot, angles=(0.0,), outputs=("motor 1",), quantity="acceleration") -> LinearModel:
+def linear(robot: Robot, outputs=("motor 1",)) -> LinearModel:
     model = serial(robot)
-    return linearise(model, Configuration("c", angles), model.theta, outputs, quantity)
+    return linearise(model, Configuration("c", (0.0,)), model.theta, outputs, "acceleration")
 
 
 # Wernholt & Gunnarsson (2006), SYSID, pp. 143-148: the inertias of the public idnlgrey example to all digits.

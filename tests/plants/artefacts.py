@@ -1,4 +1,4 @@
-"""A stamp, a fit of a few parameters, arrays and names of any kind, and equality to the last bit."""
+"""A stamp, a fit with parameters of every kind, texts, and equality to the last bit."""
 
 import dataclasses
 import math

@@ -243,8 +243,8 @@ def test_an_entry_point_that_holds_no_format_is_named(
         contents(tmp_path / "log.csv", TEXT)
 
 
-def _read(path: Path, *names: str, column: int | None = None) -> np.ndarray:
-    return read_channels(path, [ChannelSpec("u", "motor 1", name, column) for name in names], TEXT)
+def _read(path: Path, *names: str) -> np.ndarray:
+    return read_channels(path, [ChannelSpec("u", "motor 1", name) for name in names], TEXT)
 
 
 def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> None:
