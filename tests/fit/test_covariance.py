@@ -66,10 +66,6 @@ def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
 NOISE = noise_of("relative", plant())
 
 
-def noisy(seed: int):
-    return measured(plant(), NOISE, np.random.default_rng(seed))
-
-
 def test_profiles_of_a_nearly_linear_problem_are_the_intervals():
     """Under little noise V_p is a parabola: the interval of 95 % is 1.96 standard deviations to each side."""
     response = measured(plant(), NOISE / 100, np.random.default_rng(0))
@@ -145,7 +141,7 @@ def test_an_end_is_found_beyond_a_place_without_a_model():
 @pytest.mark.parametrize("criterion", ["complex", "log"])
 def test_bootstraps_scatter_as_the_covariance_says(criterion):
     """60 repetitions: standard deviations within what 60 draws allow."""
-    response = noisy(1)
+    response = measured(plant(), NOISE, np.random.default_rng(1))
     end, sure = estimate(response, plant(), criterion=criterion)
     fit = fit_of(response, plant(), criterion=criterion)
     draws = bootstrap(fit, [weigh(response, NO_FLOOR)], end.x, 60, seed=4)

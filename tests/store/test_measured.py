@@ -34,16 +34,11 @@ def some_reference():
     return Reference(AWAY, 8.0, 2, *columns, np.linspace(0, 1, 10))
 
 
-def rows(path):
-    with path.open() as file:
-        heading, *numbers = csv.reader(file)
-    return heading, np.array(numbers, float)
-
-
 def test_a_movement_is_a_table_with_a_row_for_each_sample(tmp_path):
     """Time 0 where the periods begin; newtons and metres for an input that translates."""
     write_run(tmp_path / "a.csv", some_reference(), ("motor 1", "motor 2"), ("motor 2",))
-    heading, numbers = rows(tmp_path / "a.csv")
+    heading, *lines = csv.reader((tmp_path / "a.csv").read_text().splitlines())
+    numbers = np.array(lines, float)
     assert heading[:4] == [
         "time_s",
         "torque scale",

@@ -13,7 +13,6 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.fit.identify import identify
-from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -88,10 +87,6 @@ FREE = {name: ParameterSpec() for name in ("k_1", "d_1", "fm_1")}
 SPEC = FitSpec(parameters=FREE, starts=2, start_factor=1.3, seed=1, weights=WeightSpec(floor=0.0), profile=())
 
 
-def fitted(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order") -> Result:
-    return identify([measured(folder, seed, hold, acts)], plant(80.0), SPEC)
-
-
 @pytest.mark.parametrize("late", [0.0, 7e-4])
 def test_images_as_large_as_the_response_are_those_of_the_estimate(late: float) -> None:
     """Exact lines up to 0.45 of the rate at which the torque is held: the stiffness to 1e-5."""
@@ -122,7 +117,7 @@ def test_a_fit_is_exact_with_the_right_hold_and_hints_at_it_with_another(
     """
     deviations = []
     for seed in range(3 if late else 8):
-        result = fitted(tmp_path, seed, taken, acts)
+        result = identify([measured(tmp_path, seed, taken, acts)], plant(80.0), SPEC)
         assert ("fit/likely-cause" in [note.code for note in result.notes]) == bool(late)
         if late:
             assert (result.indices[0].group, np.sign(result.indices[0].steps[0])) == ("time", np.sign(late))

@@ -243,10 +243,6 @@ def test_an_entry_point_that_holds_no_format_is_named(
         contents(tmp_path / "log.csv", TEXT)
 
 
-def _read(path: Path, *names: str) -> np.ndarray:
-    return read_channels(path, [ChannelSpec("u", "motor 1", name) for name in names], TEXT)
-
-
 def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> None:
     """Time stamps of Parquet, its null, and whole numbers and floats of 32 bits as they are."""
     import pyarrow as pa
@@ -258,9 +254,8 @@ def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> Non
     )
     pq.write_table(table, tmp_path / "log.dat")
     assert contents(tmp_path / "log.dat", TEXT) == dict.fromkeys(("t", "x", "f"), (4,))
-    np.testing.assert_array_equal(
-        _read(tmp_path / "log.dat", "t", "x", "f"), [[0, 1, 0], [0.0025, np.nan, 1], [0.005, 3, 2], [0.0075, 4, 3]]
-    )
+    read = read_channels(tmp_path / "log.dat", [ChannelSpec("u", "motor 1", name) for name in ("t", "x", "f")], TEXT)
+    np.testing.assert_array_equal(read, [[0, 1, 0], [0.0025, np.nan, 1], [0.005, 3, 2], [0.0075, 4, 3]])
 
 
 @pytest.mark.parametrize(
