@@ -74,7 +74,7 @@ def warm(folder: Path, log: warm_rig.WarmLog, *files: str) -> Run:
 @pytest.mark.slow
 def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
     """An hour in steps of 10 s: heat given off to 5 %, two nodes as the thermometer is outside."""
-    joint = result_of(warm(tmp_path, warm_rig.warm_log(1.0, 25.0))).at("1")
+    joint = result_of(warm(tmp_path, warm_rig.warm_log(1.0))).at("1")
     assert joint.thermal is not None
     assert joint.thermal.h == pytest.approx(warm_rig.OUTER, rel=0.05)
     assert joint.thermal.shares[1] < 0
@@ -86,7 +86,7 @@ def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_logs_of_a_warm_up_with_pauses_between_them_are_one(tmp_path: Path) -> None:
     """The first half hour, then after the pause of ten minutes, not logged, the next twenty: as if it had been."""
-    log = warm_rig.warm_log(1.0, 25.0)
+    log = warm_rig.warm_log(1.0)
     n, m = (round(minutes * 60 * log.rate_hz) for minutes in (30, 40))
     files = (
         f"{{path: log.csv, purpose: warm_up, samples: [0, {n}]}}",

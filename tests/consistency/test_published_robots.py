@@ -23,14 +23,9 @@ from elastid.study.robots import yaml_text
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 
 
-@pytest.fixture(scope="module")
-def manutec() -> Robot:
-    return load_robot(ROBOTS / "manutec_r3.yml")
-
-
-def test_manutec_turns_on_axis_1_with_the_inertia_of_its_bodies(manutec):
+def test_manutec_turns_on_axis_1_with_the_inertia_of_its_bodies():
     """Upright, M_11 is the sum over the bodies by the parallel axis theorem; its lowest mode is an axis on its gear."""
-    model = serial(manutec)
+    model = serial(load_robot(ROBOTS / "manutec_r3.yml"))
     axis = model.index("joint 1")
     # The arm stands 0.3 m in front of axis 1 (in z), its wrist 0.145 m.
     J = 1.16 + 0.64 + 56.5 * (0.172**2 + 0.3**2) + 0.245 + 26.4 * (0.064**2 + 0.3**2)

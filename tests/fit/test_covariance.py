@@ -63,7 +63,7 @@ def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
     assert not unexplained_error(parameters, [replace(unexplained, notes=())]).any()
 
 
-NOISE = noise_of("relative", plant())
+NOISE = noise_of(plant())
 
 
 def test_profiles_of_a_nearly_linear_problem_are_the_intervals():

@@ -38,13 +38,13 @@ def four_masses(k_1: float) -> LinearModel:
     return replace(model, D=model.D + 1e-3 * to_ground.T @ to_ground)
 
 
-def antiresonances(model: LinearModel, output: str, input: str) -> tuple[FloatArray, FloatArray]:
-    """Frequencies in Hz, rising, and damping ratios at theta_ref, by python-control.
+def antiresonances(model: LinearModel) -> tuple[FloatArray, FloatArray]:
+    """Of the motor: frequencies in Hz, rising, and damping ratios at theta_ref, by python-control.
 
     Those beyond ten times the last pole are infinite.
     """
     system = state_space(replace(model, quantity="position"), model.theta_ref).to_control()
-    element = system[model.outputs.index(output), model.inputs.index(input)]
+    element = system[model.outputs.index("motor 1"), 0]
     zeros, most = element.zeros(), 10 * np.abs(element.poles()).max()
     zeros = zeros[(zeros.imag > 1e-6 * most) & (np.abs(zeros) < most)]
     zeros = zeros[np.argsort(np.abs(zeros))]
@@ -66,7 +66,7 @@ def test_three_mass_resonances_and_antiresonances_equal_published_numbers():
     np.testing.assert_allclose(found.freq_hz, [9.0439, 11.4776], rtol=0, atol=6e-5)
     np.testing.assert_allclose(found.zeta, [0.04479, 0.08247], rtol=0, atol=6e-6)
     np.testing.assert_allclose(found.real_poles, [0.0, -0.29968], rtol=0, atol=6e-6)
-    freq_hz, zeta = antiresonances(model, "motor 1", "motor 1")
+    freq_hz, zeta = antiresonances(model)
     np.testing.assert_allclose(freq_hz, [4.2283, 10.3902], rtol=0, atol=6e-5)
     np.testing.assert_allclose(zeta, [0.03726, 0.02332], rtol=0, atol=6e-6)
 
@@ -85,5 +85,5 @@ def test_four_mass_benchmark_equals_published_numbers(k_1, resonances, zeta, zer
     found = modes(model, model.theta_ref)
     np.testing.assert_allclose(found.freq_hz, resonances, rtol=0, atol=6e-4)
     np.testing.assert_allclose(found.zeta, zeta, rtol=0, atol=6e-4)
-    locked, _ = antiresonances(model, "motor 1", "motor 1")
+    locked, _ = antiresonances(model)
     np.testing.assert_allclose(locked, zeros, rtol=0, atol=6e-4)

@@ -121,7 +121,7 @@ def test_time_and_frequency_are_in_samples_where_the_rate_is_not_known(tmp_path)
 def test_covariances_of_a_large_file_stay_in_it_and_go_to_workers_by_their_place(tmp_path, monkeypatch):
     """A task of one configuration is smaller by its covariances, a search takes none along, and bits are the same."""
     rng, model = np.random.default_rng(0), plant((0, 1, 2))
-    bare = measured(model, noise_of("relative", model), rng)
+    bare = measured(model, noise_of(model), rng)
     root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
     matrix = root @ root.swapaxes(1, 2) + 0j
     known = Covariance(np.einsum("faa->fa", matrix).real[:, :, None], np.inf, matrix=matrix)

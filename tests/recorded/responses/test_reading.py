@@ -432,11 +432,10 @@ def written(path: Path, units: int) -> Path:
     return path
 
 
-def channels(unit: str) -> tuple[ChannelSpec, ...]:
-    return (
-        ChannelSpec("u", "hammer", channel="1z", quantity="force", unit="N"),
-        ChannelSpec("y", "tip", channel="2z", quantity="acceleration", unit=unit, sign=-1),
-    )
+TAPPED = (
+    ChannelSpec("u", "hammer", channel="1z", quantity="force", unit="N"),
+    ChannelSpec("y", "tip", channel="2z", quantity="acceleration", unit="m/s^2", sign=-1),
+)
 
 
 @pytest.mark.parametrize(
@@ -444,14 +443,14 @@ def channels(unit: str) -> tuple[ChannelSpec, ...]:
 )
 def test_units_of_a_file_are_believed(tmp_path: Path, code: int, metre: float, newton: float) -> None:
     """Metres, millimetres with millinewton, inches with pounds, and factors of the file's own."""
-    table = uff_table(written(tmp_path / "a.uff", code), channels("m/s^2"))
+    table = uff_table(written(tmp_path / "a.uff", code), TAPPED)
     np.testing.assert_allclose(table.G[:, 0, 0], -G * metre / newton, rtol=1e-6)
     assert [note.code for note in table.notes] == ([] if code == 1 else ["responses/units"])
 
 
 def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path: Path) -> None:
     """Millimetres in m; a trace line is interrupted at 0; a place with the other sign moves the other way."""
-    geometry = uff_geometry(written(tmp_path / "a.uff", 10), channels("m/s^2"))
+    geometry = uff_geometry(written(tmp_path / "a.uff", 10), TAPPED)
     np.testing.assert_allclose([geometry.points[name] for name in "123"], [[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0.05]])
     assert geometry.lines == (("1", "2"), ("2", "3"))
     assert geometry.motion == {"hammer": ("1", "z"), "tip": ("2", "-z")}
