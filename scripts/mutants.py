@@ -1,13 +1,14 @@
 """Mutants of each room of elastid that its tests kill: the judge of what a test is worth.
 
-    uv run --all-groups python scripts/mutants.py [ROOM ...] [--count 25] [--seed 1]
+    uv run --all-groups python scripts/mutants.py [ROOM ...] [--count 60] [--seed 1]
     uv run --all-groups python scripts/mutants.py --changed main
 
 A mutant has one operator, comparison, number or condition of one function changed; so many are drawn over a room's
-modules. Each meets its module's doctests and the fast tests at its mirrored path, `test_<module>`, and where it
-survives them all fast tests of the room. Tests run in copies of one process that has loaded the libraries (POSIX
-alone). tests/kills.csv keeps the last count of each room with the commit and the seconds that it took; survivors are
-printed. --changed takes the rooms that differ from a commit.
+modules. Each of the room's fast tests and doctests first runs in a copy of the process that has loaded them, which
+records its time and the lines that it executes; a mutant then meets the tests that execute its statement, fastest
+first, and survives at once where there are none. What is executed at import is imported again with the mutant in it and
+meets all tests. Copies are of POSIX alone. tests/kills.csv keeps the last count of each room with the commit and the
+seconds that it took; survivors are printed. --changed takes the rooms that differ from a commit.
 """
 
 from __future__ import annotations
@@ -15,28 +16,35 @@ from __future__ import annotations
 import argparse
 import ast
 import csv
+import gc
 import io
 import json
+import math
 import os
+import pickle
 import random
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from copy import deepcopy
-from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
-from importlib.util import spec_from_file_location
+from dataclasses import dataclass
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import ModuleType
+from tempfile import TemporaryDirectory, TemporaryFile
+from types import CodeType, FrameType, FunctionType
 from typing import Any
+
+import hypothesis
+import pytest
 
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "tests" / "kills.csv"
-# Seconds after which tests of a mutant, which may loop for ever, count as failed: those of a module, those of a room.
-LIMIT_S, ROOM_LIMIT_S = 90, 900
+LIMIT_S = 60
 SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
@@ -71,6 +79,8 @@ def calculated(node: ast.AST) -> Iterator[Any]:
     if isinstance(node, ast.JoinedStr | ast.Raise | ast.FunctionDef | ast.ClassDef):
         return
     yield node
+    if isinstance(node, ast.UnaryOp) and isinstance(node.operand, ast.Constant):
+        return  # -1 loses its sign; -2 is the same shape
     for name, value in ast.iter_fields(node):
         if name not in ("annotation", "returns", "slice"):
             for child in value if isinstance(value, list) else [value]:
@@ -93,87 +103,181 @@ def changes_of(node: Any) -> Iterator[Callable[[], None]]:
         yield lambda: setattr(node, "op", ast.UAdd())
 
 
-def mutants(room: str, count: int, seed: int) -> list[tuple[Path, int, ast.Module]]:
-    """(module, line, tree) of so many mutants of a room, drawn by seed and name."""
-    paths = sorted([*(ROOT / "elastid" / room).rglob("*.py"), *(ROOT / "elastid").glob(f"{room}.py")])
-    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths if path.name != "__init__.py"}
-    places = [(path, index) for path, tree in trees.items() for index in range(len(changes(tree)))]
+@dataclass(frozen=True)
+class Mutant:
+    """A module with one change, and the lines of the statement that has it."""
+
+    path: Path
+    lines: range
+    tree: ast.Module
+
+    def code(self) -> CodeType:
+        """The compiled module."""
+        return compile(self.tree, str(self.path), "exec")
+
+    def is_executed(self, lines: set[tuple[str, int]]) -> bool:
+        """True if its statement is among executed lines of files."""
+        return any((str(self.path), line) in lines for line in self.lines)
+
+    def __str__(self) -> str:
+        before = ast.unparse(ast.parse(self.path.read_text(encoding="utf-8"))).splitlines()
+        pairs = zip(before, ast.unparse(self.tree).splitlines(), strict=True)
+        changed = next(new.strip() for old, new in pairs if new != old)
+        return f"{self.path.relative_to(ROOT)}:{self.lines[0]}: {changed}"
+
+
+def mutants(room: str, count: int, seed: int) -> list[Mutant]:
+    """So many mutants of a room, drawn by seed, module and text of the line: other lines may change."""
+    drawn, trees = [], {}
+    for path in sorted((ROOT / "elastid" / room).rglob("*.py")):
+        text, occurrences = path.read_text(encoding="utf-8"), Counter[str]()
+        trees[path] = ast.parse(text)
+        for index, (line, _) in enumerate(changes(trees[path])):
+            changed = text.splitlines()[line - 1].strip()
+            occurrences[changed] += 1
+            rank = random.Random(f"{seed} {path.relative_to(ROOT)} {changed} {occurrences[changed]}").random()
+            drawn.append((rank, path, index))
     found = []
-    for path, index in sorted(random.Random(f"{seed} {room}").sample(places, min(count, len(places)))):
+    for _, path, index in sorted(sorted(drawn)[:count], key=lambda each: each[1:]):
         copy = deepcopy(trees[path])
         line, change = changes(copy)[index]
         change()
-        found.append((path, line, ast.fix_missing_locations(copy)))
+        found.append(Mutant(path, statement(trees[path], line), ast.fix_missing_locations(copy)))
     return found
 
 
-class MutantLoader(Loader, MetaPathFinder):
-    """Imports one module from a mutant's tree."""
-
-    def __init__(self, name: str, path: Path, tree: ast.Module) -> None:
-        self.name, self.path, self.tree = name, path, tree
-
-    def find_spec(self, fullname: str, path: object = None, target: object = None) -> ModuleSpec | None:
-        """The mutant in place of the module."""
-        if fullname != self.name:
-            return None
-        package = [str(self.path.parent)] if self.path.name == "__init__.py" else None
-        return spec_from_file_location(fullname, self.path, loader=self, submodule_search_locations=package)
-
-    def exec_module(self, module: ModuleType) -> None:
-        """The mutant's definitions."""
-        exec(compile(self.tree, str(self.path), "exec"), module.__dict__)
+def statement(tree: ast.Module, line: int) -> range:
+    """Lines of the innermost statement at a line, without those of its body."""
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.stmt) and node.lineno <= line]
+    inner: Any = max((node for node in nodes if (node.end_lineno or 0) >= line), key=lambda node: node.lineno)
+    return range(inner.lineno, inner.body[0].lineno if hasattr(inner, "body") else inner.end_lineno + 1)
 
 
-def fails(test: Path, mutant: MutantLoader | None) -> bool:
-    """True if a test fails, in a process of its own."""
-    process = os.fork()
-    if process == 0:
-        code = 3
+def in_copy(work: Callable[..., Any], *given: Any) -> Any:
+    """The value of a function that runs in a copy of this process; None if the copy ends without one."""
+    with TemporaryFile() as file:
+        if (process := os.fork()) == 0:
+            try:
+                os.setpgid(0, 0)
+                file.write(pickle.dumps(work(*given)))
+            except Exception as error:
+                file.write(pickle.dumps(error))
+            finally:
+                file.flush()
+                os._exit(0)
         try:
-            signal.alarm(LIMIT_S if test.is_file() else ROOM_LIMIT_S)
-            code = outcome(test, mutant)
+            os.waitpid(process, 0)
         finally:
-            os._exit(code)
-    return os.waitpid(process, 0)[1] != 0
+            with suppress(OSError):  # workers of its tests that it left
+                os.killpg(process, signal.SIGKILL)
+        file.seek(0)
+        value = pickle.loads(said) if (said := file.read()) else None
+    if isinstance(value, Exception):
+        raise value
+    return value
 
 
-def outcome(test: Path, mutant: MutantLoader | None) -> int:
-    import pytest
-
-    if mutant is not None:
-        sys.meta_path.insert(0, mutant)
-    options = [
-        "-x",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "-p",
-        "no:xdist",
-        "-m",
-        "not slow",
-        "-o",
-        "addopts=",
-        "--assert=plain",
-    ]
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        code = pytest.main([*options, "--doctest-modules", str(test)])
-    return 0 if code == pytest.ExitCode.NO_TESTS_COLLECTED else int(code)
+def install(mutant: Mutant) -> None:
+    """Gives the functions of a loaded module the code of the mutant."""
+    codes, left = {}, [mutant.code()]
+    while left:
+        code = left.pop()
+        codes[code.co_qualname, code.co_firstlineno] = code
+        left += [part for part in code.co_consts if isinstance(part, CodeType)]
+    for function in [each for each in gc.get_objects() if type(each) is FunctionType]:
+        code = function.__code__
+        if code.co_filename == str(mutant.path) and code.co_name != "<lambda>":
+            function.__code__ = codes.get((code.co_qualname, code.co_firstlineno), code)
 
 
-def mirrored(path: Path) -> Path:
-    inside = path.relative_to(ROOT / "elastid")
-    return ROOT / "tests" / inside.parent / f"test_{inside.stem}.py"
+class Judge:
+    """Plugin of pytest: in copies of the process, each test of a room is recorded and each mutant meets its tests."""
+
+    def __init__(self, room: str, drawn: list[Mutant]) -> None:
+        self.room, self.drawn = room, drawn
+        self.folder, self.lines = str(ROOT / "elastid" / room) + os.sep, set[tuple[str, int]]()
+        self.failing, self.survive, self.seconds = ["collection"], list[bool | None](), dict[Any, float]()
+
+    def verdict(self) -> tuple[list[str], list[bool | None], int]:
+        """Tests that fail without a mutant; whether each mutant survives, None if it has to be imported; limit in s."""
+        threading.settrace(self.trace)
+        sys.settrace(self.trace)
+        run_pytest(self.room, self)
+        return self.failing, self.survive, limit_s(sum(self.seconds.values()))
+
+    def trace(self, frame: FrameType, event: str, argument: object) -> Any:
+        """Trace function that notes executed lines of the room."""
+        if not frame.f_code.co_filename.startswith(self.folder):
+            return None
+        self.lines.add((frame.f_code.co_filename, frame.f_lineno))
+        return self.trace
+
+    def pytest_runtestloop(self, session: Any) -> bool:
+        """Records and mutants, in place of the run of pytest."""
+        sys.settrace(None)
+        imported, lines = self.lines, {}
+        records = {test: in_copy(self.recorded, test) for test in session.items}
+        self.failing = [test.nodeid for test, record in records.items() if record is None]
+        for test in [] if self.failing else session.items:
+            self.seconds[test], lines[test] = records[test]
+        self.survive = [
+            None
+            if mutant.is_executed(imported)
+            else bool(in_copy(self.survives, mutant, [test for test in lines if mutant.is_executed(lines[test])]))
+            for mutant in self.drawn
+        ]
+        return True
+
+    def recorded(self, test: Any) -> tuple[float, set[tuple[str, int]]]:
+        """Seconds and lines of a test."""
+        begin, self.lines = time.monotonic(), set()
+        sys.settrace(self.trace)
+        test.config.hook.pytest_runtest_protocol(item=test, nextitem=None)
+        return time.monotonic() - begin, self.lines
+
+    def survives(self, mutant: Mutant, tests: list[Any]) -> bool:
+        """True, unless the process ends before; of tests about as fast, those of a file share its fixtures."""
+        threading.settrace(None)  # type: ignore[arg-type]
+        install(mutant)
+        tests.sort(key=lambda test: (round(math.log2(self.seconds[test])), str(test.path), self.seconds[test]))
+        for test, following in zip(tests, [*tests[1:], None], strict=False):
+            signal.alarm(limit_s(self.seconds[test]))
+            test.config.hook.pytest_runtest_protocol(item=test, nextitem=following)
+        return True
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        """The end of the process, without a value, at a test that fails."""
+        if report.failed:
+            os._exit(1)
 
 
-def changed(path: Path, tree: ast.Module) -> str:
-    """The line of a mutant that differs from the module's."""
-    before = ast.unparse(ast.parse(path.read_text(encoding="utf-8"))).splitlines()
-    return next(new.strip() for old, new in zip(before, ast.unparse(tree).splitlines(), strict=True) if new != old)
+def limit_s(seconds: float) -> int:
+    """Seconds after which tests with a mutant, which may loop for ever, fail; without one they take `seconds`."""
+    return LIMIT_S + round(10 * seconds)
 
 
-def module_name(path: Path) -> str:
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts)
+def run_pytest(room: str, *plugins: object) -> bool:
+    """Runs tests and doctests of a room; True if none fails."""
+    phases, checks = (hypothesis.Phase.explicit, hypothesis.Phase.generate), list(hypothesis.HealthCheck)
+    options = {"database": None, "deadline": None, "derandomize": True, "phases": phases}
+    hypothesis.settings.register_profile("mutants", suppress_health_check=checks, **options)
+    hypothesis.settings.load_profile("mutants")
+    words = "-xq -p no:cacheprovider -p no:xdist -o addopts= --assert=plain --doctest-modules --import-mode=importlib"
+    with TemporaryDirectory() as folder, redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        paths = ["-m", "not slow", "--basetemp", f"{folder}/base", f"tests/{room}", f"elastid/{room}"]
+        return pytest.main([*words.split(), *paths], plugins=list(plugins)) == pytest.ExitCode.OK
+
+
+def survives_import(mutant: Mutant, room: str, seconds: int) -> bool:
+    """True if no test of a room fails where the mutant is imported in place of its module."""
+    get_code = SourceFileLoader.get_code
+
+    def mutant_code(loader: SourceFileLoader, name: str) -> CodeType | None:
+        return mutant.code() if loader.path == str(mutant.path) else get_code(loader, name)
+
+    SourceFileLoader.get_code = mutant_code  # type: ignore[method-assign]
+    signal.alarm(seconds)
+    return run_pytest(room)
 
 
 def changed_rooms(base: str) -> list[str]:
@@ -191,26 +295,24 @@ def rooms() -> list[str]:
 
 def judged(room: str, count: int, seed: int) -> dict[str, object]:
     """The row of a room; its survivors are printed."""
-    begin, drawn, killed = time.monotonic(), mutants(room, count, seed), 0
-    if fails(ROOT / "tests" / room, None):
-        raise SystemExit(f"the tests of {room} fail without a mutant")
-    for path, line, tree in drawn:
-        mutant = MutantLoader(module_name(path), path, tree)
-        tests = [path, *[mirrored(path)] * mirrored(path).exists(), ROOT / "tests" / room]
-        if any(fails(test, mutant) for test in tests):
-            killed += 1
-        else:
-            print(f"{path.relative_to(ROOT)}:{line}: survives: {changed(path, tree)}", flush=True)
+    begin, drawn = time.monotonic(), mutants(room, count, seed)
+    failing, survive, limit = in_copy(Judge(room, drawn).verdict)
+    if failing:
+        raise SystemExit(f"{room} fails without a mutant: {', '.join(failing)}")
+    for index, mutant in enumerate(drawn):
+        if survive[index] is None:
+            survive[index] = bool(in_copy(survives_import, mutant, room, limit))
+        if survive[index]:
+            print("survives:", mutant, flush=True)
     command = ["git", "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
     seconds = round(time.monotonic() - begin)
-    return {"room": room, "mutants": len(drawn), "killed": killed, "commit": commit, "seconds": seconds}
+    return {"room": room, "mutants": len(drawn), "killed": survive.count(False), "commit": commit, "seconds": seconds}
 
 
-def kept(rows: dict[str, dict[str, object]]) -> None:
-    """The table with new rows in it."""
-    lines = list(csv.DictReader(TABLE.open(encoding="utf-8"))) if TABLE.exists() else []
-    table = {line["room"]: line for line in lines} | rows
+def keep(row: dict[str, object]) -> None:
+    """Writes the row of a room into the table."""
+    table = {line["room"]: line for line in csv.DictReader(TABLE.open(encoding="utf-8"))} | {row["room"]: row}
     with TABLE.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, ("room", "mutants", "killed", "commit", "seconds"), lineterminator="\n")
         writer.writeheader()
@@ -221,18 +323,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rooms", nargs="*", metavar="ROOM", help="default: all")
     parser.add_argument("--changed", metavar="BASE", help="the rooms that differ from this commit")
-    parser.add_argument("--count", type=int, default=25, help="mutants of a room")
+    parser.add_argument("--count", type=int, default=60, help="mutants of a room")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     import casadi  # noqa: F401  loaded once, for all copies
     import h5py  # noqa: F401
-    import pytest  # noqa: F401
     import scipy.optimize
     import scipy.signal  # noqa: F401
 
     for room in changed_rooms(given.changed) if given.changed else given.rooms or rooms():
         row = judged(room, given.count, given.seed)
-        kept({room: row})
+        keep(row)
         print(json.dumps(row), flush=True)
 
 

@@ -110,18 +110,19 @@ def measured(robot: Robot, n_configurations: int, freq_hz: FloatArray, full: boo
     model = serial(robot)
     linearisation = Linearisation.of(model)
     responses = []
-    mixing = rng.standard_normal((36, 72)) + 1j * rng.standard_normal((36, 72))
-    root = np.linalg.cholesky(mixing @ mixing.conj().T / 144)
+    n = model.n_u
+    mixing = rng.standard_normal((n**2, 2 * n**2)) + 1j * rng.standard_normal((n**2, 2 * n**2))
+    root = np.linalg.cholesky(mixing @ mixing.conj().T / (4 * n**2))
     for i in range(n_configurations):
-        configuration = Configuration(f"{i + 1}", rng.uniform(-1.2, 1.2, 6))
+        configuration = Configuration(f"{i + 1}", rng.uniform(-1.2, 1.2, n))
         linear = linearisation.at(configuration, model.theta, robot.motor_locations, "acceleration")
         exact = to_response(linear, np.append(model.theta, 0.0), freq_hz)
         deviation = NOISE * np.abs(exact.G) + 1e-3 * NOISE * np.abs(exact.G).max(axis=0)
-        white = rng.standard_normal((len(freq_hz), 36, 1)) + 1j * rng.standard_normal((len(freq_hz), 36, 1))
+        white = rng.standard_normal((len(freq_hz), n**2, 1)) + 1j * rng.standard_normal((len(freq_hz), n**2, 1))
         lower = vec(deviation)[:, :, None] * root
-        noise = (lower @ white / np.sqrt(2))[:, :, 0].reshape(-1, 6, 6).swapaxes(1, 2)
+        noise = (lower @ white / np.sqrt(2))[:, :, 0].reshape(-1, n, n).swapaxes(1, 2)
         matrix = lower @ lower.conj().swapaxes(1, 2) if full else None
-        variance = np.sum(np.abs(lower) ** 2, axis=2).reshape(-1, 6, 6).swapaxes(1, 2)
+        variance = np.sum(np.abs(lower) ** 2, axis=2).reshape(-1, n, n).swapaxes(1, 2)
         responses.append(replace(exact, G=exact.G + noise, noise=Covariance(variance, np.inf, matrix=matrix)))
     return responses
 

@@ -31,7 +31,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from fit import IDENTIFIED, NOISE, build_robot
+from fit import IDENTIFIED, build_robot, measured
 from frf import simulated
 from timing import machine
 
@@ -40,11 +40,6 @@ from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import serial
-from elastid.record import Configuration
-from elastid.response import Covariance
 from elastid.use.map import map_workspace
 from elastid.use.postures import random_postures
 
@@ -62,23 +57,15 @@ LINES = {"estimate": 512, "identify": 100, "map": 100}
 def of_estimate(records: int, lines: int, samples: int) -> Callable[[], object]:
     """A response from records of six experiments each realisation."""
     chosen = np.arange(1, lines + 1)
-    measured = simulated(chosen, samples, 4, records // 6, 6)
-    return lambda: estimate(measured, EstimatorSpec(), chosen)
+    experiments = simulated(chosen, samples, 4, records // 6, 6)
+    return lambda: estimate(experiments, EstimatorSpec(), chosen)
 
 
 def of_identify(configurations: int, lines: int, coordinates: int) -> Callable[[], Result]:
     """A fit of responses with noise."""
-    whole, rng = build_robot(), np.random.default_rng(0)
+    whole = build_robot()
     robot = replace(whole, bodies=whole.bodies[: coordinates // 3])
-    model = serial(robot)
-    linearisation, freq_hz, responses = Linearisation.of(model), np.linspace(2.0, 100.0, lines), []
-    for i in range(configurations):
-        posture = Configuration(f"{i + 1}", rng.uniform(-1.2, 1.2, model.n_u))
-        linear = linearisation.at(posture, model.theta, robot.motor_locations, "acceleration")
-        exact = to_response(linear, np.append(model.theta, 0.0), freq_hz)
-        std = NOISE * np.abs(exact.G) + 1e-3 * NOISE * np.abs(exact.G).max(axis=0)
-        noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
-        responses.append(replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf)))
+    responses = measured(robot, configurations, np.linspace(2.0, 100.0, lines), full=False)
     names = {name: ParameterSpec() for name in IDENTIFIED if name[:2] in ("k_", "d_", "fm")}
     spec = FitSpec(parameters=names, starts=1, seed=1, profile=())
     return lambda: identify(responses, robot, spec)

@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from data_sheet_robots import Plant
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
@@ -45,13 +45,18 @@ class Injection:
     drawn: bool = False
 
 
-def exact(plant: Plant, robot: Robot, angles: Mapping[str, Sequence[float]] | None = None) -> list[Response]:
-    """Responses of a robot in the plant's configurations, or at other angles of some of them, by name."""
+def exact(
+    plant: Plant, robot: Robot, angles: Mapping[str, Sequence[float]] | None = None, outputs: tuple[str, ...] = ()
+) -> list[Response]:
+    """Responses of a robot in the plant's configurations, or at other angles of some of them, by name.
+
+    outputs: places of the angles, by default the motors.
+    """
     model = formulate(robot, plant.model)
     linearisation, found = Linearisation.of(model), []
     for configuration in plant.configurations:
         stood = replace(configuration, angles=tuple((angles or {}).get(configuration.name, configuration.angles)))
-        linear = linearisation.at(stood, model.theta, robot.motor_locations, plant.quantity)
+        linear = linearisation.at(stood, model.theta, outputs or robot.motor_locations, plant.quantity)
         response = to_response(linear, np.append(model.theta, 0.0), plant.freq_hz)
         found.append(replace(response, configuration=configuration))
     return found
@@ -203,14 +208,8 @@ def hardening(body: str, joint: int, rise: float) -> Callable[[Plant], Responses
     """A gear whose stiffness is `rise` higher at the largest torque that it carries in the configurations."""
 
     def of(plant: Plant) -> Responses:
-        spring = next(b for b in plant.robot.bodies if b.name == body).joints[joint].spring
-        model = formulate(plant.robot, plant.model)
-        at = [equilibrium(model, model.theta, c) for c in plant.configurations]
-        place = [j.name for j in plant.robot.driven].index(
-            next(b for b in plant.robot.bodies if b.name == body).joints[joint].name
-        )
-        deflection = max(abs(point.u[place]) for point in at) / spring.stiffness  # type: ignore[union-attr]
-        cubic = rise * spring.stiffness / (3 * deflection**2)  # type: ignore[union-attr]
+        k, deflections = at_rest(plant, body, joint)
+        cubic = rise * k / (3 * max(deflections) ** 2)
         return exact(plant, with_joint(body, joint, with_spring(lambda s: replace(s, cubic=cubic)))(plant.robot))
 
     return of
@@ -220,23 +219,26 @@ def backlash(body: str, joint: int, share: float) -> Callable[[Plant], Responses
     """A gear whose gap is so much of its smallest deflection under load."""
 
     def of(plant: Plant) -> Responses:
-        b = next(b for b in plant.robot.bodies if b.name == body).joints[joint]
-        model = formulate(plant.robot, plant.model)
-        at = [equilibrium(model, model.theta, c) for c in plant.configurations]
-        place = [j.name for j in plant.robot.driven].index(b.name)
-        gap = share * min(abs(point.u[place]) for point in at) / b.spring.stiffness  # type: ignore[union-attr]
-        return exact(
-            plant, with_joint(body, joint, with_spring(lambda s: replace(s, backlash=gap, rounding=0.5)))(plant.robot)
-        )
+        gap = share * min(at_rest(plant, body, joint)[1])
+        by = with_spring(lambda s: replace(s, backlash=gap, rounding=0.5))
+        return exact(plant, with_joint(body, joint, by)(plant.robot))
 
     return of
 
 
-def coupled(ratio: float, motor: str, joint: str) -> Callable[[Plant], Responses]:
-    """The motor of an axis turns along with another, which the file does not know."""
+def at_rest(plant: Plant, body: str, joint: int) -> tuple[float, list[float]]:
+    """Stiffness of a gear, and its deflections in the configurations."""
+    gear = next(b for b in plant.robot.bodies if b.name == body).joints[joint]
+    place = [j.name for j in plant.robot.driven].index(gear.name)
+    model, k = formulate(plant.robot, plant.model), gear.spring.stiffness  # type: ignore[union-attr]
+    return k, [abs(equilibrium(model, model.theta, c).u[place]) / k for c in plant.configurations]
+
+
+def coupled(ratio: float, *pairs: tuple[str, str]) -> Callable[[Plant], Responses]:
+    """Motors of axes that turn along with others, as belts of a wrist do, which the file does not know."""
 
     def of(plant: Plant) -> Responses:
-        robot = replace(plant.robot, gears=(GearCoupling(motor, joint, ratio),))
+        robot = replace(plant.robot, gears=tuple(GearCoupling(*pair, ratio) for pair in pairs))
         E = robot.mixing  # the file has the angles of motors for those of axes
         return [replace(G, G=E @ G.G @ E.T) for G in exact(plant, robot)]
 
@@ -322,8 +324,8 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("gravity left out", "two-axis", with_gravity(0.0, 0.0, 0.0), ("no gravity",)),
     Injection("mounted on a wall", "two-axis", with_gravity(-9.81, 0.0, 0.0), ("gravity along -x of the base",)),
     Injection("mounted on the ceiling", "demo", with_gravity(0.0, 0.0, 9.81), ("gravity along +z of the base",)),
-    Injection("motor 2 turned along by axis 1", "two-axis", coupled(6.0, "2", "1"), ("coupling_2_1",)),
-    Injection("motor 3 turned along by axis 2", "demo", coupled(1.1, "3", "2"), ("coupling_3_2",)),
+    Injection("motor 2 turned along by axis 1", "two-axis", coupled(6.0, ("2", "1")), ("coupling_2_1",)),
+    Injection("motor 3 turned along by axis 2", "demo", coupled(1.1, ("3", "2")), ("coupling_3_2",)),
     Injection("the file's payload not carried", "six-axis", changed_robot(lambda r: replace(r, payload=None)),
               ("the payload of the file not carried",)),
     # Gears and friction.
@@ -370,17 +372,6 @@ def stood(by: Callable[[np.ndarray], Sequence[float]]) -> Callable[[Plant], Resp
     return lambda plant: exact(plant, plant.robot, {c.name: by(np.array(c.angles)) for c in plant.configurations})
 
 
-def belts(ratio: float) -> Callable[[Plant], Responses]:
-    """A wrist whose belts turn motors 5 and 6 along with axis 4, and 6 with 5, which the file does not know."""
-
-    def of(plant: Plant) -> Responses:
-        pairs = (("5", "4"), ("6", "4"), ("6", "5"))
-        robot = replace(plant.robot, gears=tuple(GearCoupling(*pair, ratio) for pair in pairs))
-        return [replace(G, G=robot.mixing @ G.G @ robot.mixing.T) for G in exact(plant, robot)]
-
-    return of
-
-
 def coarse(resolution: float) -> Callable[[Plant], Responses]:
     """Encoders whose steps return in every period, so that no scatter of periods shows them: errors of angle."""
 
@@ -403,8 +394,6 @@ def compensated(plant: Plant) -> Responses:
 
 def _weight_slope(plant: Plant, G: Response) -> np.ndarray:
     """d g / d q (n, n) of the rigid robot, by differences of the torques at rest."""
-    from elastid.linear.equilibrium import equilibrium
-
     model, step = formulate(plant.robot, plant.model), 1e-4
     columns = []
     for i in range(len(G.configuration.angles)):
@@ -421,14 +410,9 @@ def behind_the_gear(place: int) -> Callable[[Plant], Responses]:
     """The angle of an axis is that of an encoder behind its gear, not of the motor's."""
 
     def of(plant: Plant) -> Responses:
-        model, places = formulate(plant.robot, plant.model), list(plant.robot.motor_locations)
-        outputs = list(places)
-        outputs[place] = f"joint {plant.robot.driven[place].name}"
-        linearisation, found = Linearisation.of(model), []
-        for c in plant.configurations:
-            linear = linearisation.at(c, model.theta, tuple(outputs), plant.quantity)
-            found.append(to_response(linear, np.append(model.theta, 0.0), plant.freq_hz))
-        return [replace(G, outputs=tuple(places)) for G in found]
+        motors, joint = plant.robot.motor_locations, plant.robot.driven[place].name
+        outputs = (*motors[:place], f"joint {joint}", *motors[place + 1 :])
+        return [replace(G, outputs=motors) for G in exact(plant, plant.robot, outputs=outputs)]
 
     return of
 
@@ -441,7 +425,8 @@ FURTHER: tuple[Injection, ...] = (
     Injection("torque constant 3 5 % off", "demo", of_channel("u", 2, constant(1 / 1.05)), ("gain_u_motor_3",)),
     Injection("payload of 1 kg forgotten", "six-axis", payload(1.0, 0.05, 0.02, 0.1), ("payload_*",),
               file=lambda robot: replace(robot, payload=None)),
-    Injection("belts between axes 4 to 6", "six-axis", belts(1.0), ("coupling_*",)),
+    Injection("belts between axes 4 to 6", "six-axis", coupled(1.0, ("5", "4"), ("6", "4"), ("6", "5")),
+              ("coupling_*",)),
     Injection("encoder 1 stamped 3 ms early", "demo", of_channel("y", 0, delayed(-3e-3)), ("delay_y_motor_1",)),
     Injection("coarse encoders", "demo", coarse(0.05), ()),
     Injection("torque of drive 2 filtered by 60 Hz", "demo", of_channel("u", 1, lambda s: 1 / filtered(60)(s)),
@@ -545,24 +530,6 @@ def current(unit: float) -> Callable[[Plant], Responses]:
     return of
 
 
-def _tensor(body: Body) -> FloatArray:
-    i = body.inertia
-    values = (i,) * 3 if isinstance(i, float | int) else tuple(i)
-    tensor = np.diag(np.array(values[:3], float))
-    if len(values) == 6:
-        for (a, b), value in zip(((0, 1), (0, 2), (1, 2)), values[3:], strict=True):
-            tensor[a, b] = tensor[b, a] = value
-    return tensor
-
-
-def _steiner(mass: float, r: FloatArray) -> FloatArray:
-    return np.asarray(mass * (r @ r * np.eye(3) - np.outer(r, r)))
-
-
-def _six(tensor: FloatArray) -> tuple[float, ...]:
-    return (*np.diag(tensor).tolist(), *(float(tensor[pair]) for pair in ((0, 1), (0, 2), (1, 2))))
-
-
 def drive(corner_hz: float, damping: float = 0.7) -> Callable[[ComplexArray], ComplexArray]:
     """The current loop of a drive, of second order."""
     omega = 2 * np.pi * corner_hz
@@ -627,31 +594,12 @@ def soft_base(share: float, axis: str) -> Callable[[Plant], Responses]:
 
 
 def hard(rise: float) -> Callable[[Plant], Responses]:
-    def of(plant: Plant) -> Responses:
-        return hardening(places(plant).body, places(plant).place, rise)(plant)
-
-    return of
+    return lambda plant: hardening(places(plant).body, places(plant).place, rise)(plant)
 
 
 def gapped(share: float) -> Callable[[Plant], Responses]:
     """Backlash of so much of the axis's smallest deflection under load."""
-
-    def of(plant: Plant) -> Responses:
-        axis, model = places(plant).axis, formulate(plant.robot, plant.model)
-        joint = plant.robot.driven[axis]
-        least = min(abs(equilibrium(model, model.theta, c).u[axis]) for c in plant.configurations)
-        gap = share * least / joint.spring.stiffness  # type: ignore[union-attr]
-
-        def by(robot: Robot) -> Robot:
-            spring = replace(joint.spring, backlash=gap, rounding=0.5)  # type: ignore[type-var]
-            changed = replace(joint, spring=spring)
-            return replace(robot, bodies=tuple(
-                replace(b, joints=tuple(changed if j is joint else j for j in b.joints)) for b in robot.bodies
-            ))  # fmt: skip
-
-        return exact(plant, by(plant.robot))
-
-    return of
+    return lambda plant: backlash(places(plant).body, places(plant).place, share)(plant)
 
 
 def encoder_at_link(plant: Plant) -> Responses:

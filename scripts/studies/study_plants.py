@@ -5,21 +5,16 @@ For the studies beside this file; it does nothing by itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.assembly import NEAR_ENOUGH, Assembly, relinearise
-from elastid.fit.covariance import estimate_uncertainty
+from elastid.fit.assembly import Assembly
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.weights import weigh
-from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -142,41 +137,3 @@ def responses(plant: Plant, linearisation: Linearisation, robot: Robot) -> tuple
         linear: LinearModel = linearisation.at(configuration, theta, robot.motor_locations, plant.quantity)
         found.append(to_response(linear, np.append(theta, 0.0), plant.freq_hz))
     return tuple(found)
-
-
-def with_coulomb(robot: Robot, levels: Sequence[float]) -> Robot:
-    """The robot with Coulomb friction of so many Nm at its motors, link side."""
-    level = dict(zip((joint.name for joint in robot.driven), levels, strict=True))
-
-    def joint(one: Any) -> Any:
-        if one.motor is None:
-            return one
-        return replace(one, motor=replace(one.motor, coulomb=level[one.name] / abs(one.motor.ratio), friction=None))
-
-    bodies = tuple(replace(body, joints=tuple(joint(one) for one in body.joints)) for body in robot.bodies)
-    return replace(robot, bodies=bodies)
-
-
-def fit_from_truth(responses: Sequence[Response], robot: Robot, judged: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """Errors (n,) of ln p of the parameters that are judged, and their stated deviations (n,).
-
-    All k_*, d_* and fm_* of the robot are free, from its own as start, without a floor: intervals are made of noise
-    and friction alone.  The model is differentiated once for many data sets.
-    """
-    names = [name for name, (value, _) in robot.parameters().items() if name.startswith(("k_", "d_", "fm_")) and value]
-    spec = FitSpec(weights=WeightSpec(floor=0.0), parameters={name: ParameterSpec() for name in names})
-    parameters = choose(spec, robot, [response.configuration.name for response in responses])
-    weights = tuple(weigh(response, spec) for response in responses)
-    linearisation = _differentiated(robot, tuple(parameters.names))
-    assembly = Assembly(tuple(responses), weights, linearisation, parameters, spec)
-    # Viscous friction that holds Coulomb's too is far from the robot's own: systematic errors are those of an optimum.
-    start = solve(assembly.at(parameters.x, spec.criterion).problem, parameters.x, NEAR_ENOUGH, method=spec.solver)
-    optimum = relinearise(assembly, start, spec.criterion)
-    uncertainty = estimate_uncertainty(optimum.fit, optimum.responses, optimum.weights, optimum.end.x)
-    order = [parameters.free_names.index(name) for name in judged]
-    return (optimum.end.x - parameters.x)[order], np.sqrt(np.diag(uncertainty.covariance))[order]
-
-
-@lru_cache(maxsize=4)
-def _differentiated(robot: Robot, names: tuple[str, ...]) -> Linearisation:
-    return Linearisation.of_robot(robot, EXACT, names)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.live_arm import GOAL, STUDY, TRUTH
+from plants.arm_study import LIVE, TRUTH
 
 from elastid.app import cli
 from elastid.app.console import Console
@@ -22,11 +22,13 @@ from elastid.store.measured import read_plan
 from elastid.store.results import read_fit
 from elastid.study import load
 
+GOAL = "k_*: 0.2 %"
+
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("arm") / "study.yml"
-    path.write_text(STUDY, encoding="utf-8")
+    path.write_text(LIVE, encoding="utf-8")
     return path
 
 

@@ -98,7 +98,6 @@ def process(item: int) -> int:
     return os.getpid()
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp_path, monkeypatch):
     """Each at one of them; one that dies is followed by another."""

@@ -59,7 +59,6 @@ def _with(**changes: object) -> DesignProblem:
     return replace(PROBLEM, design=replace(PROBLEM.design, **changes))  # type: ignore[arg-type]
 
 
-@pytest.mark.slow
 def test_fits_scatter_as_the_forecast_said() -> None:
     """Thirty times measured, estimated and fitted: 4 parameters within what 30 draws allow, 25 % on average."""
     problem = replace(PROBLEM, design=None, experiment=replace(PROBLEM.experiment, configurations={"a": (0.3, 0.8)}))
@@ -73,7 +72,6 @@ def test_fits_scatter_as_the_forecast_said() -> None:
     assert np.all((ratio > 0.6) & (ratio < 1.5))
 
 
-@pytest.mark.slow
 def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() -> None:
     """Predicted over fitted standard deviation, the median of five robots: 0.8 to 1.25 for each stiffness and damper.
 
@@ -133,7 +131,6 @@ def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -
     assert abs(fast[0]) < 1e-6 * d[0]
 
 
-@pytest.mark.slow
 def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() -> None:
     """Names, realisations, robot time, and the geometric mean of the forecasts of random plans."""
     problem = replace(PROBLEM, experiment=replace(PROBLEM.experiment, configurations={"home": (0.0, 0.5)}))
@@ -222,7 +219,6 @@ def study(tiny: Path) -> Callable[[str], Path]:
     return edited
 
 
-@pytest.mark.slow
 def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[str], Path], tmp_path: Path) -> None:
     """Plan, records, fit and page; another fit leaves them measured."""
     path, run = study(DESIGN), tmp_path / "run"

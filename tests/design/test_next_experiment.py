@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from plants.limited_arm import LIMITS, arm, experiment
 
 from elastid.base.execution import Execution
@@ -46,7 +45,6 @@ def deviations(asked: DesignProblem, name: str) -> dict[str, float]:
     return dict(zip(forecast.parameters, np.sqrt(np.diag(forecast.covariance)).tolist(), strict=True))
 
 
-@pytest.mark.slow
 def test_the_posture_is_that_which_informs_the_goal() -> None:
     """Each spring by itself, against the forecast of both postures as plans of their own."""
     asked = problem()
@@ -57,7 +55,6 @@ def test_the_posture_is_that_which_informs_the_goal() -> None:
         np.testing.assert_allclose(found.plan.configurations[0].angles, GIVEN[best])
 
 
-@pytest.mark.slow
 def test_the_shortest_experiment_that_reaches_the_goal_is_taken() -> None:
     """For a fine goal long ones pay where noise limits, short ones where friction does, the same in all periods."""
     smooth = without_dry_friction(arm())
@@ -86,7 +83,6 @@ def test_a_parameter_that_is_known_no_longer_counts() -> None:
     np.testing.assert_array_equal(found.plan.configurations[0].angles, alone.plan.configurations[0].angles)
 
 
-@pytest.mark.slow
 def test_limits_are_kept_on_every_robot_that_the_fit_allows() -> None:
     """Lighter rotors are faster: amplitudes fall until these, too, keep the margin."""
     asked = problem(excitation=replace(EXCITATION, torque_rms="limits"))
@@ -101,7 +97,6 @@ def test_limits_are_kept_on_every_robot_that_the_fit_allows() -> None:
         assert np.all(peaks <= limits * (1 - EXCITATION.margin) * 1.001)
 
 
-@pytest.mark.slow
 def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
     """A box a millimetre off the beam when it is level: free as a posture, and touched by its swing."""
     robot = replace(arm(), frames=(Frame("tip", arm().bodies[-1].name, Placement((0.0, 0.0, 0.5))),))

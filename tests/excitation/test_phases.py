@@ -93,19 +93,16 @@ def test_gradient_of_the_norm_is_its_derivative(p: int) -> None:
     ("lines", "power", "goal"),
     [
         pytest.param(np.arange(1, 32), 0, 1.41, id="full 31"),
-        pytest.param(
-            grid_lines("quasi-log", (1, 400), 2000, 2000, 1.11), 0, 1.87, id="quasi-log", marks=pytest.mark.slow
-        ),
-        pytest.param(np.arange(1, 65), 0, 1.41, id="full 64", marks=pytest.mark.slow),
-        pytest.param(np.arange(1, 62, 2), 0, 1.41, id="odd 31", marks=pytest.mark.slow),
-        pytest.param(np.arange(41, 141), 0, 1.48, id="band", marks=pytest.mark.slow),
+        pytest.param(grid_lines("quasi-log", (1, 400), 2000, 2000, 1.11), 0, 1.87, id="quasi-log"),
+        pytest.param(np.arange(1, 65), 0, 1.41, id="full 64"),
+        pytest.param(np.arange(1, 62, 2), 0, 1.41, id="odd 31"),
+        pytest.param(np.arange(41, 141), 0, 1.48, id="band"),
         pytest.param(
             with_detection(np.arange(1, 400, 2), 4, np.random.default_rng(0)).excited,
             *(0, 1.46),
             id="odd-random",
-            marks=pytest.mark.slow,
         ),
-        pytest.param(np.arange(1, 32), -1, 1.20, id="1/f", marks=pytest.mark.slow),
+        pytest.param(np.arange(1, 32), -1, 1.20, id="1/f"),
     ],
 )
 def test_optimised_phases_reach_the_crest_factors_of_long_searches(
@@ -129,7 +126,6 @@ def test_all_signals_of_an_orthogonal_set_are_compressed_together() -> None:
     np.testing.assert_allclose(product, 6 * eye(40, 6), atol=1e-10)
 
 
-@pytest.mark.slow
 def test_torque_and_velocity_are_compressed_together() -> None:
     """Behind a resonance a flat torque of crest 1.4 has a peaky velocity; both in one cost come out below 1.75."""
     lines = np.arange(1, 61)

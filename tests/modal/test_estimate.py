@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 from plants.refusals import refused
 from scipy.signal import lfilter
@@ -18,7 +17,6 @@ from elastid.record import Record
 from elastid.response import Covariance, Response
 
 
-@pytest.mark.slow
 def test_an_exponential_window_is_taken_out_of_the_damping() -> None:
     r"""Hits with answers times exp(-t / 0.5 s): the poles of the response have 2 / s more of damping each."""
     tau, t = 0.5, np.arange(2**14) / 400
@@ -43,7 +41,6 @@ def shaken(seed: int) -> Record:
     return Record("a", BENCH, 0, 0, 256.0, len(u), ("1",), ("1",), ("velocity",), u, y, is_periodic=False)
 
 
-@pytest.mark.slow
 def test_dampings_by_segments_have_no_leakage() -> None:
     """Five modes of a random shaker by H1, barely resolved: 20 dampings unbiased, too large by 3 % and more without."""
     ratios, without = [], []
@@ -57,7 +54,6 @@ def test_dampings_by_segments_have_no_leakage() -> None:
     assert np.mean(without) > 1.03
 
 
-@pytest.mark.slow
 def test_the_intervals_hold_the_modes_of_whole_records() -> None:
     """Mean square of error over std of frequency and damping, 12 draws of multisines on three masses: at most 2."""
     natural, damping, _ = true_modes()

@@ -20,7 +20,6 @@ def test_noise_hides_no_mode_and_makes_none(stated: bool) -> None:
     assert np.all(deviation < 5 * modes.shape_std + 1e-12)
 
 
-@pytest.mark.slow
 def test_the_intervals_of_a_draw_are_its_errors() -> None:
     """Mean square of error over std of frequency and damping, 25 draws of five modes: 0.6 to 1.5."""
     errors = []

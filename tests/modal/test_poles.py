@@ -48,7 +48,6 @@ def test_noise_alone_has_no_mode() -> None:
         assert estimate_modes(Response(FREQ_HZ, G, ("u",), outputs, "velocity", BENCH, noise)).n_modes == 0
 
 
-@pytest.mark.slow
 def test_six_by_six_and_chosen_poles() -> None:
     """Poles that are named are taken: two of five, of 6 x 6; the others are in the residuals of a band."""
     shapes = np.random.default_rng(2).normal(size=(6, 5))

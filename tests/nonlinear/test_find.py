@@ -101,7 +101,6 @@ def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity() -> None:
 
 
 @pytest.mark.parametrize("coulomb", [COULOMB, (0.0, 0.0)])
-@pytest.mark.slow
 def test_shapes_may_be_chosen_in_the_first_configuration_alone(
     coulomb: tuple[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -37,7 +37,6 @@ def found(gear: Gear, substeps: int = 6) -> tuple[Levels, dict[str, float]]:
     return levels, linear.parameters.as_dict(levels.x)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gear", "expected"),
     [
@@ -69,7 +68,6 @@ def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expe
     assert np.isfinite(levels.covariance).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gear", "expected"),
     [

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.arm import result
 from plants.fitted_models import fitted_model
-from plants.predicted_arm import result
 from plants.refusals import refused
 
 from elastid.base.statistics import propagate
@@ -25,7 +25,7 @@ CUT = Cut(load=(0.0, 0.0, -50.0), normal=(1.0, 0.0, 1.0))
 
 @pytest.mark.parametrize(
     "name",
-    ["arm", "scara", *(pytest.param(f"linkage_arm {of}", marks=pytest.mark.slow) for of in ("minimal", "constrained"))],
+    ["arm", "scara", "linkage_arm minimal", "linkage_arm constrained"],
 )
 def test_a_map_has_the_numbers_of_each_posture_by_itself(name: str) -> None:
     """Serial robots and linkages; values and deviations."""
@@ -73,7 +73,6 @@ def test_extremes_of_the_response_are_found_between_the_lines() -> None:
     assert workspace["depth_of_cut"].value[0] == pytest.approx(-1 / (1.4e9 * (n @ G @ n).real.min()), rel=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["manutec", "linkage_arm constrained"])
 def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name: str) -> None:
     """Masses, centres, lengths and zeros of axes within their tolerances; lengths of a loop move its joints."""

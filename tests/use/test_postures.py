@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.arm import robot
 from plants.fitted_models import fitted_model
-from plants.predicted_arm import robot
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
@@ -65,7 +65,6 @@ def test_a_file_that_is_no_path_is_refused_with_the_reason(tmp_path: Path, text:
         read_path(path, robot(), "tool")
 
 
-@pytest.mark.slow
 def test_a_grid_fills_the_workspace_evenly() -> None:
     """Of a robot that turns and bends: neighbours are one spacing apart."""
     own = fitted_model("scara").model.robot

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from plants.fitted_models import fitted_model
 
 from elastid.fit.fitted_robot import FittedRobot
@@ -34,7 +33,6 @@ def measured(lacking: float) -> FittedRobot:
     return replace(fitted, measured=(replace(empty, G=G, noise=Covariance(np.full(G.shape, std**2), np.inf)),))
 
 
-@pytest.mark.slow
 def test_modes_of_a_right_model_are_found_with_their_shapes() -> None:
     fitted = measured(0.0)
     (found,) = measured_modes(fitted)
