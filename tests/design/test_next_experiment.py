@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from plants.limited_arm import LIMITS, arm, experiment
+from plants.units import factor, in_other_units
 
 from elastid.base.execution import Execution
 from elastid.design.design import design
@@ -15,7 +17,7 @@ from elastid.design.spec import BoxSpec, CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.robot import Frame, Placement, Robot
+from elastid.robot import Frame, Placement, Robot, Tolerances
 from elastid.robot.simplified import without_dry_friction
 
 EXCITATION = MultisineSpec(rate_hz=500.0, period=1.0, band_hz=(2.0, 60.0), torque_rms=(60.0, 50.0))
@@ -110,3 +112,21 @@ def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
     assert len(near.candidates(near.design).configurations) <= 2
     found = proposed(near, goal)
     assert found.plan.configurations[0].angles[1] == 0.0
+
+
+@pytest.mark.parametrize("flat", ["torque", "information"])
+def test_a_design_is_the_same_in_other_units(flat: str) -> None:
+    """Torques, standard deviations, and the next experiment; numbers of the file within their tolerances."""
+    robot = replace(without_dry_friction(arm()), tolerances=Tolerances())
+    asked = problem(robot, replace(EXCITATION, torque_rms="limits", flat=flat), floor=0.1)  # type: ignore[arg-type]
+    other, goal = in_other_units(asked), Goal({"k_1": 1e-3, "d_2": 0.02})
+    here, there = design(asked), design(other)
+    np.testing.assert_allclose(there.plan.R, here.plan.R * factor("N*m"), rtol=1e-6)
+    for name in ("std", "std_by_noise"):
+        sizes = np.array([factor(unit) for unit in here.forecast.units])
+        np.testing.assert_allclose(
+            getattr(there.forecast, name), getattr(here.forecast, name) * sizes, rtol=1e-6, err_msg=name
+        )
+    one, same = proposed(asked, goal), proposed(other, goal)
+    np.testing.assert_allclose(same.plan.R, one.plan.R * factor("N*m"), rtol=1e-6)
+    assert same.option.more_s == pytest.approx(one.option.more_s * factor("s"))
