@@ -25,6 +25,7 @@ from elastid.fit import identify as fitting
 from elastid.fit import parameter_choice
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
+from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.find import find_friction
@@ -103,6 +104,8 @@ def estimate(records: Iterable[Record], robot: Robot | None = None, **estimator:
     groups: dict[str, list[Record]] = {}
     for record in records:
         groups.setdefault(record.configuration.name, []).append(record)
+    for group in groups.values() or [[]]:
+        refuse_mismatch(group)
     E = shaft_couplings(robot)
     shafts = [[on_shafts(record, E) for record in group] for group in groups.values()]
     friction = None if spec.friction == "none" else find_friction(shafts, spec)

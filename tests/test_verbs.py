@@ -65,3 +65,5 @@ def test_wrong_keys_are_named(folder: Path) -> None:
         elastid.choose(robot, "k_7")
     with refused("study/invalid", holds="start"):
         elastid.choose(robot, k_1={"start": "5 kg"})
+    with refused("frf/records"):
+        elastid.estimate([])

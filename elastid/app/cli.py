@@ -431,7 +431,7 @@ def interrupted(arguments: Sequence[str]) -> int:
     again = shlex.join(["elastid", *arguments])
     if {*arguments[:1]} & WITHOUT_PARTS:
         return _ended(f"interrupted: nothing of it is kept; `{again}` starts again", 130)
-    return _ended(f"interrupted: finished parts are kept, and `{again}` resumes from there", 130)
+    return _ended(f"interrupted: finished stages and parts are kept, and `{again}` resumes from there", 130)
 
 
 def _ended(message: str, code: int) -> int:

@@ -10,7 +10,9 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -41,6 +43,8 @@ from elastid.study.checks.recorded import TIME_UNITS, is_time, time_of
 _MAX_SAMPLES = 1 << 18  # that are read of each log
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
+# Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
+Positions: TypeAlias = Mapping[tuple[str, int | None], FloatArray]
 _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
 
@@ -76,20 +80,30 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
-        clock, signals = _clock(log), signals_of(log, _MAX_SAMPLES)
+        clock, signals, shapes = _clock(log), signals_of(log, _MAX_SAMPLES), log.shapes()
     signals = [(g, x) for g, x in signals if g.name != clock.name and not (is_time(g.name) and is_clock(x))]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None:
-        raise DataError("records/channels", _no_guess([signal for signal, _ in signals]), first)
-    guess = guess if robot is None else in_order_of(robot, guess, {signal.key: x for signal, x in signals})
+        named = ", ".join(f"{signal.name} ({signal.quantity or 'unknown'})" for signal, _ in signals[:8]) or "none"
+        raise DataError(
+            "records/channels",
+            "no names and units say which signals are torques (of motors, hammer or shaker) and which motions; log "
+            "both, under headings such as tau_1 and q_1, or list a file of each under `also` in "
+            f"experiment.recorded.files. Those that change in it: {named}",
+            first,
+        )
+    guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
+    positions = {} if guess.is_motion and robot is None else positions_of(logs, form, guess)
+    guess = guess if robot is None else in_order_of(robot, guess, positions)
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
+    unused = _unused(guess, [signal for signal, _ in signals], shapes, clock)
     if guess.is_motion:
-        content = [*_head("friction", first), *_study(guess, robot, clock), text, *_files(paths)]
+        content = [*_head("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = {joint.torque.key for joint in guess.joints}
     period = _period(np.stack([x for g, x in signals if g.key in driving], axis=1))
-    names, configurations = _configurations(logs, form, guess, robot)
+    names, configurations = _configurations(len(logs), guess, robot, positions)
     files = _files(paths, names)
     content = [*_head("responses" if robot is None else "elasticity", first)]
     content += [*_study(guess, robot, clock, configurations, period), text, *files]
@@ -98,24 +112,43 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}")
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
-    unknown = [one_line(g.name) for g, _ in signals if not any(_quoted(g.name) in line for line in content)]
-    content.append(f"# Not used: {', '.join(unknown)}" * bool(unknown))
-    return {"study.yml": _joined(content)}
+    return {"study.yml": _joined([*content, *unused])}
 
 
-def _configurations(
-    logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, robot: Robot | None
-) -> tuple[list[str], list[str]]:
-    """The configuration of each log, and their lines in a study."""
-    states, why = states_of(logs, form, guess)
-    names = ["bench" if max(states) == 0 else f"state_{state + 1}" for state in states]
-    angles = dict.fromkeys(names, "")
+def _unused(
+    guess: LogGuess, signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]], clock: Clock
+) -> Iterator[str]:
+    """The columns of a log that its study does not use, a line for each reason."""
+    used = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
+    used |= set() if guess.is_motion else {channel.key for channel in guess.further}
+    known, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
+    for name in [name for name, shape in shapes.items() if shape and name not in known]:
+        reasons.setdefault("times, or no numbers that change", []).append(one_line(name))
+    for signal in [signal for signal in signals if signal.key not in used]:
+        name = signal.name if signal.column is None else f"{signal.name} column {signal.column}"
+        reasons.setdefault(f"{signal.quantity or 'unknown quantity'}: {signal.why}", []).append(one_line(name))
+    yield from (f"# Not used ({one_line(reason)}): {', '.join(names)}" for reason, names in reasons.items())
+
+
+def _configurations(n: int, guess: LogGuess, robot: Robot | None, positions: Positions) -> tuple[list[str], list[str]]:
+    """The configuration of each of n logs, by the angles of joints, and their lines in a study."""
+    motions = [*(joint.motion for joint in guess.joints), *guess.further]
+    nothing = np.zeros((n, 4))  # of motions without a position
+    moments = np.array([motion.to_si * positions.get(motion.key, nothing) for motion in motions])
+    means, scatter, states = moments[:, :, 2].T, np.abs(moments[:, :, 3]).max(axis=0), list[int]()
+    for mean, by in zip(means, scatter, strict=True):  # the first log that stands where this one does
+        there = (k for k in states if np.all(np.abs(mean - means[k]) < max(_MIN_TURN, 5 * by)))
+        states.append(next(there, len(states)))
+    firsts = list(dict.fromkeys(states))
+    names = {first: f"state_{i}" if len(firsts) > 1 else "bench" for i, first in enumerate(firsts, start=1)}
+    why, angles = "the joints stand at other angles", dict.fromkeys(firsts, "")
     if robot is not None:
         why = "the means of the positions, or 0 where there are none"
-        for name in angles:
-            mean, _ = angles_of(logs[names.index(name)], form, [joint.motion for joint in guess.joints])
-            angles[name] = ", ".join(f"{angle:.5g}" for angle in mean)
-    return names, [f"  configurations: # guessed: {why}", *(f"    {name}: [{x}]" for name, x in angles.items())]
+        angles = {first: ", ".join(f"{x:.5g}" for x in means[first, : len(guess.joints)]) for first in firsts}
+    elif len(firsts) == 1:
+        why = "all logs are of one state of the structure"
+    lines = (f"    {names[first]}: [{angles[first]}]" for first in firsts)
+    return [names[state] for state in states], [f"  configurations: # guessed: {why}", *lines]
 
 
 def _joined(lines: Iterable[str]) -> str:
@@ -145,15 +178,6 @@ def _clock(log: Log) -> Clock:
     return Clock(None, "no time is in the log")
 
 
-def _no_guess(signals: Sequence[ChannelGuess]) -> str:
-    named = ", ".join(f"{signal.name} ({signal.quantity or 'unknown'})" for signal in signals[:8]) or "none"
-    return (
-        "no names and units say which signals are torques (of motors, hammer or shaker) and which motions; log both, "
-        "under headings such as tau_1 and q_1, or list a file of each under `also` in experiment.recorded.files. Those "
-        f"that change in it: {named}"
-    )
-
-
 def _head(kind: str, first: Path) -> Iterator[str]:
     yield "# yaml-language-server: $schema=study.schema.json"
     yield f"# Written by `elastid new --from` from {one_line(first.name)}. Lines that it could not know are marked"
@@ -181,7 +205,13 @@ def _study(
         yield "# Stiffness and damping of gears need a robot, too: `elastid new DIR --template recorded` shows how."
     if guess.is_motion:
         yield "friction: {passes: detect} # guessed: slow motion of joints, whose friction can be found"
-    yield from ("experiment:", *configurations, "  recorded:", *_rate(clock), *period)
+    yield from ("experiment:", *configurations, "  recorded:")
+    rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
+    yield f"    rate_hz: {rate} # guessed: {clock.why}"
+    yield "    # hold: zero-order # of a torque or current that is the command of the drive and not measured"
+    if not clock.is_even:
+        yield f"    time: {_quoted(clock.name)} # samples are brought from it to rate_hz"
+    yield from period
     yield "    channels: # places are names of your choice; of a robot `side: motor` is for signals of the motor's side"
     if not names:
         motions = {joint.motion.place: joint.motion for joint in guess.joints}
@@ -192,7 +222,8 @@ def _study(
         yield _channel("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
         yield _channel("y", f"motor {name}", joint.motion)
     for channel in () if guess.is_motion else guess.further:
-        yield f"      # {one_line(channel.name)}: where it belongs to a joint or a frame, {{role: y, at: joint 1, ...}}"
+        where = f"where it belongs to a joint or a frame, {{role: y, at: joint {names[0]}, ...}}"
+        yield f"      # {one_line(channel.name)}: {where}"
 
 
 def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
@@ -214,14 +245,6 @@ def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
     for path, name in zip(paths, names, strict=True):
         shown = Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
         yield f"      - {{path: {_quoted(shown)}, configuration: {name}}}"
-
-
-def _rate(clock: Clock) -> Iterator[str]:
-    rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
-    yield f"    rate_hz: {rate} # guessed: {clock.why}"
-    yield "    # hold: zero-order # of a torque or current that is the command of the drive and not measured"
-    if not clock.is_even:
-        yield f"    time: {_quoted(clock.name)} # samples are brought from it to rate_hz"
 
 
 def _period(drives: FloatArray) -> list[str]:
@@ -254,6 +277,7 @@ def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> 
         keys.append("torque_constant: 1 N*m/A")
         why = f"{why}; torque_constant is that of your motor's data sheet"
     keys += ["sign: -1"] if guess.sign < 0 else []
+    keys += ["side: motor"] if guess.ratio != 1 else []
     return f"      - {{{', '.join(keys)}}} # guessed: {one_line(why)}"
 
 
@@ -288,10 +312,10 @@ def _quoted(text: str) -> str:
     return text if re.fullmatch(r"[A-Za-z]\w*([. ]\w+)*", text) else json.dumps(text, ensure_ascii=False)
 
 
-def in_order_of(robot: Robot, guess: LogGuess, values: Mapping[tuple[str, int | None], FloatArray]) -> LogGuess:
+def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess:
     """The guess with its joints in the order of the robot's driven ones; DataError where they are not as many.
 
-    values: signals (n,) of the log by name and column.
+    Units and sides of the gears that no name states are those of the first reading within all limits of the robot.
     """
     names, joints = [joint.name for joint in robot.driven], guess.joints
     if len(joints) != len(names):
@@ -311,15 +335,14 @@ def in_order_of(robot: Robot, guess: LogGuess, values: Mapping[tuple[str, int | 
         ordered, why = [joints[i] for i in sorted(range(len(names)), key=lambda i: order[labels[i]])], "number"
     else:
         ordered, why = list(joints), "place in the robot's file"
-    at = [_at(*pair, why, values) for pair in zip(robot.driven, ordered, strict=True)]
-    if any(joint.motion.unit == "deg" for joint in at):  # one unit for all
-        is_open = [joint.motion.unit == "rad" and "assumed" in joint.motion.why for joint in at]
-        at = [replace(j, motion=replace(j.motion, unit="deg")) if o else j for j, o in zip(at, is_open, strict=True)]
-    return replace(guess, joints=tuple(at))
+    at = tuple(_at(*pair, why) for pair in zip(robot.driven, ordered, strict=True))
+    readings = [_read_as(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
+    fitting = [reading for reading in readings if all(map(partial(_is_in_limits, positions), robot.driven, reading))]
+    return replace(guess, joints=(fitting or [at])[0])
 
 
-def _at(joint: Joint, guess: JointGuess, why: str, values: Mapping[tuple[str, int | None], FloatArray]) -> JointGuess:
-    """The guess at a joint of the robot, in units of a translation where that slides, in deg where rad leave limits."""
+def _at(joint: Joint, guess: JointGuess, why: str) -> JointGuess:
+    """The guess at a joint of the robot, in units of a translation where that slides."""
     torque, motion = (
         replace(channel, why=f"{channel.why}; of {joint.name} by its {why}") for channel in (guess.torque, guess.motion)
     )
@@ -329,33 +352,39 @@ def _at(joint: Joint, guess: JointGuess, why: str, values: Mapping[tuple[str, in
         motion = replace(motion, unit=of_translation(TABLE[motion.unit][0]))
     elif not joint.slides and "assumed" in motion.why:
         motion = replace(motion, unit=QUANTITY_UNIT[motion.quantity])
-    if not joint.slides and motion.quantity == "position" and "assumed" in motion.why:
-        x, (low, high) = values[motion.key], joint.limits.angle
-        if np.min(x) < low - _MIN_TURN or np.max(x) > high + _MIN_TURN:
-            motion = replace(motion, unit="deg", why=f"deg, since rad leave the limits of {joint.name}")
     return replace(guess, torque=torque, motion=motion)
 
 
-def states_of(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> tuple[list[int], str]:
-    """The state of the structure in each log, by the angles of its joints, and why."""
-    motions = [*(j.motion for j in guess.joints), *guess.further]
-    seen, states = list[FloatArray](), list[int]()
-    for path in logs:
-        mean, scatter = angles_of(path, form, motions)
-        there = [k for k, posture in enumerate(seen) if np.all(np.abs(mean - posture) < max(_MIN_TURN, 5 * scatter))]
-        states.append(there[0] if there else len(seen))
-        seen += [] if there else [mean]
-    return states, "the joints stand at other angles" if len(seen) > 1 else "all logs are of one state of the structure"
+def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:
+    """The joints with one unit for all positions that state none, and all signals on one side of the gears."""
+    result = []
+    for joint, guess in zip(robot.driven, joints, strict=True):
+        motion, torque, ratio = guess.motion, guess.torque, robot.ratio(joint.name)
+        if unit and motion.quantity == "position" and not joint.slides and "assumed" in motion.why:
+            open_side = "" if on_motor or ratio == 1 else "; # ? or rad with side: motor"
+            motion = replace(motion, unit=unit, why=f"rad leave the limits of the robot{open_side}")
+        if on_motor:
+            motion = replace(motion, ratio=ratio, why=f"{motion.why}; the link's side leaves limits of the robot")
+            torque = replace(torque, ratio=ratio, why=f"{torque.why}; on the side of its motion")
+        result.append(replace(guess, torque=torque, motion=motion))
+    return tuple(result)
 
 
-def angles_of(path: Path, form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> tuple[FloatArray, float]:
-    """Mean positions (n,) in a log, in SI, 0 of motions without one; their largest std."""
-    known = [i for i, motion in enumerate(motions) if motion.quantity == "position"]
-    ys = [ChannelSpec("y", "any", motions[i].name, motions[i].column, quantity="position") for i in known]
-    mean, scatter = np.zeros(len(motions)), 0.0
-    with opened_log(path, form) as log:
-        signals = log.values(ys, slice(0, _MAX_SAMPLES)).T if ys else np.zeros((0, 1))
-    for i, x in zip(known, signals, strict=True):
-        si = motions[i].sign * motions[i].scale * TABLE[motions[i].unit][1] * x
-        mean[i], scatter = np.nanmean(si), max(scatter, float(np.nanstd(si)))
-    return mean, scatter
+def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool:
+    """True if the motion leaves the limits of its joint in no log by more than joints of one state differ."""
+    extent = guess.motion.to_si * positions.get(guess.motion.key, np.zeros((1, 4)))[:, :2]
+    low, high = joint.limits.angle
+    return bool(np.min(extent) > low - _MIN_TURN and np.max(extent) < high + _MIN_TURN)
+
+
+def positions_of(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> Positions:
+    """Extent, mean and standard deviation of each position of a guess in each log."""
+    motions = [*(joint.motion for joint in guess.joints), *guess.further]
+    known = [motion for motion in motions if motion.quantity == "position"]
+    ys = [ChannelSpec("y", "any", motion.name, motion.column, quantity="position") for motion in known]
+    moments = np.zeros((len(logs), 4, len(ys)))
+    for i, path in enumerate(logs if ys else ()):
+        with opened_log(path, form) as log:
+            x = log.values(ys, slice(0, _MAX_SAMPLES))
+        moments[i] = [of(x, axis=0) for of in (np.nanmin, np.nanmax, np.nanmean, np.nanstd)]
+    return {motion.key: moments[:, :, i] for i, motion in enumerate(known)}

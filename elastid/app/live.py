@@ -22,14 +22,12 @@ from elastid.app.run import Run, carry_out, hash_of, logged_in, run_all
 from elastid.app.stage_table import SIMULATED
 from elastid.app.stages.design import movement_of
 from elastid.app.stages.fit import TRUSTED
-from elastid.base.arrays import FloatArray
 from elastid.base.display import degrees, number
 from elastid.base.errors import DataError, FitError, StudyError
 from elastid.base.execution import Execution, lasting_workers
 from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s
-from elastid.experiment.plan.movement import Reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.hardware import logged_quantity
 from elastid.experiment.simulated.rig import SimulatedRig
@@ -40,14 +38,13 @@ from elastid.fit.fitted_robot import estimated_robot
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import Result
 from elastid.friction.robot_friction import coulomb_levels
-from elastid.recorded.channels import gather_channels
-from elastid.recorded.files.formats import is_log, naming
-from elastid.recorded.planned_run import PlannedRun, contradiction
+from elastid.recorded.files.formats import is_log
+from elastid.recorded.planned_run import contradiction
 from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import EXACT
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.files import remove_leftovers, text_file, write_text
-from elastid.store.measured import read_plan, read_responses, write_plan, write_run
+from elastid.store.files import remove_leftovers, write_text
+from elastid.store.measured import read_plan, read_records, read_responses, write_plan, write_run, write_signals
 from elastid.store.results import read_fit
 from elastid.study import Study, load
 from elastid.study.loading import study_data
@@ -151,9 +148,9 @@ class Session:
                 if not plans:
                     raise StudyError("design/goal", plan, "--goal")
                 return plans, False, plan
-            self._measured(plan, plans, result)
+            self._measured(plan, len(plans) + 1)
             plans.append(plan)
-            result = self._fitted(plans)
+            result = self._fitted(plans, result)
 
     @contextmanager
     def _execution(self, title: str) -> Iterator[Execution]:
@@ -212,15 +209,13 @@ class Session:
                 f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
             )
             write_plan(path, plan, self.stamp, peaks=proposal.limit_use)
-        references, movement = self.path / "references", self._movement(plan, problem.robot)
+        references, carrier = self.path / "references", problem.simulated.carrier
+        movement = movement_of(plan, carrier, problem.robot, plan.configurations[0])
         references.mkdir(parents=True, exist_ok=True)
         for run in plan.experiments:
             if not (path := references / f"{run.name}.csv").exists():
                 write_run(path, movement, plan.inputs, plan.sliding, movement.injected(plan.torque(run)))
         return plan
-
-    def _movement(self, plan: Plan, robot: Robot) -> Reference:
-        return movement_of(plan, self.problem.simulated.carrier, robot, plan.configurations[0])
 
     def _seed(self, step: int) -> int:
         """Seed of the phases and the noise of one experiment."""
@@ -255,47 +250,51 @@ class Session:
             f"{math.ceil(more / 10) * 10}"
         )
 
-    def _measured(self, plan: Plan, before: Sequence[Plan], result: Result | None) -> None:
-        """Wait for the logs of a plan, or simulate them; DataError for one that contradicts it."""
-        step, problem, logs = len(before) + 1, self._at(result), self.path / "logs"
+    def _measured(self, plan: Plan, step: int) -> None:
+        """Wait for the logs of a plan, or simulate them."""
+        logs = self.path / "logs"
         logs.mkdir(exist_ok=True)
         missing = [run for run in plan.experiments if self.log(run) is None]
-        if not missing and self._run([*before, plan]).is_current("fit"):
-            return  # they were checked before that
-        with self._execution(f"rehearsal of x{step}") as execution:
-            rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
         if self.simulate:
-            true = replace(problem.experiment, simulated=self.run.study.experiment.simulated)
+            true = replace(self.problem.experiment, simulated=self.run.study.experiment.simulated)
             rig = SimulatedRig(self.run.study.as_robot(), true, plan, self._seed(step))
             with self._execution(f"x{step}") as execution:
                 execution.ordered(partial(write_simulated_log, logs, rig), missing)
-        elif missing:
+            return
+        if missing:
             self.run.console.say(
                 f"live: run {self.path / 'references'}/x{step}-*.csv and put the logs of the whole runs into "
                 f"{logs} under the same names; columns: {', '.join(c.channel for c in self.channels)}"
             )
-        given, swings = self._movement(plan, problem.robot), problem.simulated.carrier is not None
+        for run in plan.experiments:
+            self._wait(run)
+
+    def _check(self, plan: Plan, records: Path, problem: DesignProblem) -> None:
+        """DataError for a record that contradicts its plan."""
+        with self._execution(f"rehearsal of {plan.configurations[0].name}") as execution:
+            rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
+        measured = {record.name: record for record in read_records(records, plan.configurations[0].name)}
         for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
-            path = self._awaited(run)
-            planned = PlannedRun(plan, run, given, rehearsal, problem.robot, swings)
-            if words := contradiction(planned, *self.signals(plan, run)):
+            swings = problem.simulated.carrier is not None
+            if words := contradiction(measured[run.name], plan, rehearsal, problem.robot, swings):
                 raise DataError(
                     "live/logs",
                     f"{words}. Put the right log in its place and give the same command; all logs before it are kept",
-                    f"{path} contradicts its plan",
+                    f"{self.log(run)} contradicts its plan",
                 )
 
-    def _awaited(self, run: Experiment) -> Path:
-        """The log of a run once it is there, and no longer grows."""
+    def _wait(self, run: Experiment) -> None:
+        """Return when the log of a run is there and no longer grows."""
         last = -1
-        while True:
-            path = self.log(run)
-            parts = [] if path is None else [path, *path.iterdir()] if path.is_dir() else [path]
-            size = sum(part.stat().st_size for part in parts)
-            if path is not None and (self.simulate or size == last):
-                return path
+        while last != (size := self._size(run)) or size < 0:
             last = size
             time.sleep(POLL_S)
+
+    def _size(self, run: Experiment) -> int:
+        """Bytes of the log of a run; -1 until it is there."""
+        path = self.log(run)
+        parts = [] if path is None else [path, *path.iterdir()] if path.is_dir() else [path]
+        return sum(part.stat().st_size for part in parts) if parts else -1
 
     def _run(self, plans: Sequence[Plan]) -> Run:
         """The run of all logs so far."""
@@ -303,10 +302,12 @@ class Session:
         loaded = load(study, ("fit.profile=[]", "fit.bootstrap=0"))
         return replace(self.run, loaded=loaded, folder=self.plan(len(plans)).with_suffix(""))
 
-    def _fitted(self, plans: Sequence[Plan]) -> Result:
-        """The fit of all logs so far, kept until one of them changes."""
+    def _fitted(self, plans: Sequence[Plan], before: Result | None) -> Result:
+        """The fit of all logs so far, kept until one of them changes; before: that of the logs before the last plan."""
         run = self._run(plans)
         for name in ("measure", "estimate", "fit"):
+            if name == "estimate" and not run.is_current("fit"):
+                self._check(plans[-1], run.path("measure"), self._at(before))
             if not run.is_current(name):
                 carry_out(run, name)
         return read_fit(run.path("fit"))
@@ -339,23 +340,10 @@ class Session:
         motions = [ChannelSpec("y", at, channel=f"y {at}", quantity=logged_quantity(at)) for at in self.outputs]
         return (*torques, *motions)
 
-    def _file(self, plan: Plan, run: Experiment, whole: bool = False) -> FileSpec:
-        log = self.log(run)
+    def _file(self, plan: Plan, run: Experiment) -> FileSpec:
+        log, samples = self.log(run), (plan.measured.start, plan.measured.stop)
         assert log is not None
-        samples = None if whole else (plan.measured.start, plan.measured.stop)
         return FileSpec(f"logs/{log.name}", run.configuration.name, run.realisation, run.experiment, samples=samples)
-
-    def signals(self, plan: Plan, run: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """r, u and y (n, n_u) of the motors over the whole log of a run; DataError where it cannot be read."""
-        file = self._file(plan, run, whole=True)
-        spec = RecordedSpec(plan.rate_hz, self.channels, (file,))
-        path = self.path / file.path
-        with naming(path, f"its values cannot be used as a log; look at them with `elastid inspect {path}`"):
-            gathered = gather_channels(spec, file, self.path, self.problem.robot)
-        columns = {(c.role, c.at): gathered.signals[:, i] for i, c in enumerate(gathered.channels)}
-        inputs = self.problem.robot.motor_locations
-        r, u, y = (np.stack([columns[role, at] for at in inputs], axis=1) for role in ("r", "u", "y"))
-        return r, u, y
 
     def write_study(self, plans: Sequence[Plan]) -> Path:
         """study.yml and robot.yml of the measured periods of all logs of some plans, which are there."""
@@ -385,14 +373,10 @@ def planned_time_s(run: Run) -> float:
 
 def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> None:
     """The log of a run on a simulated rig, as a controller would leave it."""
-    plan = rig.plan
-    time_s = (np.arange(plan.run_samples) - plan.first_sample) / plan.rate_hz
-    roles = [("r", plan.inputs), ("u", plan.inputs), ("y", rig.outputs)]
-    headings = [f"{role} {at}" for role, places in roles for at in places]
-    rows = np.column_stack([time_s, *rig.log(run)])
-    folder.mkdir(parents=True, exist_ok=True)
-    with text_file(folder / f"{run.name}.csv") as file:
-        np.savetxt(file, rows, fmt="%.12g", delimiter=",", header=",".join(["time_s", *headings]), comments="")
+    inputs, outputs = rig.plan.inputs, rig.outputs
+    names = [*(f"r {at}" for at in inputs), *(f"u {at}" for at in inputs), *(f"y {at}" for at in outputs)]
+    signals = dict(zip(names, np.hstack(rig.log(run)).T, strict=True))
+    write_signals(folder / f"{run.name}.csv", rig.plan.rate_hz, **signals)
 
 
 def require_one_robot_in_any_posture(study: Study, path: str) -> None:

@@ -45,6 +45,7 @@ from elastid.store.files import (
     keep_checksums,
     one_writer,
     remove_leftovers,
+    remove_texts,
     write_text,
 )
 from elastid.study import LoadedStudy, Study, load_with_logs
@@ -320,7 +321,12 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
 
 def carry_out(run: Run, name: str) -> None:
     """Hand a stage its values, write its files, and report; its error, if it failed, once all are written."""
-    stage = run.stages[name]
+    stage, names = run.stages[name], [*run.stages]
+    before, later = names[: names.index(name)], names[names.index(name) + 1 :]
+    outdated = [name, *(after for after in later if not run.is_current(after))]
+    texts = {text for after in outdated for text in run.stages[after].texts}
+    # Else they would be read as results where this stage fails.
+    remove_texts(run.folder, texts - {text for earlier in before for text in run.stages[earlier].texts})
     artefacts = resolve_name(stage.function)(stage.sees(run.study), run.work(name))
     artefact = run.path(name)
     replaced = list(run.overwritten(name).values())
@@ -328,8 +334,6 @@ def carry_out(run: Run, name: str) -> None:
         replaced.append(artefact)  # what a failed stage leaves does not stand beside an older result
     for result in replaced:
         result.unlink(missing_ok=True)
-    if name in ("fit", "gears") and not run.is_current("validate"):
-        run.summary("validate").unlink(missing_ok=True)  # of another result, which no program is to read next to this
     for file, write in artefacts.files.items():
         # A link in place of a file is replaced, one in place of a folder refused.
         path = run.folder / file if Path(file).suffix else own_path(run.folder, file)

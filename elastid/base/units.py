@@ -160,10 +160,14 @@ class InUnit:
         """How pydantic validates the field; imported here so that value types stay free of pydantic."""
         from pydantic_core import core_schema
 
-        return core_schema.no_info_plain_validator_function(self._number, metadata={"pydantic_js_functions": []})
+        # JSON has no infinite numbers.
+        words = core_schema.plain_serializer_function_ser_schema(lambda x: x if math.isfinite(x) else str(x))
+        return core_schema.no_info_plain_validator_function(
+            self._number, metadata={"pydantic_js_functions": []}, serialization=None if self.is_finite else words
+        )
 
     def _number(self, value: Any) -> float:
-        return float(value) if not self.is_finite and value in (-math.inf, math.inf) else to_si(value, *self.units)
+        return float(value) if not self.is_finite and str(value) in ("inf", "-inf") else to_si(value, *self.units)
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
         fitting = [name for unit in self.units for name in units_of(unit)]

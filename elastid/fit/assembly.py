@@ -174,8 +174,7 @@ class Assembly:
         notes: list[Note] = []
         for numbers, configurations in groups.items():
             theta = np.array(numbers)
-            rests = [equilibrium(model, theta, posture) for posture in configurations.values()]
-            notes += spring_notes(model, theta, rests)
+            notes += spring_notes(model, theta, (equilibrium(model, theta, c) for c in configurations.values()))
         return tuple(notes)
 
     def reweighted(self, x: FloatArray) -> Assembly:
@@ -292,7 +291,7 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
     moved, is_settled = math.inf, False
     for i in range(rounds):
         try:
-            if i < 2:  # the effect of the motion moves the first optimum
+            if i == 1 or (i == 2 and moved > 3):  # near enough to the optimum for most effects of a motion
                 rested = assembly.at_rest(end.x)
             current = rested.reweighted(end.x)
             if len(c):
@@ -306,7 +305,7 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
         before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
-        is_whole = i > 0 or rested is assembly
+        is_whole = i > 0 or all(response.motion is None for response in assembly.responses)
         is_settled = is_whole and (moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
         if is_settled:
             break

@@ -12,10 +12,10 @@ again until nothing moves. Where springs are nonlinear the search itself lineari
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
@@ -167,8 +167,8 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
     check_kind(robot, Robot, "robot", "elastid.read_robot(path) reads one")
     if not responses:
         raise DataError("fit/responses", "there is no response to fit; measure at least one configuration")
-    names = [response.configuration.name for response in responses]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
+    names = Counter(response.configuration.name for response in responses)
+    if twice := sorted(name for name, count in names.items() if count > 1):
         raise DataError(
             "fit/responses",
             f"configuration {', '.join(twice)} is given by two responses; its lines would count twice: leave one out, "
@@ -176,12 +176,13 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
         )
     for response in responses:
         _check_robot(response, robot)
-    measured = [response for response in responses if response.uncertainty is not None]
-    for first, second in combinations(measured, 2):
-        if first.inputs == second.inputs and first.outputs == second.outputs and np.array_equal(first.G, second.G):
+    known = dict[int, str]()  # names of configurations by the hash of their numbers: there may be thousands
+    for response in (response for response in responses if response.uncertainty is not None):
+        name, numbers = response.configuration.name, hash((response.inputs, response.outputs, response.G.tobytes()))
+        if known.setdefault(numbers, name) != name:
             raise DataError(
                 "fit/responses",
-                f"the responses of {first.configuration.name} and {second.configuration.name} are the same numbers: "
+                f"the responses of {known[numbers]} and {name} are the same numbers: "
                 "one measurement under two names, or one file for two postures; leave one of them out",
             )
     if len({response.rate_is_known for response in responses}) > 1:
@@ -339,13 +340,12 @@ def _with_agreements(estimate: _Found, assembly: Assembly, spec: FitSpec, ends: 
         return None if assembly.loads is None else static_agreement(assembly.loads, motors), tool
 
     of_motors = fitted(alone)
-    static, tool = compared(of_motors[3])
-    if of_motors[3].exceeds_noise or _disagree(static) or _disagree(tool):
-        # A reading in a wrong unit pulls both into a valley that the responses alone would never end in.
+    if of_motors[3].exceeds_noise or any(map(_disagree, compared(of_motors[3]))):
+        # A reading in a wrong unit pulls both into a valley that the responses alone would never end in, where the
+        # robot may find no rest under its loads.
         again = fitted(alone, searched=True)
-        if (again[3].floor, again[3].cost) < (of_motors[3].floor, of_motors[3].cost):
-            of_motors = again
-            static, tool = compared(of_motors[3])
+        of_motors = min(of_motors, again, key=lambda each: (each[3].floor, each[3].cost))
+    static, tool = compared(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
         return *estimate[:3], replace(estimate[3], static=static, tool=tool)
     if tool is not None and not tool.disagrees:

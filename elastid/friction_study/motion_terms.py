@@ -87,7 +87,8 @@ def shown_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
     terms = MotionTerms(load=len({signal.motion.load for signal in signals}) > 1)
     if terms.load:
         terms = replace(terms, load=regressed(signals, terms).chance("load.coulomb", 1) < FALSE_ALARM)
-    if signals[0].motion.turn > 0:
+    # Within less than a turn of the motor its waves are near to each other, and to what else depends on the angle.
+    if 0 < signals[0].motion.turn <= max(float(np.ptp(axis.position)) for axis in signals):
         terms = replace(terms, waves=_waves(signals, terms))
     delayed = replace(terms, delay=True)
     fit = regressed(signals, delayed)

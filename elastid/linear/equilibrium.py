@@ -9,7 +9,7 @@ taken.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -231,10 +231,11 @@ def preloads(
     return tuple(deflection), x.full(), k.full()
 
 
-def spring_notes(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[Note, ...]:
+def spring_notes(model: ElasticModel, theta: FloatArray, at: Iterable[OperatingPoint]) -> tuple[Note, ...]:
     """A note for each joint that rests inside its backlash, with the configurations."""
-    if not points or all(joint.spring is None or joint.spring.is_linear for joint in model.robot.joints):
+    if all(joint.spring is None or joint.spring.is_linear for joint in model.robot.joints):
         return ()
+    points = tuple(at)
     values = dict(zip(model.parameters, np.asarray(theta, dtype=float).tolist(), strict=True))
     notes: list[Note] = []
     for joint, x, k in zip(*preloads(model, theta, points), strict=True):

@@ -98,8 +98,8 @@ class _Expansion:
     """R about an operating point, of n = n_q + (independent constraints) unknowns x: all q, then lambda.
 
     J (n + n_y, n_z), curvature (n_z, n + n_y, n_z): slope and second derivative of the equations, then of the outputs
-    w.  jacobian(z): J elsewhere.  B (n, n_u).  free: the unknowns but for the motors' coordinates.  orders (n_y,): 1
-    of outputs that are rates, 2 of accelerations.
+    w.  jacobian(z (K, n_z)): J (K, n + n_y, n_z) elsewhere.  B (n, n_u).  free: the unknowns but for the motors'
+    coordinates.  orders (n_y,): 1 of outputs that are rates, 2 of accelerations.
     """
 
     n_q: int
@@ -257,12 +257,9 @@ def _mean(expansion: _Expansion, motion: MotorMotion, angles: FloatArray, places
 def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
     """E[R'(z_0 + e)] - R' (n + n_y, n_z) of Gaussian e: second differences along its principal axes."""
     values, vectors = np.linalg.eigh(covariance)
-    total = np.zeros(expansion.J.shape)
-    for value, axis in zip(values, vectors.T, strict=True):
-        if value > 1e-18 * values[-1]:
-            e = np.sqrt(value) * axis
-            total += (expansion.jacobian(e) + expansion.jacobian(-e) - 2 * expansion.J) / 2
-    return total
+    kept = values > 1e-18 * values[-1]
+    e = (vectors[:, kept] * np.sqrt(values[kept])).T
+    return np.asarray(np.sum(expansion.jacobian(np.vstack([e, -e])) - expansion.J, axis=0) / 2)
 
 
 def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) -> FloatArray:
@@ -291,16 +288,18 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     z = np.concatenate([point.q, point.lambda_, np.zeros(2 * n_q)])
     slope = _jacobian_of(model, linear.outputs)
 
-    def jacobian(distance: FloatArray) -> FloatArray:
-        return np.asarray(rows @ slope(z + kept @ distance, numbers).full() @ kept)
+    def jacobian(distances: FloatArray) -> FloatArray:
+        slopes = slope(z[:, None] + kept @ distances.T, numbers).full()  # side by side
+        return np.asarray(rows @ slopes.reshape(len(slopes), len(distances), -1).swapaxes(0, 1) @ kept)
 
     # Central differences in rad or m; equations are quadratic in the rates and linear in the others.
-    steps = np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0)
-    curvature = [(jacobian(step) - jacobian(-step)) / (2 * h) for h, step in zip(steps, np.diag(steps), strict=True)]
+    steps = np.diag(np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0))
+    ahead, behind = np.split(jacobian(np.vstack([steps, -steps])), 2)
+    curvature = (ahead - behind) / (2 * np.diag(steps)[:, None, None])
     B = np.vstack([model.B, np.zeros((r, model.n_u))])
     free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
     orders = np.array([2 if is_point(place) else 1 for place in linear.outputs])
-    return _Expansion(n_q, n, jacobian(np.zeros(2 * n_q + n)), np.array(curvature), jacobian, B, free, orders)
+    return _Expansion(n_q, n, jacobian(np.zeros((1, 2 * n_q + n)))[0], curvature, jacobian, B, free, orders)
 
 
 @lru_cache(maxsize=8)

@@ -137,7 +137,7 @@ class GearResult:
 
 
 def with_gears(result: Result, gears: GearResult | None) -> Result:
-    """The fit with the numbers found beside the effects, a misfit that these explain being none any more.
+    """The fit with the numbers found beside the effects, what these explain of its misfit being none any more.
 
     Its V is then that of the linear fit, whose part beyond the noise falls with the square of the motion left. Load
     tests that contradict it stay a misfit. The same fit where nothing was looked for, of a misfit with a word on it.
@@ -147,19 +147,18 @@ def with_gears(result: Result, gears: GearResult | None) -> Result:
         return result if is_told else replace(result, message=f"{result.message}; {NOT_OPENED}")
     n, none = len(gears.x), np.zeros((0, 2))
     final = replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
-    is_contradicted = result.static is not None and result.static.disagrees
-    if result.status != "misfit":
-        if DISTORTED in result.verdicts and gears.explains_misfit:  # what the linear fit doubts has been found
-            told = result.message.partition(";")[0].partition(", though ")[0]
-            return replace(final, verdicts=(), message=f"{told} beside the effects of the gears")
-        return final
+    is_misfit, is_contradicted = result.status == "misfit", result.static is not None and result.static.disagrees
     if is_contradicted or not gears.explains_misfit:
-        return replace(final, message=f"{result.message}; {NOT_EXPLAINED}")
-    message = (
-        "the linear fit is a misfit, which the effects of the gears explain: of the motion they leave "
-        f"{100 * gears.after:.2g} %, the linear fit {100 * gears.before:.2g} %"
-    )
+        return replace(final, message=f"{result.message}; {NOT_EXPLAINED}") if is_misfit else final
+    if not is_misfit and DISTORTED not in result.verdicts and not result.exceeds_noise:
+        return final
+    message = f"{result.message.partition(';')[0].partition(', though ')[0]} beside the effects of the gears"
+    if is_misfit:
+        good: Status = "converged" if result.noise_is_known else "noise_unknown"
+        final = replace(final, status=good, at_bound=np.zeros_like(result.at_bound))
+        message = (
+            "the linear fit is a misfit, which the effects of the gears explain: of the motion they leave "
+            f"{100 * gears.after:.2g} %, the linear fit {100 * gears.before:.2g} %"
+        )
     excess = max(result.cost - result.cost_expected, 0.0) * (gears.after / gears.before) ** 2
-    good: Status = "converged" if result.noise_is_known else "noise_unknown"
-    V, free = result.cost_expected + excess, np.zeros_like(result.at_bound)
-    return replace(final, status=good, message=message, cost=V, at_bound=free, indices=(), verdicts=())
+    return replace(final, message=message, cost=result.cost_expected + excess, indices=(), verdicts=())

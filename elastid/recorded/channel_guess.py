@@ -35,7 +35,8 @@ _UNITS = (
     "deg/s^2"), (r"m(/|_?per_?)s(\^?2|²)", "acceleration", "m/s^2"), (r"rad(/|_?per_?|_)s", "velocity", "rad/s"),
     (r"deg(/|_?per_?|_)s", "velocity", "deg/s"), (r"rpm|1/min", "velocity", "rpm"), (r"mm(/|_?per_?)s", "velocity",
     "mm/s"), (r"m(/|_?per_?)s", "velocity", "m/s"), (r"deg|°", "position", "deg"), (r"m?rad", "position", "rad"),
-    (r"mm", "position", "mm"), (r"n\*?m", "torque", "N*m"), (r"ma", "current", "mA"), (r"amps?", "current", "A"),
+    (r"mm", "position", "mm"), (r"[uµμ]m", "position", "um"), (r"n\*?m", "torque", "N*m"), (r"ma", "current", "mA"),
+    (r"amps?", "current", "A"),
     (r"g[\])]?$", "acceleration", "g"), (r"kn[\])]?$", "force", "kN"), (r"n[\])]?$", "force", "N"),
     (r"[\[(]a[\])]", "current", "A"), (r"[\[(]v[\])]", "voltage", "V"),
 )  # fmt: skip
@@ -60,6 +61,7 @@ class ChannelGuess:
     """One signal, its quantity and its unit (empty where unknown), and the reasons.
 
     rank: how much its name speaks for a measured signal.  sign: against its torque.  scale: of its numbers to the unit.
+    ratio: of the gear on whose motor's side it is, 1 on the link's.
     """
 
     name: str
@@ -70,6 +72,12 @@ class ChannelGuess:
     why: str
     sign: int = 1
     scale: float = 1.0
+    ratio: float = 1.0
+
+    @property
+    def to_si(self) -> float:
+        """Factor from the numbers of a motion to SI on the link side."""
+        return self.sign * self.scale * TABLE[self.unit][1] / self.ratio
 
     @property
     def key(self) -> tuple[str, int | None]:
@@ -294,12 +302,14 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
     joints = [_joint(*pair, values, rate_hz) for pair in zip(drives, paired, strict=True)]
     taken = {joint.motion.key for joint in joints}
-    is_structure = all(g.quantity == "force" for g in drives) and len(drives) < len(motions)
-    alike = MOTIONS if is_structure else (given,)
-    others = [*motions, *(g for g in guesses if g.quantity in alike and g.rank >= 0)]
-    others = list({g.key: _with_unit(g, None, values, rate_hz, slides) for g in others if g.key not in taken}.values())
-    slow = all(_median_hz(values[j.torque.key], rate_hz) < _MOTION_HZ for j in joints)
-    return LogGuess(tuple(joints), tuple(others), slow and given == "position")
+    measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
+    alike = MOTIONS if slides and len(drives) < len(measured) else (given,)  # of a structure all of them
+    further = [g for g in measured.values() if g.quantity in alike and g.key not in taken]
+    further = [_with_unit(g, None, values, rate_hz, slides) for g in further]
+    torques = np.stack([values[joint.torque.key] for joint in joints])
+    power = np.cumsum(np.abs(np.fft.rfft(torques - torques.mean(axis=1, keepdims=True))) ** 2, axis=1)
+    half_hz = np.argmax(power >= power[:, -1:] / 2, axis=1) * rate_hz / torques.shape[1]
+    return LogGuess(tuple(joints), tuple(further), bool(np.all(half_hz < _MOTION_HZ)) and given == "position")
 
 
 def _completed(
@@ -364,12 +374,6 @@ def _joint(drive: ChannelGuess, motion: ChannelGuess, values: Values, rate_hz: f
         motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
     motion = replace(motion, why=f"{motion.why}; it explains {100 * best.explained:.0f} % of {drive.name}")
     return JointGuess(drive, motion, best)
-
-
-def _median_hz(x: FloatArray, rate_hz: float) -> float:
-    """The frequency below which half of the power of a signal (n,) is."""
-    power = np.cumsum(np.abs(np.fft.rfft(x - x.mean())) ** 2)
-    return float(np.searchsorted(power, 0.5 * power[-1]) * rate_hz / len(x))
 
 
 @dataclass(frozen=True)

@@ -239,7 +239,10 @@ def _aligned(
         name, own = paths[number - 1].name, [part for part in parts if part.file == number]
         ratio = _clock_of(base, own, N, channels)
         if ratio != 1:
-            own = [_at_clock(part, ratio, period) for part in own]
+            for i, part in enumerate(own):
+                times = np.arange(int((len(part.signals) - 1) / ratio) + 1, dtype=np.float64) * ratio
+                whole = (period or float(len(part.signals))) * ratio
+                own[i] = replace(part, signals=at_times(part.signals, times, whole))
             text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
             findings.append(Finding("logs at one clock", 1, f"{text} of {paths[0].name}"))
         shift, is_exact = _delay_of(base, own, N, channels, paths[number - 1])
@@ -285,12 +288,6 @@ def _clock_of(base: Sequence[_Part], further: Sequence[_Part], N: int | None, ch
     of_both = [drift.left <= CLOCK.max_remaining_share * drift.unexplained for drift in (first, second)]
     is_clock = CLOCK.max_deviation <= abs(excess) * periods and abs(excess) <= CLOCK.max_error * N and any(of_both)
     return (N + second.excess) / (N + first.excess) if is_clock else 1.0
-
-
-def _at_clock(part: _Part, ratio: float, period: float | None) -> _Part:
-    """The part at the clock of the first file: `ratio` of its own samples for each."""
-    times = np.arange(int((len(part.signals) - 1) / ratio) + 1, dtype=np.float64) * ratio
-    return replace(part, signals=at_times(part.signals, times, (period or float(len(part.signals))) * ratio))
 
 
 def _delay_of(

@@ -21,7 +21,6 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
@@ -75,7 +74,7 @@ def read_friction_logs(
     robot's own.  StudyError where channels, files and robot do not fit, DataError for a log that cannot be used.
     """
     recorded = spec.as_recorded()
-    postures = {posture.name: posture for posture in checked_configurations(spec, robot)}
+    postures = spec.postures
     records, heated, start_s = list[FrictionRecord](), dict[str, list[tuple[FrictionRecord, Heat, FileSpec]]](), 0.0
     notes = list[Note]()
     for name, file in zip(recorded.log_names, recorded.files, strict=True):
@@ -186,7 +185,11 @@ class _LogReader:
         at_rest = zip(self.robot.driven, self.angles, strict=True)
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
         posture = Configuration(self.file.configuration or self.name, np.array(angles))
-        carried = self._load_torques(posture) if self.file.load else {}
+        carried: dict[str, float] = {}  # |torque| (Nm, N) that holds each driven joint, the payload at the last frame
+        if self.file.load:
+            model = formulate(with_point_mass(self.robot, self.payload))
+            held = np.abs(equilibrium(model, np.asarray(model.theta), posture).u).tolist()
+            carried = dict(zip((joint.name for joint in self.robot.driven), held, strict=True))
         holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
         return tuple(
             FrictionRecord(
@@ -240,12 +243,6 @@ class _LogReader:
                 self.path,
             )
         return moving
-
-    def _load_torques(self, posture: Configuration) -> Mapping[str, float]:
-        """|torque| (Nm, N) that holds each driven joint at rest, the payload at the last frame."""
-        model = formulate(with_point_mass(self.robot, self.payload))
-        held = equilibrium(model, np.asarray(model.theta), posture).u
-        return {joint.name: abs(float(torque)) for joint, torque in zip(self.robot.driven, held, strict=True)}
 
     def _moves(self, joint: Joint, positions: Mapping[str, FloatArray], signals: Signals) -> bool:
         """True if it moves by more than its controller's errors."""

@@ -101,9 +101,10 @@ def _unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
     """T (n_c, n_c) from channels by their own ratio to the link side; StudyError where a coupled one is missing."""
+    T, motors = np.eye(len(channels)), list(robot.motor_locations)
+    if all(channel.side != "motor" for channel in channels):
+        return T
     torque, angle = robot.mixing.T, np.linalg.inv(robot.mixing)
-    T = np.eye(len(channels))
-    motors = list(robot.motor_locations)
     for row, channel in enumerate(channels):
         if channel.side != "motor" or channel.at not in motors:
             continue
@@ -135,6 +136,9 @@ def value_refusals(
     channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], may_rest: Collection[str] = ()
 ) -> Iterator[tuple[int, str]]:
     """Place and reason of each column (n,) that no sensor of its role gives; may_rest: roles that may be constant."""
+    if max(map(len, columns)) < 2:
+        yield 0, "is one row, as is all of its log; export the whole measurement"
+        return
     known = [column[np.isfinite(column)] for column in columns]
     moving = {channel.role for channel, x in zip(channels, known, strict=True) if np.any(x != x[:1])}
     # An input may rest while others act.

@@ -1,7 +1,7 @@
-"""A log against the plan that it was measured by: length, excitation, posture, signals, payload.
+"""A record against the plan that it was measured by: excitation, posture, signals, payload.
 
 The plan was rehearsed on the robot as it is known so far, which may be off by a third in its stiffnesses: signals are
-compared by their correlation over the excited lines, means by what hold the robot up.
+compared by the correlation of their mean periods over the excited lines, means by what hold the robot up.
 """
 
 from __future__ import annotations
@@ -10,11 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import FloatArray
 from elastid.base.display import number
-from elastid.experiment.plan.movement import Reference, Rehearsal
-from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.plan.movement import Rehearsal
+from elastid.experiment.plan.plan import Plan
 from elastid.friction.robot_friction import coulomb_levels
+from elastid.record import Record
+from elastid.recorded.rig import mean_period
 from elastid.robot import Robot
 
 
@@ -34,81 +36,48 @@ class PlanLimits:
 LIMITS = PlanLimits()
 
 
-@frozen_value
-class PlannedRun:
-    """A run of a plan: its reference, its rehearsal on the robot as it is known, and that robot, which carries."""
+def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, robot: Robot, has_carrier: bool) -> str:
+    """The contradiction of a record to its plan, in words; an empty text where there is none.
 
-    plan: Plan
-    experiment: Experiment
-    reference: Reference
-    rehearsal: Rehearsal
-    robot: Robot
-    has_carrier: bool
-
-    def lines(self, signal: FloatArray) -> ComplexArray:
-        """Amplitudes (F, n_u) at the excited lines of the mean measured period of a whole run (n, n_u)."""
-        periods = signal[self.plan.measured].reshape(self.plan.periods, self.plan.period_samples, -1)
-        return np.asarray(np.fft.rfft(periods.mean(axis=0), axis=0)[self.plan.lines])
-
-
-def contradiction(run: PlannedRun, r: FloatArray, u: FloatArray, y: FloatArray) -> str:
-    """The contradiction of a log to its plan, in words; an empty text where there is none.
-
-    r, u, y (n, n_u): injected torque, acting torque and position of the motors over the whole run, link side, SI.
+    robot: as it is known, which was rehearsed; its record has the positions of its motors.
     """
-    n, hz = run.plan.run_samples, run.plan.rate_hz
-    if len(r) != n:
-        return (
-            f"it has {len(r)} samples, and the planned run has {n} ({n / hz:g} s at {hz:g} Hz, from standstill to "
-            "standstill): log each sample of the whole run, and no more"
-        )
-    missing = [name for name, signal in (("r", r), ("u", u), ("y", y)) if not np.isfinite(signal).all()]
-    if missing:
-        return f"{missing[0]} has samples that are no finite numbers; measure it again"
-    planned = run.reference.injected(run.plan.torque(run.experiment))
-    late, injected = _in_step(run.plan, r, planned)
-    torque, position, none = run.rehearsal.torque, run.rehearsal.position, np.full(r.shape[1], np.inf)
+    assert record.r is not None
+    planned, of_motors = plan.torque(rehearsal.experiment), [record.outputs.index(at) for at in record.inputs]
+    N = plan.period_samples
+    r, u, y = (mean_period(x, N) for x in (record.r, record.u, record.y[:, of_motors]))
+    position, torque = (mean_period(x[plan.measured], N) for x in (rehearsal.position, rehearsal.torque))
+    spectrum = np.sum(np.fft.rfft(r, axis=0) * np.fft.rfft(planned, axis=0).conj(), axis=1)
+    lag = int(np.argmax(np.fft.irfft(spectrum, len(r))))  # a start that all signals share is no contradiction
+    late_s, none = min(lag, len(r) - lag) / plan.rate_hz, np.full(r.shape[1], np.inf)
+    same, size = LIMITS.same_excitation, LIMITS.excitation_gain
+    words = _unlike(plan, "injected torque (r)", np.roll(r, -lag, axis=0), planned, same, size, none)
+    if not words and late_s > LIMITS.late_s:
+        return f"its excitation is {late_s:.3g} s beside the planned one: log from the first sample of the run"
+    same, size, posture = LIMITS.mirrored, LIMITS.unit, np.full(len(none), LIMITS.posture)
+    # Under a carrier friction changes sign and cancels; at rest it holds a part of the weight.
+    friction, held = coulomb_levels(robot) * (0.2 if has_carrier else 1.2), np.abs(torque.mean(axis=0))
+    injected = np.sqrt(np.mean(planned**2, axis=0))
+    holding = LIMITS.holding * np.maximum(held, 0.25 * held.max()) + friction + 0.1 * injected
     return (
-        _unlike(run, "injected torque (r)", injected, planned, LIMITS.same_excitation, LIMITS.excitation_gain, none)
-        or late
-        or _unlike(run, "position (y)", y, position, LIMITS.mirrored, LIMITS.unit, np.full(len(none), LIMITS.posture))
-        or _unlike(run, "acting torque (u)", u, torque, LIMITS.mirrored, LIMITS.unit, _holding_errors(run))
+        words
+        or _unlike(plan, "position (y)", y, position, same, size, posture)
+        or _unlike(plan, "acting torque (u)", u, torque, same, size, holding)
     )
 
 
-def _in_step(plan: Plan, r: FloatArray, planned: FloatArray) -> tuple[str, FloatArray]:
-    """Why the injected torque begins at another time than planned, empty where it does not; and it, in step."""
-    spectrum = np.fft.rfft(r, 2 * len(r), axis=0) * np.fft.rfft(planned, 2 * len(r), axis=0).conj()
-    lag = int(np.argmax(np.fft.irfft(spectrum.sum(axis=1))))
-    lag -= 2 * len(r) if lag > len(r) else 0
-    late, when = abs(lag) / plan.rate_hz, "before" if lag > 0 else "after"
-    text = f"it begins {late:.3g} s {when} the planned run: log from its first sample" if late > LIMITS.late_s else ""
-    return text, np.roll(r, -lag, axis=0)
-
-
 def _unlike(
-    run: PlannedRun, what: str, signal: FloatArray, expected: FloatArray, same: float, size: float, offset: FloatArray
+    plan: Plan, what: str, signal: FloatArray, expected: FloatArray, same: float, size: float, offset: FloatArray
 ) -> str:
-    """The first motor whose signal does not follow the expected one, has another size, or a mean off by more."""
-    X, planned = run.lines(signal), run.lines(expected)
+    """The first motor whose mean period does not follow the expected one, has another size, or a mean off by more."""
+    X, planned = (np.fft.rfft(x, axis=0)[plan.lines] for x in (signal, expected))
     norms, sizes = np.linalg.norm(X, axis=0), np.linalg.norm(planned, axis=0)
     rho, gain = np.real(np.sum(X.conj() * planned, axis=0)) / np.maximum(norms * sizes, 1e-300), norms / sizes
-    means, wanted = (x[run.plan.measured].mean(axis=0) for x in (signal, expected))
+    means, wanted = signal.mean(axis=0), expected.mean(axis=0)
     wrong = (rho < same) | (gain > size) | (gain < 1 / size) | (np.abs(means - wanted) > offset)
     for i in np.flatnonzero(wrong)[:1]:
         return (
-            f"the {what} of {run.plan.inputs[i]} is not the planned one: correlation {rho[i]:.2f}, "
-            f"{number(float(gain[i]), 3)} times its size, mean {means[i]:.4g} and not {wanted[i]:.4g} (configuration "
-            f"{run.experiment.configuration.name}): check that it is this run, channels, signs, units, posture, payload"
+            f"the {what} of {plan.inputs[i]} is not the planned one: correlation {rho[i]:.2f}, "
+            f"{number(float(gain[i]), 3)} times its size, mean {means[i]:.4g} and not {wanted[i]:.4g}: check that it "
+            "is this run, channels, signs, units, posture, payload"
         )
     return ""
-
-
-def _holding_errors(run: PlannedRun) -> FloatArray:
-    """Errors (n_u,) of the mean torques that hold up the planned mass."""
-    planned = run.rehearsal.torque[run.plan.measured].mean(axis=0)
-    # Under a carrier friction changes sign and cancels; at rest it holds a part of the weight.
-    friction = coulomb_levels(run.robot) * (0.2 if run.has_carrier else 1.2)
-    injected = np.sqrt(np.mean(run.reference.injected(run.plan.torque(run.experiment))[run.plan.measured] ** 2, axis=0))
-    weight = np.maximum(np.abs(planned), 0.25 * np.abs(planned).max())
-    return np.asarray(LIMITS.holding * weight + friction + 0.1 * injected)

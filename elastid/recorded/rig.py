@@ -25,11 +25,11 @@ import numpy as np
 from elastid.base import arrays
 from elastid.base.arrays import FloatArray, LargeArray
 from elastid.base.errors import DataError, Note
-from elastid.experiment.plan.plan import Experiment, checked_configurations
+from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.record import Configuration, Motion, Record
+from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.files.formats import naming, size_in_pieces
 from elastid.recorded.link_side import (
@@ -73,13 +73,9 @@ class RecordedRig:
     @property
     def experiments(self) -> tuple[Experiment, ...]:
         """One for each file, in their order; files of the same numbers hold further periods of its excitation."""
-        configurations = {c.name: c for c in self._configurations}
-        runs = {file.run: configurations[file.configuration] for file in self._recorded.files}
+        postures = self.spec.postures
+        runs = {file.run: postures[file.configuration] for file in self._recorded.files}
         return tuple(Experiment(replace(posture, name=name), *numbers) for (name, *numbers), posture in runs.items())
-
-    @property
-    def _configurations(self) -> tuple[Configuration, ...]:
-        return tuple(checked_configurations(self.spec, self.robot))
 
     def measure(self, experiment: Experiment) -> Record:
         """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
@@ -239,7 +235,7 @@ def joined(
     measure: the record of the samples from a first to before a last one.  dtype: of the numbers in the files.
     """
     n, first = bounds[-1][1], measure(*bounds[0])
-    period = _mean_period(_driver(first), first.period_samples) if first.is_periodic else None
+    period = mean_period(_driver(first), first.period_samples) if first.is_periodic else None
     given = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
     signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in given.items()}
     notes, left_out = dict[Note, None](), list[int]()
@@ -283,7 +279,7 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
         return all(note.code != UNWRAPPED for note in part.notes)
     if RESAMPLED in part.repairs:
         return False
-    mean, N = _mean_period(_driver(part), len(first)), len(first)
+    mean, N = mean_period(_driver(part), len(first)), len(first)
     delays = [delay(a, b, N) for a, b in zip(first.T, mean.T, strict=True)]
     # The lag of a slow excitation is uncertain.
     return all(
@@ -293,7 +289,8 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
     )
 
 
-def _mean_period(signals: FloatArray, N: int) -> FloatArray:
+def mean_period(signals: FloatArray, N: int) -> FloatArray:
+    """The mean (N, c) of the whole periods of signals (n, c)."""
     return np.asarray(signals[: len(signals) // N * N].reshape(-1, N, signals.shape[1]).mean(axis=0))
 
 

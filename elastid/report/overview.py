@@ -85,8 +85,11 @@ def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
 
 def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[Agreement] = ()) -> str:
     """Verdict of the fit on the numbers; the cause first where it did not converge, with unknown noise if it is."""
+    known = [row for row in rows if row.truth is not None]
+    inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in known if row.truth is not None)
+    truths = f"{inside} of {len(known)} true values inside their intervals" if known else ""
     widths = "" if is_wrong(result) else _of_widths(rows)
-    return "; ".join(filter(None, (_of_status(result, agreements), widths, _of_truth(rows))))
+    return "; ".join(filter(None, (_of_status(result, agreements), widths, truths)))
 
 
 def is_wrong(result: Result) -> bool:
@@ -174,12 +177,6 @@ def _of_widths(rows: Sequence[ParameterRow]) -> str:
         if within >= len(judged) / 2:
             return f"{within} of {len(judged)} {kind} known to {percent(limit)} or better"
     return f"most of {len(judged)} {kind} known no better than to {percent(WIDTH_CLASSES[-1])}"
-
-
-def _of_truth(rows: Sequence[ParameterRow]) -> str:
-    known = [row for row in rows if row.truth is not None]
-    inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in known if row.truth is not None)
-    return f"{inside} of {len(known)} true values inside their intervals" if known else ""
 
 
 def strip(agreements: Sequence[Agreement]) -> Strip:
@@ -322,18 +319,12 @@ def _of_experiments(result: Result, plan: Plan | None, poor: ParameterRow) -> Ac
     before, after = percent(half_width(poor)), percent(half_width(poor) / np.sqrt(1 + share))
     if before == after:
         return None
+    counts = {} if plan is None else {c.name: m for c, m in zip(plan.configurations, plan.realisations, strict=True)}
+    count = f" ({2 * counts[name]} realisations instead of {counts[name]})" if name in counts else ""
     return Action(
-        f"Measure twice as long in “{name}”{_realisations(plan, name)}.",
+        f"Measure twice as long in “{name}”{count}.",
         f"It holds {percent(share)} of the information on {poor.name}: ±{before} would become ±{after}.",
     )
-
-
-def _realisations(plan: Plan | None, name: str) -> str:
-    if plan is None:
-        return ""
-    names = [configuration.name for configuration in plan.configurations]
-    count = dict(zip(names, plan.realisations, strict=True)).get(name)
-    return "" if count is None else f" ({2 * count} realisations instead of {count})"
 
 
 # Configurations whose modes the first screen names.
@@ -347,19 +338,17 @@ def questions_of_responses(content: ResponsesContent) -> Questions:
     good = [f"Noise is {percent(max(stated))} of the response at a line." if stated else "The noise is unknown."]
     good += [f"{warnings} warning{'s' if warnings > 1 else ''} below."] if warnings else []
     known = [modes for modes in content.modes if modes.n_modes]
-    modes = [_of_modes(modes) for modes in known[:MODES_SHOWN]]
+    modes = []
+    for of_state in known[:MODES_SHOWN]:
+        low, high = (number(float(of_state.freq_hz[i]), 4) for i in (0, -1))
+        count = f"{of_state.n_modes} modes from {low} to" if of_state.n_modes > 1 else "one mode at"
+        modes.append(f"{of_state.configuration}: {count} {high} {of_state.frequency_unit}.")
     modes += [f"{len(known) - MODES_SHOWN} further configurations: below."] if len(known) > MODES_SHOWN else []
     return (
         ("Are the responses good?", tuple(good)),
         ("Which modes are there?", tuple(modes) or ("None that stands out of the noise.",)),
         ("What next?", (_of_damping(known),)),
     )
-
-
-def _of_modes(modes: Modes) -> str:
-    low, high = (number(float(modes.freq_hz[i]), 4) for i in (0, -1))
-    count = f"{modes.n_modes} modes from {low} to" if modes.n_modes > 1 else "one mode at"
-    return f"{modes.configuration}: {count} {high} {modes.frequency_unit}."
 
 
 def _of_damping(every: Sequence[Modes]) -> str:

@@ -22,7 +22,6 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.base.errors import StudyError
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.friction.static import CURVE, Curve, Expression, Law
 from elastid.model.closed_posture import assembled
@@ -199,22 +198,10 @@ def least_steps(poles: ComplexArray, duration: float) -> int:
         n += 1
 
 
-def affordable_steps(poles: ComplexArray, rate_hz: float, robot: str) -> int:
-    """Steps in a sample for these poles, 2 or more; StudyError where they are more than MAX_SUBSTEPS."""
-    steps = max(2, least_steps(poles, 1 / rate_hz))
-    if steps > MAX_SUBSTEPS:
-        raise StudyError(
-            "experiment/simulated",
-            f"the fastest motion of robot {robot} (a pole of {np.abs(poles).max():.4g} 1/s: its stiffest mode, or "
-            f"friction at standstill) takes {steps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are "
-            "affordable; raise the rate",
-        )
-    return steps
-
-
-def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> ComplexArray:
+def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> tuple[ComplexArray, str]:
     """lambda (2 n,) in 1/s at rest in q (n_q,), n coordinates that the loops leave; of friction about zero velocity.
 
+    And the coordinate that moves most at the fastest.
     Gears with backlash count with the stiffness of their flanks.
     """
     M, D = model.mass(q, model.theta).full(), model.damping(q, model.theta).full()
@@ -223,7 +210,9 @@ def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> ComplexArra
     Z = motions(model, model.constraint_jacobian(q, model.theta).full())
     M, D, K = (Z.T @ matrix @ Z for matrix in (M, D + damping, K + stiffness))
     A = np.block([[np.zeros_like(M), np.eye(len(M))], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
-    return np.linalg.eigvals(A).astype(complex)
+    values, vectors = np.linalg.eig(A)
+    fastest = Z @ vectors[: Z.shape[1], np.argmax(np.abs(values))]
+    return values.astype(complex), model.coordinates[int(np.argmax(np.abs(fastest)))]
 
 
 def constrained_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:

@@ -131,6 +131,13 @@ def keep_checksums(folder: Path, names: Iterable[str]) -> None:
             file.writelines(f"{now[name]}  {name}\n" for name in sorted(now))
 
 
+def remove_texts(folder: Path, names: Iterable[str]) -> None:
+    """Remove the files that `keep_checksums` knows; names: as those of `changed_texts`."""
+    known = _known(folder)
+    for name in [name for name in _files(folder, names) if name in known]:
+        (folder / name).unlink()
+
+
 def _known(folder: Path) -> dict[str, str]:
     """Checksum by name; a damaged line names no file, or reports an intact file as changed."""
     path = folder / CHECKSUMS

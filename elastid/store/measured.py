@@ -72,8 +72,8 @@ def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
     _write_csv(path, ["time_s", *columns], plan.torque(experiment), plan.rate_hz)
 
 
-def write_reference(path: Path, rate_hz: float, **signals: FloatArray) -> None:
-    """Signals (n,) of a joint as CSV for a robot controller, SI, link side."""
+def write_signals(path: Path, rate_hz: float, **signals: FloatArray) -> None:
+    """Signals (n,) by name as CSV, such as a reference of a joint for a robot controller, SI, link side."""
     _write_csv(path, ["t_s", *signals], np.column_stack([*signals.values()]), rate_hz)
 
 

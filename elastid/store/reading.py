@@ -36,22 +36,9 @@ def read_value(group: Any, name: str, annotation: Any, label: Label = NO_LABEL) 
 
 def read_dataclass(group: Any, kind: type[T]) -> T:
     """A dataclass of whose fields a group is."""
-    attributes, members = dict(group.attrs.items()), set(group)
-    known: dict[str, Any] = {}
-    for field in fields_of(kind):
-        content = kind_of_annotation(field.annotation)
-        is_optional = content.form == "optional"
-        if is_optional:
-            content = kind_of_annotation(content.parts[0])
-        if field.name in members and content.form != "scalar":
-            known[field.name] = _READERS[content.form](group[field.name], content, field.label)
-        elif field.name in attributes:
-            known[field.name] = _scalar(attributes[field.name], content)
-        elif is_optional and field.name not in members:
-            known[field.name] = None
-        elif not field.may_be_empty:
-            known[field.name] = _scalar(group[field.name].asstr()[()], content)
-    return kind(**known)
+    there = {*group, *group.attrs}
+    known = [field for field in fields_of(kind) if field.name in there or not field.may_be_empty]
+    return kind(**{field.name: read_value(group, field.name, field.annotation, field.label) for field in known})
 
 
 def entry_names(group: Any) -> tuple[str, ...]:

@@ -67,7 +67,8 @@ def _kind_of_annotation(annotation: Any) -> Kind:
         return Kind("scalar", annotation)
     if origin is Literal:
         return Kind("scalar", type(arguments[0]), choices=arguments)
-    if is_array(annotation):
+    # NumPy's alias of arrays is a type of its own from 2.5 and Python 3.12 on.
+    if get_origin(getattr(origin, "__value__", annotation)) is np.ndarray:
         number = arguments[-1]
         return Kind("array", get_args(number)[0] if get_origin(number) is np.dtype else number)
     if origin in (Union, UnionType):
@@ -115,12 +116,6 @@ def _has_arrays(annotation: Any) -> bool:
     kind = kind_of_annotation(annotation)
     inner = [part.annotation for part in fields_of(annotation)] if kind.form == "fields" else kind.parts
     return kind.form in ("array", "union") or any(_has_arrays(part) for part in inner)
-
-
-def is_array(annotation: Any) -> bool:
-    """True for a type of arrays; NumPy's alias of it is a type of its own from 2.5 and Python 3.12 on."""
-    alias = getattr(get_origin(annotation), "__value__", annotation)
-    return get_origin(alias) is np.ndarray
 
 
 def text_of(value: Any, indent: int | None = None) -> str:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import io
-import math
+import json
 import os
-from dataclasses import MISSING, fields, is_dataclass, replace
+from dataclasses import is_dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -89,16 +89,10 @@ def yaml_text(value: Any, comments: tuple[str, ...] = ()) -> str:
 
 def _plain(value: Any) -> Any:
     """Mappings, lists, numbers and texts; a number keeps all its digits."""
-    if is_dataclass(value) and not isinstance(value, type):
-        entries = {}
-        for field in fields(value):
-            content, default = getattr(value, field.name), field.default
-            if field.default_factory is not MISSING:
-                default = field.default_factory()
-            is_unlimited = isinstance(content, float) and math.isinf(content)  # which a file says by leaving it out
-            if content is not None and (default is MISSING or content != default) and not is_unlimited:
-                entries[field.name] = _plain(content)
-        return entries
+    if is_dataclass(value):
+        from elastid.store.values import text_of  # brings h5py
+
+        return _plain(json.loads(text_of(value)))
     if isinstance(value, dict):
         return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, tuple | list):

@@ -83,9 +83,9 @@ def parse(text: str, name: str, rank: int = 0) -> YamlSource:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        raise StudyError(
-            "study/yaml", f"broken YAML: {error.problem or error.context}", f"{name}:{line}:{column}"
-        ) from None
+        problem = str(error.problem or error.context)
+        problem = "a tab; use spaces" if repr("\t") in problem else problem
+        raise StudyError("study/yaml", f"broken YAML: {problem}", f"{name}:{line}:{column}") from None
     except ReaderError as error:
         line, column = _line_column(text[: error.position])
         raise StudyError("study/yaml", f"not a YAML text ({error.reason})", f"{name}:{line}:{column}") from None

@@ -78,7 +78,11 @@ def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     Matrices are dense, column by column. Compile with `cc -O2 -shared -fPIC robot.c -lm`. The head of robot.h has
     arguments, results, coordinates and units.
     """
-    prefixed = [_prefixed(function) for function in functions(model)]
+    prefixed = []
+    for function in functions(model):
+        results = [ca.densify(part) for part in function.call(function.sx_in())]
+        signature = function.sx_in(), results, function.name_in(), function.name_out()
+        prefixed.append(ca.Function(f"robot_{function.name()}", *signature, {"cse": True}))
     sources = c_sources("robot", prefixed)
     source, header = folder / "robot.c", folder / "robot.h"
     write_text(source, sources["robot.c"])
@@ -99,12 +103,6 @@ def c_sources(name: str, functions: Iterable[ca.Function]) -> dict[str, str]:
 def dense(name: str, given: list[ca.SX], results: Iterable[ca.SX]) -> ca.Function:
     """A function whose results have no structural zeros."""
     return ca.Function(name, given, [ca.densify(result) for result in results], {"cse": True})
-
-
-def _prefixed(function: ca.Function) -> ca.Function:
-    results = [ca.densify(part) for part in function.call(function.sx_in())]
-    name = f"robot_{function.name()}"
-    return ca.Function(name, function.sx_in(), results, function.name_in(), function.name_out(), {"cse": True})
 
 
 def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:

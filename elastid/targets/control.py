@@ -52,7 +52,7 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     arrays = {"configurations": np.array([system.configuration.name for system in systems])}
     arrays |= {name: np.array(getattr(first, name)) for name in ("inputs", "outputs", "quantity")}
     arrays |= {"parameters": np.array([n.name for n in numbers]), "units": np.array([n.unit for n in numbers])}
-    arrays |= {"known": np.array([(n.value, n.std, n.low, n.high, n.by_noise, n.by_file) for n in numbers])}
+    arrays |= {"known": np.array([[*n.row.values()] for n in numbers])}
     for system in systems:
         name = system.configuration.name
         arrays |= {f"{name}/{matrix}": getattr(system, matrix) for matrix in "ABCD"}

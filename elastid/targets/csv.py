@@ -88,10 +88,10 @@ def _measured(folder: Path, G: Response) -> Path:
 
 
 def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
-    yield "parameter", "unit", "value", "std", "lower_95", "upper_95", "std_by_noise", "std_by_file"
-    for number in known_numbers(model):  # a number that was held has no std, not one of 0
-        stds = (number.std, number.low, number.high, number.by_noise, number.by_file)
-        yield number.name, number.unit, number.value, *("" if math.isnan(std) else std for std in stds)
+    numbers = known_numbers(model)
+    yield "parameter", "unit", *numbers[0].row
+    for number in numbers:  # one that was held has no std, not one of 0
+        yield number.name, number.unit, *("" if math.isnan(value) else value for value in number.row.values())
 
 
 def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:

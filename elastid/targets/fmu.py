@@ -346,7 +346,7 @@ def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
     sliding = contacts(equations_of, frictions(equations_of.robot))
     points = tuple(equilibrium(equations_of, equations_of.theta, posture) for posture in subject.postures)
     rate_hz = 1000.0 if move is None else move.rate_hz  # of the controller, until it is set
-    fastest = max(np.abs(poles(equations_of, sliding, point.q)).max() for point in points)
+    fastest = max(np.abs(poles(equations_of, sliding, point.q)[0]).max() for point in points)
     step_s = 1 / (rate_hz * max(2, int(np.ceil(fastest / rate_hz / MAX_STEP_RATE))))
     variables = layout(subject, sliding, points, rate_hz, step_s)
     functions = equations(equations_of, sliding)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,13 +37,7 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         _response(plant.response(G.freq_hz, sampled=True).G, G, plant.response_std(G.freq_hz) ** 2)
         for plant, G in zip(model.models, model.measured, strict=True)
     ]
-    numbers = [
-        {
-            "name": p.name, "value": p.value, "std": p.std, "lower_95": p.low, "upper_95": p.high,
-            "std_by_noise": p.by_noise, "std_by_file": p.by_file, "unit": p.unit,
-        }
-        for p in known_numbers(model)
-    ]  # fmt: skip
+    numbers = [{"name": number.name, **number.row, "unit": number.unit} for number in known_numbers(model)]
     measured, systems = list(map(_measured, model.measured)), [_system(plant.state_space()) for plant in model.models]
     content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers, "tool": [_tool(model)]}
     data, script = folder / "model.mat", folder / "load_model.m"
@@ -59,12 +53,17 @@ def write_responses_matlab(folder: Path, name: str, responses: Sequence[Response
 def _written(
     data: Path, content: dict[str, list[dict[str, Any]]], script: Path, name: str, first: Response
 ) -> tuple[Path, Path]:
-    written = io.BytesIO()
-    savemat(written, {key: _structs(rows) for key, rows in content.items()}, do_compression=True)
-    write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
+    write_mat(data, {key: _structs(rows) for key, rows in content.items()})
     known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
     write_text(script, from_template(f"targets/templates/{script.name}", **known))
     return data, script
+
+
+def write_mat(path: Path, content: Mapping[str, Any]) -> None:
+    """A MAT-file of version 5, the same bytes at any time."""
+    written = io.BytesIO()
+    savemat(written, content, do_compression=True)
+    write_whole(path, HEADING + written.getvalue()[len(HEADING) :])
 
 
 def _measured(G: Response) -> dict[str, Any]:

@@ -9,13 +9,12 @@ import io
 from pathlib import Path
 
 import numpy as np
-from scipy.io import savemat
 
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import c_comment, one_line
-from elastid.base.files import from_template, write_whole
+from elastid.base.files import from_template
 from elastid.store.files import write_text
-from elastid.targets.matlab import HEADING
+from elastid.targets.matlab import write_mat
 from elastid.targets.numbers import c_row
 from elastid.use.tune import TunedMove
 
@@ -80,10 +79,8 @@ def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
     """move.mat (version 5) with time, position, velocity, acceleration, torque, joints, and load_move.m."""
     content = {name: getattr(tuned, name) for name in ("position", "velocity", "acceleration", "torque")}
     content |= {"time": (tuned.time_s - tuned.time_s[0])[:, None], "path": tuned.target}
-    written = io.BytesIO()
-    savemat(written, {**content, "joints": np.array(tuned.joints, dtype=object)}, do_compression=True)
     data, script = folder / "move.mat", folder / "load_move.m"
-    write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
+    write_mat(data, {**content, "joints": np.array(tuned.joints, dtype=object)})
     write_text(script, from_template("targets/templates/load_move.m", name=one_line(tuned.name)))
     return data, script
 

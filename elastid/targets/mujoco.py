@@ -29,6 +29,7 @@ from types import MappingProxyType
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
@@ -45,6 +46,7 @@ MIN_INERTIA = 1e-12
 Elements = Mapping[str, tuple[ET.Element, Placement]]
 # A constraint that is closed within two steps of 0.5 ms, and as hard as the engine takes it.
 _HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
+_ALONG = np.array([1.0, 0.0, 0.0])  # a rod, in its own axes
 # Of a robot without loops.
 NO_RODS: Mapping[str, RodPose] = MappingProxyType({})
 
@@ -158,14 +160,21 @@ def _driven(joint: Joint) -> str:
 
 def _tendons(root: ET.Element, robot: Robot) -> None:
     """Viscous friction across a flexible joint acts on motor angle and twist together."""
-    rough = [joint for joint in robot.flexible if joint.viscous]
-    if not rough:
-        return
-    tendons = ET.SubElement(root, "tendon")
-    for joint in rough:
-        fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}", damping=repr(float(joint.viscous)))
+    for joint in robot.flexible:
+        if joint.viscous:
+            _tendon(root, joint).set("damping", repr(float(joint.viscous)))
+
+
+def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
+    """The sum of motor angle and twist of a flexible joint, made where it is not there."""
+    tendons = root.find("tendon")
+    tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
+    fixed = next((tendon for tendon in tendons if tendon.get("name") == f"joint {joint.name}"), None)
+    if fixed is None:
+        fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}")
         for part in ("motor", "twist"):
             ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
+    return fixed
 
 
 def _rub(root: ET.Element, robot: Robot) -> None:
@@ -175,16 +184,8 @@ def _rub(root: ET.Element, robot: Robot) -> None:
         if joint.motor is not None and joint.motor.dry_friction is not None:
             level = abs(joint.motor.ratio) * joint.motor.dry_friction.coulomb
             hinges[f"motor {joint.name}"].set("frictionloss", repr(float(level)))
-        if joint.friction is None or joint not in robot.flexible:
-            continue
-        tendons = root.find("tendon")
-        tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
-        fixed = next((tendon for tendon in tendons if tendon.get("name") == f"joint {joint.name}"), None)
-        if fixed is None:
-            fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}")
-            for part in ("motor", "twist"):
-                ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
-        fixed.set("frictionloss", repr(float(joint.friction.coulomb)))
+        if joint.friction is not None and joint in robot.flexible:
+            _tendon(root, joint).set("frictionloss", repr(float(joint.friction.coulomb)))
 
 
 def _intervals(root: ET.Element, model: FittedRobot) -> None:
@@ -195,8 +196,7 @@ def _intervals(root: ET.Element, model: FittedRobot) -> None:
     ET.SubElement(custom, "text", name="numeric", data=legend)
     for known in known_numbers(model):
         if math.isfinite(known.std):
-            parts = (part for part in (known.by_noise, known.by_file) if math.isfinite(part))
-            row = in_full((known.value, known.std, known.low, known.high, *parts))
+            row = in_full(value for value in known.row.values() if math.isfinite(value))
             ET.SubElement(custom, "numeric", name=known.name, data=row)
 
 
@@ -260,7 +260,7 @@ def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robo
     for loop in robot.loops:
         if loop.rod is None:
             continue
-        drawn = _aligned(start[loop.name].direction)
+        drawn = _turn(_ALONG, start[loop.name].direction)
         turn = drawn.T @ _turn(start[loop.name].direction, now[loop.name].direction) @ drawn
         positions[f"turn {loop.name}"] = quaternion(turn).tolist()
         if loop.rod.is_elastic:
@@ -273,7 +273,7 @@ def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, dir
     parent, mounted = elements[loop.ends[0].body]
     R = mounted.rotation
     seat = np.array(mounted.xyz) + R @ np.array(loop.ends[0].point)
-    pose = {"pos": in_full(seat), "quat": in_full(quaternion(R @ _aligned(direction)))}
+    pose = {"pos": in_full(seat), "quat": in_full(quaternion(R @ _turn(_ALONG, direction)))}
     body = ET.SubElement(parent, "body", {"name": f"rod {loop.name}"} | pose)
     part = _part(rod)
     moving = rod.mass * rod.center / part if part > 0 else 0.0
@@ -359,23 +359,11 @@ def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArr
     return np.asarray(poses.rotation[0]), np.asarray(poses.position[0])
 
 
-def _aligned(direction: FloatArray) -> FloatArray:
-    """A rotation (3, 3) whose x axis is a direction."""
-    across = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    y = np.cross(across, direction)
-    y /= np.linalg.norm(y)
-    return np.stack([direction, y, np.cross(direction, y)], axis=1)
-
-
 def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
-    """The smallest rotation (3, 3) that takes one direction to another, less than half a turn (Rodrigues)."""
-    v, c = np.cross(first, second), float(first @ second)
-    V = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return np.asarray(np.eye(3) + V + V @ V / (1 + c))
+    """The smallest rotation (3, 3) that takes one direction to another."""
+    return np.asarray(Rotation.align_vectors([second], [first])[0].as_matrix())
 
 
 def quaternion(R: FloatArray) -> FloatArray:
     """(w, x, y, z) of a rotation matrix, with w >= 0."""
-    from scipy.spatial.transform import Rotation
-
     return np.asarray(Rotation.from_matrix(R).as_quat(canonical=True)[[3, 0, 1, 2]])

@@ -34,12 +34,19 @@ class KnownNumber:
     name: str
     unit: str
     value: float
-    std: float
-    low: float
-    high: float
     words: str
+    std: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
     by_noise: float = math.nan
     by_file: float = math.nan
+
+    @property
+    def row(self) -> dict[str, float]:
+        """The columns of a table of numbers, as all files name them."""
+        names = ("value", "std", "lower_95", "upper_95", "std_by_noise", "std_by_file")
+        numbers = (self.value, self.std, self.low, self.high, self.by_noise, self.by_file)
+        return dict(zip(names, numbers, strict=True))
 
 
 def known_numbers(model: FittedRobot) -> tuple[KnownNumber, ...]:
@@ -66,12 +73,13 @@ def _known(result: Result, parameter: Parameter) -> KnownNumber:
     if not parameter.is_free:
         tie = parameter.tie
         words = HELD if tie is None else f"tied to {tie.to}{f' and {tie.by}' if tie.by else ''}"
-        return KnownNumber(name, unit, value, math.nan, math.nan, math.nan, words)
+        return KnownNumber(name, unit, value, words)
     std, (low, high) = result.std[parameter.name], result.interval(parameter.name)
     words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"
     if parameter.tolerated:
-        return KnownNumber(name, unit, value, std, low, high, f"within its tolerance, {words}")
+        return KnownNumber(name, unit, value, f"within its tolerance, {words}", std, low, high)
     if not result.has_tolerances:
-        return KnownNumber(name, unit, value, std, low, high, words)
-    noise, file = result.std_by_noise[parameter.name], result.std_by_file[parameter.name]
-    return KnownNumber(name, unit, value, std, low, high, f"{words} (noise {noise:.3g}, file {file:.3g})", noise, file)
+        return KnownNumber(name, unit, value, words, std, low, high)
+    parts = result.std_by_noise[parameter.name], result.std_by_file[parameter.name]
+    words = "{} (noise {:.3g}, file {:.3g})".format(words, *parts)
+    return KnownNumber(name, unit, value, words, std, low, high, *parts)

@@ -89,15 +89,13 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
 
     StudyError for places that the robot lacks, and where it finds no rest.
     """
-    motors, drives = measured.motors, measured.loop
-    asked = Asked(measured.inputs, measured.outputs, motors, quantity=measured.quantity, controller=drives)
+    motors, places = measured.motors, (measured.inputs, measured.outputs)
+    asked = Asked(*places, motors, quantity=measured.quantity, controller=measured.loop)
     family = result.family(asked, measured.configuration.name)
     where = as_configuration(measured.configuration, family.robot, ())
     band = family.at(where).response_band(measured.freq_hz, LEVEL)
     predicted = replace(band.response, configuration=measured.configuration)
-    return PredictedResponse(
-        measured, predicted, band.std, band.pointwise, motors, band.by, is_fitted
-    )  # fmt: skip
+    return PredictedResponse(measured, predicted, band.std, band.pointwise, motors, band.by, is_fitted)
 
 
 @frozen_value
@@ -168,10 +166,10 @@ class Fold:
     NaN where the fit without it failed; message then says why.
     """
 
-    configuration: str
-    misfit: float
-    rms_log_db: float
-    phase_rms_deg: float
+    configuration: str = ""
+    misfit: float = math.nan
+    rms_log_db: float = math.nan
+    phase_rms_deg: float = math.nan
 
 
 @frozen_value
@@ -199,11 +197,6 @@ class Validation:
         ]  # fmt: skip
         headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / sigma")
         return Display(f"Validation: {self.verdict}", headings, rows)
-
-
-def generalises(left_out_db: float, fitted_db: float) -> bool:
-    """True if a model with these errors holds in left-out configurations: at most half as much more, plus 0.1 dB."""
-    return left_out_db <= 1.5 * fitted_db + 0.1
 
 
 def validate(
@@ -270,10 +263,7 @@ def _tests(
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)
     z, of_shifts = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
-    known = [] if shifts is None else [shifts]
-    if measured.bias is not None:
-        known.append(measured.bias.reshape(-1, *E.shape))
-    if known:
+    if known := [x.reshape(-1, *E.shape) for x in (shifts, measured.bias) if x is not None]:
         z, of_shifts = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(known))[..., None])[..., 0]))
     return *power_over_noise(z, whiten, noise, of_shifts), white_by_chance(z)
 
@@ -296,7 +286,7 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
     elif left_out:
         fitted_db, fitted_deg = _over(fitted)
         # Of a left-out configuration with more noise than the fitted ones no error is the model's.
-        carries = generalises(db, fitted_db) or noise_p(left_out) >= FALSE_ALARM
+        carries = db <= 1.5 * fitted_db + 0.1 or noise_p(left_out) >= FALSE_ALARM
         sentence = (
             f"On the left-out configurations ({', '.join(a.configuration for a in left_out)}) the model is {sentence}, "
             f"on the fitted ones by {fitted_db:.2g} dB and {fitted_deg:.2g} deg: "
@@ -320,13 +310,10 @@ def _noise_clause(agreements: Sequence[Agreement]) -> str:
     if math.isnan(p := noise_p(agreements)):
         return ""
     white, (ratio, dof) = are_white(agreements), power_ratio(agreements)
-    times, meaning = (
-        math.sqrt(ratio),
-        "more than the noise" if p < FALSE_ALARM or not white else "no more than the noise",
-    )
+    meaning = "more than the noise" if p < FALSE_ALARM or not white else "no more than the noise"
     if exceeds_by_chance(1 / max(ratio, 1e-300), dof) < FALSE_ALARM:
         meaning = "less than the noise, which is overestimated: the intervals are too wide rather than too narrow"
     return (
-        f"; residuals are {times:.3g} times the noise{'' if white else ' and coloured'}, {meaning} (of a true model, "
-        f"each of these two tests says more in {100 * FALSE_ALARM:g} % of measurements)"
+        f"; residuals are {math.sqrt(ratio):.3g} times the noise{'' if white else ' and coloured'}, {meaning} (of a "
+        f"true model, each of these two tests says more in {100 * FALSE_ALARM:g} % of measurements)"
     )

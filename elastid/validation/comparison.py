@@ -243,10 +243,9 @@ def rank(
 ) -> Comparison:
     """The comparison; refits of each variant: to all configurations, then without each part of them."""
     full = [by_part[0] for by_part in refits]
-    fitted = [f for f in full if f.status != "failed"]
-    best_fit = min(fitted, key=lambda f: f.cost, default=None)
-    scale = 1.0 if best_fit is None else max(best_fit.cost / max(best_fit.dof, 1), 1e-300)
-    aic = np.array([f.cost / scale + 2 * f.n_free if f.status != "failed" else math.inf for f in full])
+    best = min(full, key=lambda fit: fit.cost)  # a failed one has an infinite cost
+    scale = max(best.cost / max(best.dof, 1), 1e-300) if math.isfinite(best.cost) else 1.0
+    aic = np.array([fit.cost / scale + 2 * fit.n_free for fit in full])
     aic = aic - (aic.min() if np.isfinite(aic).any() else 0.0)
     rows = [
         _compared(variant.name, by_part, float(criterion), configurations)
@@ -256,9 +255,9 @@ def rank(
     return Comparison(tuple(configurations), tuple(rows), _verdict(rows))
 
 
-def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
-    """A study's fit without parameters that its own robot has and a variant lacks; StudyError where none is left."""
-    variant_names, known = robot.parameters(robot.on_demand), own.parameters(own.on_demand)
+def restricted(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
+    """A study's fit without parameters that its robot has and a variant lacks; StudyError where none is left."""
+    variant_names, known = variant.parameters(variant.on_demand), robot.parameters(robot.on_demand)
 
     def is_gone(key: str) -> bool:
         is_left = key in variant_names if key in known else matching(key, variant_names)
@@ -276,13 +275,13 @@ def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
 
 def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
     """A study's fit with these parameters fixed at their starts, for a model without them."""
-    free = {parameter.name for parameter in choose(spec, robot).free}
+    free = [parameter.name for parameter in choose(spec, robot).free]
     still = {
         name: replace(spec.parameters.get(name, ParameterSpec()), fixed=True, tie=None, prior=None, per=None)
         for name in names
         if name in free
     }
-    patterns = spec.parameters or {parameter.name: ParameterSpec() for parameter in choose(spec, robot).free}
+    patterns = spec.parameters or dict.fromkeys(free, ParameterSpec())
     return replace(spec, parameters={**patterns, **still})
 
 
@@ -303,8 +302,7 @@ def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:
 
 def _compared(name: str, refits: Sequence[Refit], criterion: float, configurations: Sequence[str]) -> ComparedModel:
     full, scores = refits[0], {c: score for run in refits[1:] for c, score in run.left_out.items()}
-    nothing = Fold("", math.nan, math.nan, math.nan)
-    by_configuration = [scores.get(c, nothing) for c in configurations] if len(refits) > 1 else []
+    by_configuration = [scores.get(c, Fold()) for c in configurations] if len(refits) > 1 else []
     notes = [f"fit to all: {full.message}"] if full.status == "failed" else []
     failed = [run for run in refits[1:] if run.status == "failed"]
     notes += [f"{len(failed)} of {len(refits) - 1} fits failed: {failed[0].message}"] if failed else []

@@ -133,9 +133,8 @@ def torque_balance(
         BandBalance(low, high, float(np.sum(np.abs(U[inside]) ** 2)) / total, *_explained(U[inside], T[:, inside], dry))
         for low, high, inside in octaves
     )
-    return TorqueBalance(
-        place, log, unit, rate_hz, names, measured, torques, shares, left, without, bands, rate_is_known
-    )
+    of_log = place, log, unit, rate_hz, names, measured, torques
+    return TorqueBalance(*of_log, shares, left, without, bands, rate_is_known)
 
 
 def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
@@ -156,14 +155,10 @@ def _explained(
     measured: FloatArray | ComplexArray, torques: FloatArray | ComplexArray, no_friction: FloatArray
 ) -> tuple[tuple[float, ...], float, float]:
     """Shares of torques (n_p, ...), and those of the residuals of all of them and of those without friction."""
-    n_p = len(torques)
-    u, parts = measured.ravel(), torques.reshape(n_p, -1)
+    u, parts = measured.ravel(), torques.reshape(len(torques), -1)
     power = max(float(np.sum(np.abs(u) ** 2)), 1e-300)
-    shares = tuple(float(share) for share in (parts @ u.conj()).real / power)
-    left, without = (
-        float(np.sum(np.abs(u - chosen.sum(axis=0)) ** 2)) / power for chosen in (parts, parts[no_friction])
-    )
-    return shares, left, without
+    left, without = (float(np.sum(np.abs(u - part.sum(axis=0)) ** 2)) / power for part in (parts, parts[no_friction]))
+    return tuple(((parts @ u.conj()).real / power).tolist()), left, without
 
 
 # A model of the motors' own motion in one configuration, and its numbers (n_theta,).

@@ -38,11 +38,7 @@ from elastid.record import Configuration, JointLoop, Record, motion_unit
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import rigid_motion, rigid_path, tune
-from elastid.validation.torque_balance import (
-    TorqueBalance,
-    last_counted,
-    last_period,
-)
+from elastid.validation.torque_balance import TorqueBalance, last_counted, last_period
 
 Drive: TypeAlias = Literal["reference", "torque"]
 SignalKind: TypeAlias = Literal["torque", "motor angle", "link motion"]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.live_arm import GOAL, STUDY, TRUTH
+from plants.arm_study import LIVE, TRUTH
 
 from elastid.app import cli
 from elastid.app.console import Console
@@ -22,11 +22,13 @@ from elastid.store.measured import read_plan
 from elastid.store.results import read_fit
 from elastid.study import load
 
+GOAL = "k_*: 0.2 %"
+
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("arm") / "study.yml"
-    path.write_text(STUDY, encoding="utf-8")
+    path.write_text(LIVE, encoding="utf-8")
     return path
 
 
@@ -174,7 +176,7 @@ def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_befor
     session(study, folder, robot_time=16.0).work()
     finer = session(study, folder, "k_*: 0.05 %", robot_time=100.0)
     first = read_plan(finer.plan(1))
-    second = finer._planned([first], finer._fitted([first]))
+    second = finer._planned([first], finer._fitted([first], None))
     assert isinstance(second, Plan)
     own = replace(finer.problem.experiment, simulated=finer.run.study.experiment.simulated)
     heavier = finer.run.study.as_robot().with_parameters({"m_fore": 22.0})

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants import lugre_rig, warm_rig
+from plants import lugre_joint, warm_rig
+from plants.friction_logs import THERMOMETER_LINE, write_log, write_study
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
@@ -18,37 +19,22 @@ from elastid.study import load
 STUDY = """
 name: logs
 robot: robot.yml
-friction: {{joints: [1], law: {{presliding: {presliding}, temperature: no}}}}
+friction: {joints: [1], law: {temperature: no}}
 experiment:
   recorded:
-    rate_hz: {rate}
-    hold: {hold}
+    rate_hz: 1000
+    hold: zero-order
     channels:
-      - {{role: u, at: motor 1, channel: torque}}
-      - {{role: y, at: motor 1, channel: angle, quantity: position}}
-{thermometer}
+      - {role: u, at: motor 1, channel: torque}
+      - {role: y, at: motor 1, channel: angle, quantity: position}
     files:
-{files}
-"""
-THERMOMETER = "      - {role: t, at: joint 1, channel: temperature, quantity: temperature}"
-RIGID = """
-name: warm axis
-gravity: [0, 0, -9.81]
-bodies:
-  - name: arm
-    joints: [{name: 1, axis: y, motor: {inertia: 1e-3, ratio: 100}}]
-    mass: 10
-    center_of_mass: [0.6, 0, 0]
-    inertia: 1.4
+      - {path: small.csv, purpose: at_rest, period: 2 s}
+      - {path: large.csv, purpose: at_rest, period: 2 s}
 """
 
 
-def study(folder: Path, *files: str, robot: str = lugre_rig.ROBOT, **keys: object) -> Run:
-    defaults = {"rate": 1000, "hold": "zero-order", "presliding": "auto", "thermometer": ""}
-    listed = "\n".join(f"      - {file}" for file in files)
-    (folder / "robot.yml").write_text(robot)
-    (folder / "study.yml").write_text(STUDY.format(**(defaults | keys), files=listed))
-    return Run(load(folder / "study.yml"), folder / "run", 1, Console(-1))
+def opened(study: Path) -> Run:
+    return Run(load(study), study.parent / "run", 1, Console(-1))
 
 
 def result_of(run: Run) -> FrictionResult:
@@ -67,14 +53,15 @@ def holds(number: FrictionNumber, truth: float, stds: float = 3.3) -> bool:
 def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:
     """Two amplitudes, no other log: sigma_0 to 1 % and sigma_1 to 10 %, within their intervals, with page and JSON."""
     rng = np.random.default_rng(3)
-    for name, size in (("small", 1.0), ("large", 2.0)):
-        lugre_rig.write_rest_log(tmp_path / f"{name}.csv", lugre_rig.multisine(size, rng), rng)
-    files = [f"{{path: {name}.csv, purpose: at_rest, period: 2 s}}" for name in ("small", "large")]
-    found = numbers(result_of(study(tmp_path, *files)))
-    for name, truth, error in (("s0_m1", lugre_rig.SIGMA_0, 0.01), ("s1_m1", lugre_rig.SIGMA_1, 0.1)):
+    for name, size in (("small", 0.05), ("large", 0.1)):
+        lugre_joint.write_rest_log(tmp_path / f"{name}.csv", lugre_joint.multisine(size, rng), rng)
+    (tmp_path / "robot.yml").write_text(lugre_joint.ROBOT)
+    (tmp_path / "study.yml").write_text(STUDY)
+    found = numbers(result_of(opened(tmp_path / "study.yml")))
+    for name, truth, error in (("s0_m1", lugre_joint.SIGMA_0, 0.01), ("s1_m1", lugre_joint.SIGMA_1, 0.1)):
         assert found[name].std < error * truth
         # Without a log that slides viscous friction is not known, and is in the damping.
-        assert holds(found[name], truth + (lugre_rig.VISCOUS if name == "s1_m1" else 0.0))
+        assert holds(found[name], truth + (lugre_joint.VISCOUS if name == "s1_m1" else 0.0))
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["status"] == "partly"
     assert (tmp_path / "run" / "report.html").exists()
@@ -82,10 +69,9 @@ def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:
 
 def warm(folder: Path, log: warm_rig.WarmLog, *files: str) -> Run:
     """The study of a warm-up; without files its log alone."""
-    warm_rig.write_warm_log(folder / "warm.csv", log, True)
-    listed = files or ("{path: warm.csv, purpose: warm_up}",)
-    rate = log.rate_hz
-    return study(folder, *listed, robot=RIGID, rate=rate, hold="band-limited", thermometer=THERMOMETER)
+    write_log(folder / "log.csv", log.position, log.torque, log.thermometer)
+    entries = files or ("{path: log.csv, purpose: warm_up}",)
+    return opened(write_study(folder, entries, log.rate_hz, temperature="no", thermometer=THERMOMETER_LINE))
 
 
 @pytest.mark.slow
@@ -93,7 +79,7 @@ def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
     """An hour in steps of 10 s: heat given off to 5 %, two nodes as the thermometer is outside."""
     joint = result_of(warm(tmp_path, warm_rig.warm_log(1.0, 25.0))).at("1")
     assert joint.thermal is not None
-    assert joint.thermal.h == pytest.approx(warm_rig.NODES.outer, rel=0.05)
+    assert joint.thermal.h == pytest.approx(warm_rig.OUTER, rel=0.05)
     assert joint.thermal.shares[1] < 0
     assert joint.levels is not None
     assert {"Tc1_m1", "Tc2_m1", "h_m1"} <= {number.name for number in joint.numbers}
@@ -106,9 +92,9 @@ def test_logs_of_a_warm_up_with_pauses_between_them_are_one(tmp_path: Path) -> N
     log = warm_rig.warm_log(1.0, 25.0)
     n, m = (round(minutes * 60 * log.rate_hz) for minutes in (30, 40))
     files = (
-        f"{{path: warm.csv, purpose: warm_up, samples: [0, {n}]}}",
-        f"{{path: warm.csv, purpose: warm_up, samples: [{m}, {len(log.torque)}], start: 40 min}}",
+        f"{{path: log.csv, purpose: warm_up, samples: [0, {n}]}}",
+        f"{{path: log.csv, purpose: warm_up, samples: [{m}, {len(log.torque)}], start: 40 min}}",
     )
     thermal = result_of(warm(tmp_path, log, *files)).at("1").thermal
     assert thermal is not None
-    assert thermal.h == pytest.approx(warm_rig.NODES.outer, rel=0.05)
+    assert thermal.h == pytest.approx(warm_rig.OUTER, rel=0.05)

@@ -248,14 +248,18 @@ def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monke
 
 
 def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
-    """A mass without gravity moves nothing: FitError names it, and no fit of before is passed off as this one."""
+    """A mass without gravity moves nothing: FitError names it, and nothing of before is passed off as of this one."""
     run = run_of(copy / "study.yml", copy / "run", "fit.parameters.m_load.start=1")
+    (copy / "run" / "figures" / "mine.png").touch()
     with refused("fit/undetermined"):
         run_all(run)
     summary = json.loads((copy / "run" / "summary.json").read_text())
     assert summary["status"] == "failed"
     assert "m_load" in summary["message"]
     assert not run.is_current("fit")
+    left = {path.name for path in (copy / "run").rglob("*")}
+    assert not left & {"validation.json", "report.html", "identified_robot.yml", "fit.h5"}
+    assert left >= {"mine.png", "frf.h5", "plan.h5"}
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.three_mass import circular
+from plants.two_mass import circular
 
 from elastid.base import kernels
 from elastid.frf import matrices

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.arm import LENGTH, MASS, STD, STIFFNESS, TOOL, closed_form, result
 from plants.fitted_models import fitted_model
-from plants.predicted_arm import LENGTH, MASS, STD, STIFFNESS, TOOL, closed_form, result
 from plants.refusals import refused
 
 from elastid.base.errors import UnknownNameError

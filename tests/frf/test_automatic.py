@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.measured import ARM, measured
-from plants.noise_record import H1, RATE, noise_record, truth
+from plants.noise_record import H1, RATE, Resonances, noise_record, truth
 from plants.notes import said
 from plants.refusals import refused
 from scipy.signal import butter, lfilter
@@ -21,19 +21,12 @@ from elastid.response import Response
 
 AUTO = EstimatorSpec(quantity="velocity")
 LOCAL = replace(AUTO, method="local_rational")
-# A resonance of 0.3 % at 30 Hz.
-POLE = 0.997 * np.exp(2j * np.pi * 30 / RATE)
-LIGHT = [1.0, -2 * POLE.real, abs(POLE) ** 2]
+LIGHT = Resonances((30.0,), 0.003)
 
 
 def _choice(response: Response) -> str:
     (text,) = (note.text for note in response.notes if note.code == "frf/method")
     return text
-
-
-def _light(freq_hz: np.ndarray) -> np.ndarray:
-    z = np.exp(-2j * np.pi * freq_hz / RATE)
-    return np.asarray(1 / (LIGHT[0] + LIGHT[1] * z + LIGHT[2] * z**2))
 
 
 def _multisine(periods: int, seed: int, N: int = 400) -> Record:
@@ -42,7 +35,7 @@ def _multisine(periods: int, seed: int, N: int = 400) -> Record:
     spectrum = np.zeros(N // 2 + 1, complex)
     spectrum[4:180] = np.exp(2j * np.pi * rng.random(176))
     u = np.tile(np.fft.irfft(spectrum), periods)[:, None]
-    y = lfilter([1.0], LIGHT, u, axis=0)
+    y = LIGHT.driven(u)
     y += 1e-3 * y.std() * rng.normal(size=y.shape)
     return replace(noise_record(N, 0, n=1), u=u, y=y, is_periodic=True, period_samples=N)
 
@@ -51,7 +44,7 @@ def test_a_light_resonance_goes_to_the_local_method_and_heavy_noise_to_segments(
     """Leakage of a segment against the variance of a narrow window; the note has both errors."""
     rng = np.random.default_rng(0)
     record = noise_record(4000, 1, n=1)
-    quiet = replace(record, y=lfilter([1.0], LIGHT, record.u, axis=0))
+    quiet = replace(record, y=LIGHT.driven(record.u))
     noisy = replace(record, y=quiet.y + 3 * quiet.y.std() * rng.normal(size=quiet.y.shape))
     chosen = {name: estimate([each], AUTO) for name, each in (("quiet", quiet), ("noisy", noisy))}
     assert "auto takes local_rational: stated error" in _choice(chosen["quiet"])
@@ -65,13 +58,13 @@ def test_a_light_resonance_goes_to_the_local_method_and_heavy_noise_to_segments(
 def test_the_stated_error_of_segments_holds_the_leakage_that_their_variance_lacks() -> None:
     """Of a light resonance without noise, against the truth, at the lines of the preview: within a factor of two."""
     record = noise_record(8000, 2, n=1)
-    record = replace(record, y=lfilter([1.0], LIGHT, record.u, axis=0))
+    record = replace(record, y=LIGHT.driven(record.u))
     spec = replace(AUTO, method="h1", segment=1.28)
     h1, local = estimate([record], spec), local_response([record], replace(LOCAL, lines="full"), most_lines=400)
     error, _, _ = automatic.stated_errors(h1, local, has_bias=True)
     inside = local.freq_hz[(local.freq_hz >= h1.freq_hz[0]) & (local.freq_hz <= h1.freq_hz[-1])]
     G = np.interp(inside, h1.freq_hz, h1.G[:, 0, 0].real) + 1j * np.interp(inside, h1.freq_hz, h1.G[:, 0, 0].imag)
-    true = np.mean(np.sqrt(np.minimum(1, np.abs(G / _light(inside) - 1)))) ** 2
+    true = np.mean(np.sqrt(np.minimum(1, np.abs(G / LIGHT.G(inside) - 1)))) ** 2
     assert 0.5 * true < error < 2 * true
     assert automatic.stated_errors(h1, local, has_bias=False)[0] < 0.9 * error
 
@@ -107,7 +100,7 @@ def test_periods_from_rest_go_to_the_local_method_and_those_of_a_plan_or_at_rest
     record = _multisine(5, 0)
     auto, mean = estimate([record], AUTO), estimate([record], replace(AUTO, method="arithmetic"))
     assert "takes local_rational" in _choice(auto)
-    errors = [np.median(np.abs(each.G[:, 0, 0] / _light(each.freq_hz) - 1)) for each in (auto, mean)]
+    errors = [np.median(np.abs(each.G[:, 0, 0] / LIGHT.G(each.freq_hz) - 1)) for each in (auto, mean)]
     assert errors[0] < errors[1] / 3
     settled = replace(_multisine(12, 0), u=_multisine(12, 0).u[2400:], y=_multisine(12, 0).y[2400:])
     for records, lines in (([record], np.arange(4, 180)), ([settled], None)):

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from plants.three_mass import circular
+from plants.two_mass import circular
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.kernels import is_compiled

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.noise_record import H1, MIX, RATE, noise_record
+from plants.noise_record import AXIS, H1, MIX, RATE, SWEPT_HZ, Resonances, noise_record, sweeps
 from plants.notes import said
-from plants.random_plants import SweptAxis
 from plants.refusals import refused
 from scipy.signal import coherence, csd, lfilter
 
@@ -49,14 +48,12 @@ def test_several_records_and_inputs_are_pooled_like_scipys_cross_spectra() -> No
 
 def test_leakage_is_in_the_total_covariance() -> None:
     """A resonance of 1 % at 30 Hz, four lines wide, from rest without noise: mean square over variance of its lines."""
-    pole = np.exp(2 * np.pi * 30 / RATE * (1j - 0.01))
-    A, squares = [1.0, -2 * pole.real, abs(pole) ** 2], list[tuple[float, float]]()
+    plant, squares = Resonances((30.0,)), list[tuple[float, float]]()
     for seed in range(20):
         record = noise_record(60_000, seed, n=1)
-        response = estimate([replace(record, y=lfilter([1.0], A, record.u, axis=0))], replace(H1, segment=6.4))
+        response = estimate([replace(record, y=plant.driven(record.u))], replace(H1, segment=6.4))
         near = np.abs(response.freq_hz - 30) < 0.3
-        z = np.exp(-2j * np.pi * response.freq_hz[near] / RATE)
-        error = np.abs(response.G[near, 0, 0] - 1 / (A[0] + A[1] * z + A[2] * z**2)) ** 2
+        error = np.abs(response.G[near, 0, 0] - plant.G(response.freq_hz[near])) ** 2
         stated = (response.noise.variance[near, 0, 0], response.total.variance[near, 0, 0])
         squares.append((float(np.mean(error / stated[0])), float(np.mean(error / stated[1]))))
     of_noise, of_total = np.mean(squares, axis=0)
@@ -67,12 +64,10 @@ def test_leakage_is_in_the_total_covariance() -> None:
 @pytest.mark.parametrize("repeats", [1, 3])
 def test_a_sine_that_is_in_few_segments_leaks_within_its_intervals(repeats: int) -> None:
     """More than 95 % of the regions hold the truth, by coherence and leakage of a window alone some 86 %."""
-    plant = SweptAxis()
     for snr_db in (30.0, 50.0):
-        sweeps = plant.measured(repeats, snr_db, np.random.default_rng(0))
-        records = [replace(each, is_periodic=False) for each in sweeps]
-        response = estimate(records, EstimatorSpec(method="h1", quantity="velocity", band_hz=plant.band_hz))
-        square = np.abs(response.G[:, 0, 0] - plant.G(response.freq_hz)) ** 2
+        records = [replace(each, is_periodic=False) for each in sweeps(repeats, snr_db, np.random.default_rng(0))]
+        response = estimate(records, EstimatorSpec(method="h1", quantity="velocity", band_hz=SWEPT_HZ))
+        square = np.abs(response.G[:, 0, 0] - AXIS.G(response.freq_hz)) ** 2
         assert np.mean(square < -np.log(0.05) * response.total.variance[:, 0, 0]) > 0.95
 
 
@@ -84,19 +79,13 @@ def test_a_sweep_that_ends_with_its_record_is_smoothed_by_the_window_alone() -> 
     """
     t = np.arange(int(60 * RATE)) / RATE
     u = np.sin(2 * np.pi * (4 * t + 76 / 120 * t**2))[:, None]
-    y, A = np.zeros(len(t)), list[tuple[list[float], float]]()
-    for f in (30.0, 77.0):
-        pole = np.exp(2 * np.pi * f / RATE * (1j - 0.01))
-        A.append(([1.0, -2 * pole.real, abs(pole) ** 2], f))
-        y += lfilter([f], A[-1][0], u[:, 0])
-    record = replace(noise_record(len(u), 0, n=1), u=u, y=y[:, None])
+    plant = Resonances((30.0, 77.0))
+    record = replace(noise_record(len(u), 0, n=1), u=u, y=plant.driven(u))
     response = estimate([record], replace(H1, segment=512 / RATE))
     assert 77.5 < response.freq_hz[-1] < 82
     fine = np.arange(0, RATE / 2, RATE / 512 / 16)
-    z = np.exp(-2j * np.pi * fine / RATE)
-    G = np.sum([f / (a[0] + a[1] * z + a[2] * z**2) for a, f in A], axis=0)
     kernel = np.abs(np.fft.fft(make_segments([record], replace(H1, segment=512 / RATE)).window, 512 * 16)) ** 2
-    smooth = np.convolve(G, np.fft.fftshift(kernel)[4096 - 64 : 4096 + 65] / kernel.sum(), "same")
+    smooth = np.convolve(plant.G(fine), np.fft.fftshift(kernel)[4096 - 64 : 4096 + 65] / kernel.sum(), "same")
     at = (response.freq_hz > 6) & (response.freq_hz < 78)
     truth_there = np.interp(response.freq_hz[at], fine, smooth.real) + 1j * np.interp(
         response.freq_hz[at], fine, smooth.imag
@@ -136,9 +125,8 @@ def test_inputs_in_proportion_are_refused_and_a_narrow_resonance_is_reported() -
     with refused("frf/inputs-together", place="configuration c"):
         estimate([replace(record, u=record.u[:, [0, 0]])], H1)
     rng = np.random.default_rng(0)
-    pole = 0.999 * np.exp(2j * np.pi * 30 / RATE)
     u = rng.normal(size=(20_000, 1))
-    y = lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], u, axis=0)
+    y = Resonances((30.0,), 1e-3).driven(u)
     words = " ".join(said(estimate([replace(noise_record(20_000, 0, n=1), u=u, y=y)], H1).notes))
     assert "barely resolve 1 of 1 resonances, that at 29.69 Hz" in words
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.extended_kalman_filter import (
@@ -21,7 +22,6 @@ from elastid.friction_study.extended_kalman_filter import (
 )
 from elastid.friction_study.levels import Levels
 from elastid.friction_study.result import JointFriction
-from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
 
 DRIFT = {"Fc": 6e-3, "f": 25e-3, "offset": 1e-3}
 NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift=DRIFT)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants.cogged_joint import CoggedJoint, logged, reference, simulated
+from plants.cogged_joint import CoggedJoint, logged, simulated
 from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, trapezoids
 from plants.refusals import refused
 
@@ -54,7 +54,7 @@ def test_ways_whose_speed_wanders_with_the_cogging_are_passes() -> None:
     """15 Nm of cogging on 115 Nm: twelve speeds of twelve, levels within 0.5 %, a slope of 12 % between directions."""
     joint = CoggedJoint(uneven=0.12 * 60)
     speeds = np.geomspace(0.05, 1.0, 12)
-    ends = simulated([joint] * 12, [reference((speed,), 0.5, 1e-3) for speed in speeds], 1e-3)
+    ends = simulated([joint] * 12, [trapezoids((speed,), 0.5, 1000.0) for speed in speeds], 1e-3)
     logs = [replace(logged(*end, 1e-3, i), name=f"log {i}") for i, end in enumerate(ends)]
     wander = np.gradient(ends[0][0])[3000:9000]
     assert wander.std() > 0.1 * wander.mean()

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.moving_arm import COULOMB, RATE, VISCOUS, motion, two_axes
+from plants.arm import INERTIA, MASS, OFFSET
+from plants.moving_arm import ARM, COULOMB, RATE, VISCOUS, motion
 from plants.refusals import refused
 
 from elastid.friction_study.joint_levels import check_torques
@@ -14,7 +15,7 @@ from elastid.friction_study.motion_signals import MotionLog
 
 def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
     """Ten logs: unbiased, and most of the 95 % intervals hold the truth."""
-    robot, errors, held = two_axes(), [], []
+    robot, errors, held = ARM, [], []
     for seed in range(10):
         found = regress_robot_motion(robot, [MotionLog.of(motion(seed), {}, 10.0)])[0]
         for i, joint in enumerate(("1", "2")):
@@ -34,7 +35,7 @@ def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> 
     v = np.gradient(second.position) * RATE
     sticking = replace(second, torque=second.torque + 30.0 * (np.abs(v) < 1e-3 * np.abs(v).max()))
     fits = [
-        regress_robot_motion(two_axes(), [MotionLog.of(motions, {}, 10.0)])[0]
+        regress_robot_motion(ARM, [MotionLog.of(motions, {}, 10.0)])[0]
         for motions in (log, {"1": log["1"], "2": sticking})
     ]
     assert not fits[0]["1"].misfit
@@ -46,7 +47,7 @@ def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> 
 
 def test_torques_of_the_motors_are_not_taken_for_those_of_the_joints() -> None:
     """Whatever friction takes beside the rigid body, right torques are not refused."""
-    robot, log = two_axes(), motion(5)
+    robot, log = ARM, motion(5)
     expected = torques_in_file(robot, MotionLog.of(log, {}, 10.0))
     torques = {name: each.torque for name, each in log.items()}
     check_torques(robot, torques, expected, "log.csv")
@@ -58,22 +59,22 @@ def test_torques_of_the_motors_are_not_taken_for_those_of_the_joints() -> None:
 
 def test_base_parameters_of_a_known_robot_lie_within_their_stds() -> None:
     """Each is its number and those that the motions cannot separate from it, times the table of the regressor."""
-    inertia = np.diag([0.1, 0.5, 0.5])
-    m, c = 12.0, np.array([0.3, 0.05, 0.0])
-    about_origin = inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
-    frame = [m, *(m * c), *np.diag(about_origin), *about_origin[[0, 0, 1], [1, 2, 2]]]
-    truth = np.array([*frame, *frame, 0.0, 0.0, 0.0, 0.0])  # the logs have neither rotors nor offsets
+    truth = []
+    for m, c, inertia in zip(MASS, OFFSET, INERTIA, strict=True):
+        # About the origin of its frame; the centre of mass is along x.
+        truth += [m, m * c, 0.0, 0.0, inertia, inertia + m * c**2, inertia + m * c**2, 0.0, 0.0, 0.0]
+    truth += [0.0, 0.0, 0.0, 0.0]  # the logs have neither rotors nor offsets
     scores = []
     for seed in range(6):
-        body = regress_robot_motion(two_axes(), [MotionLog.of(motion(seed), {}, 10.0)])[0]["1"].rigid_body
-        scores.append((body.values - body.regrouped @ truth) / body.std)
+        body = regress_robot_motion(ARM, [MotionLog.of(motion(seed), {}, 10.0)])[0]["1"].rigid_body
+        scores.append((body.values - body.regrouped @ np.array(truth)) / body.std)
     assert np.mean(np.abs(scores) < 1.96) >= 0.9
     assert "mcx_2" in body.names
 
 
 def test_a_rigid_body_is_not_stretched_beyond_the_motions_that_identified_it() -> None:
     """Of both axes it holds for the first alone; of the first alone not for both."""
-    robot, both = two_axes(), MotionLog.of(motion(1), {}, 10.0)
+    robot, both = ARM, MotionLog.of(motion(1), {}, 10.0)
     first = MotionLog.of({"1": both.of_joints["1"].motion}, {"2": 0.4}, 10.0)
     of_both, of_first = (regress_robot_motion(robot, [log])[0]["1"].rigid_body for log in (both, first))
     assert of_both is not None

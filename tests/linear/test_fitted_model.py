@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.predicted_arm import closed_form, result
+from plants.arm import closed_form, result
 
 from elastid.linear.fitted_model import Doubt, FittedModel
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.arm import closed_form, robot
 from plants.linkages import linkage
-from plants.predicted_arm import closed_form, robot
 from plants.refusals import refused
 
 from elastid.linear.loaded import Load, LoadedRobot

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.gears import wrist
 from plants.linkages import linkage
 
 from elastid.linear.equilibrium import equilibrium
@@ -14,11 +15,16 @@ from elastid.linear.modes import StrainEnergy, modes, shapes_of_all, strain_ener
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.robot import Body, GearCoupling, Joint, Motor, Placement, Robot, Spring
+from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 WEIGHTLESS = (0.0, 0.0, 0.0)
-UNDAMPED = dict.fromkeys(("d_2", "d_3", "d_b2", "d_rod", "fm_2", "fm_3"), 0.0)
-LINKAGE = replace(linkage(crank=0.33, bends=True), gravity=WEIGHTLESS).with_parameters(UNDAMPED)
+
+
+def undamped(robot: Robot) -> Robot:
+    return robot.with_parameters({name: 0.0 for name in robot.parameters() if name[0] in "df"})
+
+
+LINKAGE = undamped(replace(linkage(crank=0.33, bends=True), gravity=WEIGHTLESS))
 
 
 def chain(*stiffness: float) -> Robot:
@@ -27,22 +33,6 @@ def chain(*stiffness: float) -> Robot:
     for i, k in enumerate(stiffness[1:], start=1):
         bodies.append(Body(f"d{i}", f"d{i - 1}", joints=(Joint(f"{i}", "z", Spring(k)),), inertia=2.0))
     return Robot("chain", tuple(bodies), WEIGHTLESS)
-
-
-def wrist(springs: str, shafts: bool = False) -> Robot:
-    """Three axes in space, the motor of the last one turned along by the second joint."""
-
-    def motor(i: int) -> Motor:
-        return Motor(1e-3, 100.0, spring=Spring(30.0 * i) if shafts else None)
-
-    bodies = (
-        Body("a", joints=(Joint("1", "z", Spring(3e5), motor(1)),), mass=50, center_of_mass=(0.1, 0, 0.2), inertia=4.0),
-        Body("b", "a", Placement((0.2, 0, 0.4)),
-             (Joint("2", "y", Spring(2e5), motor(2)), Joint("2x", "x", Spring(4e5))),
-             30, (0.1, 0.05, 0.4), 2.0),
-        Body("c", "b", Placement((0, 0, 0.7)), (Joint("3", (0, 1, 1), Spring(1e5), motor(3)),), 20, (0.3, 0.1, 0), 1.0),
-    )  # fmt: skip
-    return Robot("wrist", bodies, WEIGHTLESS, gears=(GearCoupling("3", "2", 60.0, springs),))
 
 
 def found(robot: Robot, angles: list[float], spec: ModelSpec | None = None) -> tuple[np.ndarray, StrainEnergy]:
@@ -87,9 +77,9 @@ def test_a_nonlinear_spring_counts_with_its_tangent() -> None:
 
 
 ROBOTS = {
-    "after the gears": (wrist("after"), [0.3, -0.4, 0.9], ModelSpec()),
-    "before the gears": (wrist("before"), [0.3, -0.4, 0.9], ModelSpec()),
-    "in series": (wrist("before", shafts=True), [0.3, -0.4, 0.9], ModelSpec()),
+    "after the gears": (undamped(wrist("after", shafts=False, links=True)), [0.3, -0.4, 0.9], ModelSpec()),
+    "before the gears": (undamped(wrist("before", shafts=False, links=True)), [0.3, -0.4, 0.9], ModelSpec()),
+    "in series": (undamped(wrist("before", links=True)), [0.3, -0.4, 0.9], ModelSpec()),
     "constrained": (LINKAGE, [0.2, -0.1], ModelSpec("constrained")),
     "minimal": (LINKAGE, [0.2, -0.1], ModelSpec("minimal")),
     "series_stiffness": (LINKAGE, [0.2, -0.1], ModelSpec("minimal", "series_stiffness")),

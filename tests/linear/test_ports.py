@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plants.outside_arm import outside_of
+from plants.outside_arm import Outside
 
 from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.fit.problem.elastic import kernel_of, linear_model
@@ -37,9 +37,9 @@ def arm(tolerances: Tolerances | str = "exact") -> Robot:
 
 def outside(motors: Motors, loop: JointLoop | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Accelerations of the tool (F, 3, 3), along its own axes, and of the motors (F, 2, 3), by forces on it."""
-    robot = outside_of(arm())
+    robot = Outside(arm())
     M, D, K, rest = robot.matrices(ANGLES)
-    n = len(robot.joints)
+    n = len(robot.chain)
     if loop is not None:
         D[n:, n:] += np.diag(loop.kd)
         K[n:, n:] += np.diag(loop.kp)

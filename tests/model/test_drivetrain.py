@@ -10,6 +10,7 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.gears import COUPLINGS, D_SHAFT, K_SHAFT, LINKS, RATIO, J, wrist
+from plants.pinocchio_robot import append, pinocchio, pinocchio_model
 from plants.refusals import refused
 
 from elastid.experiment.specs.channels import ChannelSpec
@@ -56,42 +57,22 @@ def random_arm(seed: int, n: int = 4, coupled: bool = True) -> Robot:
     return Robot("arm", tuple(bodies), gears=gears)
 
 
-@pytest.fixture(scope="module")
-def pin():
-    return pytest.importorskip("pinocchio", reason="the independent implementation is in the group 'oracles'")
-
-
-def with_rotor_bodies(pin, robot: Robot):
+def with_rotor_bodies(robot: Robot):
     """The robot in pinocchio, every riding rotor a body on a joint of its own; and T (n_pin, n_q), q_pin = T q.
 
     Rotors that do not ride have their inertia as armature of a joint on the base. A rotor's joint turns by (eta q_m)_i.
     """
-    model, columns = pin.Model(), {}
-    model.gravity.linear = np.array(robot.gravity)
+    pin = pinocchio()
 
-    def add_rotors(carrier: str, parent: int, placement) -> None:
+    def add_rotors(model, carrier: str, at) -> None:
         for joint in robot.driven:
             if joint.motor.on == carrier or (carrier == BASE and not joint.motor.on):
                 axis = unit_axis(joint.motor.axis or "z")
-                turning = pin.JointModelRevoluteUnaligned(axis)
-                rotor = model.addJoint(parent, turning, placement, f"rotor {joint.name}")
-                inertia = pin.Inertia(0.0, np.zeros(3), joint.motor.inertia * np.outer(axis, axis))
-                model.appendBodyToJoint(rotor, inertia, pin.SE3.Identity())
+                rotor = model.addJoint(at[0], pin.JointModelRevoluteUnaligned(axis), at[1], f"rotor {joint.name}")
+                inertia = joint.motor.inertia * np.outer(axis, axis)
+                append(model, (rotor, pin.SE3.Identity()), 0.0, np.zeros(3), inertia)
 
-    def add(name: str, parent: int, placement) -> None:
-        add_rotors(name, parent, placement)
-        for body in robot.bodies:
-            if body.parent != name:
-                continue
-            seat, at = parent, placement * pin.SE3(body.placement.rotation, np.array(body.placement.xyz))
-            for joint in body.joints:
-                turning = pin.JointModelRevoluteUnaligned(unit_axis(joint.axis))
-                seat, at = model.addJoint(seat, turning, at, joint.name), pin.SE3.Identity()
-            inertia = pin.Inertia(body.mass, np.array(body.center_of_mass), body.inertia_matrix)
-            model.appendBodyToJoint(seat, inertia, at)
-            add(body.name, seat, at)
-
-    add(BASE, 0, pin.SE3.Identity())
+    model, _ = pinocchio_model(robot, add_rotors)
     columns = [f"joint {joint.name}" for joint in robot.joints] + [f"motor {joint.name}" for joint in robot.flexible]
     T = np.zeros((model.nv, len(columns)))
     for i, joint in enumerate(robot.joints):
@@ -105,13 +86,14 @@ def with_rotor_bodies(pin, robot: Robot):
 
 @given(seed=seeds)
 @settings(deadline=None, max_examples=12)
-def test_mass_and_coriolis_equal_pinocchio_with_rotors_as_bodies(pin, seed):
+def test_mass_and_coriolis_equal_pinocchio_with_rotors_as_bodies(seed):
     """M with S in it, C_1 and C_2 of chains with rotors anywhere and coupled gears, to 1e-10."""
     robot = random_arm(seed)
     model = serial(robot)
-    reference, T = with_rotor_bodies(pin, robot)
+    reference, T = with_rotor_bodies(robot)
     data = reference.createData()
     q, v = np.random.default_rng(seed).normal(size=(2, model.n_q))
+    pin = pinocchio()
     M = pin.crba(reference, data, T @ q)
     M = T.T @ (np.triu(M) + np.triu(M, 1).T) @ T
     np.testing.assert_allclose(model.mass(q, model.theta).full(), M, rtol=0, atol=1e-10 * np.abs(M).max())

@@ -1,13 +1,13 @@
 """Coordinates, sides, places and readings of an ElasticModel, and of one joint; the `model` section."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.dry_friction import robot as two_axes
 from plants.linkages import LEVER, LOWER, linkage
 from plants.refusals import refused
-from plants.two_axes import ROBOT
+from plants.template_arm import arm as template_arm
 
 from elastid.friction_study.presliding import OF_FILE, _Model
 from elastid.linear.equilibrium import equilibrium, rigid_posture
@@ -16,22 +16,8 @@ from elastid.model.formulation import formulate, held_joint, serial, unseen
 from elastid.model.spec import ModelSpec, Variant
 from elastid.record import Configuration
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Rod, Spring
-from elastid.study.robots import load_robot
 
 MOTOR = Motor(1e-3, -80, viscous=2e-3)
-
-
-def robot() -> Robot:
-    """An elastic gear, a rigid gear, a further elastic joint and a free one."""
-    first = (Joint("1", "y", Spring(5e4, 40), MOTOR, viscous=3), Joint("1x", "x", Spring(2e5, 90)))
-    second = (Joint("2", "z", motor=MOTOR, viscous=4), Joint("free", (1.0, 1.0, 0.0), viscous=0.5))
-    return Robot(
-        "mixed",
-        (
-            Body("a", joints=first, mass=20, center_of_mass=(0.3, 0, 0.1), inertia=(1, 2, 2)),
-            Body("b", "a", Placement((0.6, 0.1, 0), (0.4, 0, 0.2)), second, 9, (0.2, 0.25, 0.1), (0.2, 0.3, 0.4)),
-        ),
-    )
 
 
 def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
@@ -73,7 +59,7 @@ def test_an_elastic_rod_is_cut_or_closes_its_loop_with_the_joints_in_it_held(
 
 def test_a_tree_is_serial_and_a_linkage_constrained_unless_another_formulation_is_asked_for() -> None:
     """An elastic rod has a coordinate of its own in the constrained one; a rigid one is a row in both."""
-    assert (formulate(robot()).n_c, formulate(robot()).independent) == (0, None)
+    assert (formulate(template_arm()).n_c, formulate(template_arm()).independent) == (0, None)
     elastic, rigid = linkage(), linkage(Rod(LOWER, 6.2))
     assert (formulate(elastic).n_c, formulate(elastic).coordinates[-1]) == (1, "rod rod")
     assert "rod rod" not in formulate(rigid).coordinates
@@ -184,10 +170,9 @@ def test_places_read_their_rates_and_an_accelerometer_gravity_as_it_tilts() -> N
     np.testing.assert_allclose(model.output_jacobian(q, places), C)
 
 
-def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held(tmp_path: Path) -> None:
+def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held() -> None:
     """At two postures; the whole model with every coordinate struck out but those of motor 1 and joint 1."""
-    (tmp_path / "robot.yml").write_text(ROBOT)
-    robot = load_robot(tmp_path / "robot.yml")
+    robot = two_axes((0.0, 0.0))
     model = formulate(robot)
     omega = 2 * np.pi * np.geomspace(1, 50, 7)
     for angles in (np.array([0.0, 0.2]), np.array([0.4, -0.9])):

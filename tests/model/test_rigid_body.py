@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.pinocchio_robot import append, pinocchio, pinocchio_model, placed
 from plants.refusals import refused
 
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, frame_poses
 from elastid.model.rigid_body import inverse_dynamics
-from elastid.robot import BASE, Body, Frame, Joint, Motor, Payload, Placement, Robot, unit_axis
+from elastid.robot import BASE, Body, Frame, Joint, Motor, Payload, Placement, Robot
 from elastid.robot.simplified import with_joints
 from elastid.study import load_robot
 
@@ -61,66 +62,42 @@ def random_robot(seed: int) -> Robot:
     return Robot("random", tuple(bodies), tuple(rng.normal(size=3) * 6), frames=frames, payload=payload)
 
 
-def depth_first(robot: Robot, parent: str) -> list[Body]:
-    """Children before siblings: pinocchio's crba takes every branch's joints to be numbered in one run."""
-    return [each for body in robot.bodies if body.parent == parent for each in (body, *depth_first(robot, body.name))]
-
-
-def pinocchio_model(pin, robot: Robot):
-    """The same robot in pinocchio, built body by body; returns the model and the order of its joints in ours."""
-    model = pin.Model()
-    model.gravity.linear = np.array(robot.gravity)
-    seats = {BASE: (0, pin.SE3.Identity())}
-    for body in depth_first(robot, BASE):
-        parent, placement = seats[body.parent]
-        placement = placement * pin.SE3(body.placement.rotation, np.array(body.placement.xyz))
-        for joint in body.joints:
-            kind = pin.JointModelPrismaticUnaligned if joint.slides else pin.JointModelRevoluteUnaligned
-            parent = model.addJoint(parent, kind(unit_axis(joint.axis)), placement, joint.name)
-            placement = pin.SE3.Identity()
-        placement = placement * pin.SE3(body.mounting.rotation, np.array(body.mounting.xyz))
-        inertia = pin.Inertia(body.mass, np.array(body.center_of_mass), body.inertia_matrix)
-        model.appendBodyToJoint(parent, inertia, placement)
-        model.addFrame(pin.Frame(body.name, parent, placement, pin.FrameType.BODY))
-        seats[body.name] = (parent, placement)
+def in_pinocchio(robot: Robot):
+    """The same robot in pinocchio with its frames and its payload, and the order of its joints in ours."""
+    pin = pinocchio()
+    model, seats = pinocchio_model(robot)
+    for body in robot.bodies:
+        model.addFrame(pin.Frame(body.name, *seats[body.name], pin.FrameType.BODY))
     for frame in robot.frames:
         parent, placement = seats[frame.body]
-        placement = placement * pin.SE3(frame.placement.rotation, np.array(frame.placement.xyz))
-        model.addFrame(pin.Frame(frame.name, parent, placement, pin.FrameType.OP_FRAME))
-        seats[frame.name] = (parent, placement)
+        model.addFrame(pin.Frame(frame.name, parent, placement * placed(frame.placement), pin.FrameType.OP_FRAME))
+        seats[frame.name] = parent, placement * placed(frame.placement)
     if robot.payload is not None:
         load = robot.payload.body("", Placement())
-        parent, placement = seats[robot.payload.at]
-        inertia = pin.Inertia(load.mass, np.array(load.center_of_mass), load.inertia_matrix)
-        model.appendBodyToJoint(parent, inertia, placement)
-    order = [model.joints[model.getJointId(joint.name)].idx_q for joint in robot.joints]
-    return model, order
-
-
-@pytest.fixture(scope="module")
-def pin():
-    return pytest.importorskip("pinocchio", reason="the independent implementation is in the group 'oracles'")
+        append(model, seats[robot.payload.at], load.mass, load.center_of_mass, load.inertia_matrix)
+    return model, [model.joints[model.getJointId(joint.name)].idx_q for joint in robot.joints]
 
 
 @given(seed=seeds)
 @settings(deadline=None, max_examples=12)
-def test_mass_coriolis_and_gravity_equal_pinocchio(pin, seed):
+def test_mass_coriolis_and_gravity_equal_pinocchio(seed):
     """M, c + g and g of random trees (branches, oblique axes, fixed bodies) equal pinocchio's to 1e-10."""
-    assert_equal_to_pinocchio(pin, random_robot(seed), seed)
+    assert_equal_to_pinocchio(random_robot(seed), seed)
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_shipped_robots_equal_pinocchio(pin, path):
+def test_shipped_robots_equal_pinocchio(path):
     """M, c + g, g, frames and their Jacobians of every robot in configs."""
-    assert_equal_to_pinocchio(pin, load_robot(path), 0)
+    assert_equal_to_pinocchio(load_robot(path), 0)
 
 
-def assert_equal_to_pinocchio(pin, robot: Robot, seed: int) -> None:
+def assert_equal_to_pinocchio(robot: Robot, seed: int) -> None:
     """Link-side rigid body terms without drivetrain, poses and Jacobians, to 1e-10."""
+    pin = pinocchio()
     robot = rigid(robot)
     model = serial(robot)
     n = len(robot.joints)
-    reference, order = pinocchio_model(pin, robot)
+    reference, order = in_pinocchio(robot)
     data = reference.createData()
     rng = np.random.default_rng(seed)
     q, v, a = rng.normal(size=(3, n))

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.arm import LENGTH, MASS, OFFSET
 from plants.geared_arms import parallel_linkage
 from plants.refusals import refused
-from plants.two_links import LENGTH, MASS, OFFSET, arm
+from plants.two_links import arm
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate, serial

@@ -1,41 +1,38 @@
-"""A study of an arm of two axes with a move, and commands on it."""
+"""Studies of the arm with limits and friction, for a move and live, and commands on them."""
 
 from pathlib import Path
+from textwrap import indent
 
 from elastid.app import cli
+from elastid.robot import Limits
+from elastid.study.robots import yaml_text
+from plants.arm import robot
 
-ROBOT = """\
-robot:
-  name: arm
-  bodies:
-    - name: upper
-      joints: [{name: 1, axis: y, motor: {inertia: 2e-3, ratio: 80, viscous: 1e-3, coulomb: 0.05},
-        spring: {stiffness: 4e4, damping: 80}, limits: {angle: [-90 deg, 90 deg], velocity: 3, torque: 1.5 kN*m}}]
-      mass: 30
-      center_of_mass: [0.4, 0, 0]
-      inertia: 1.5
-    - name: fore
-      parent: upper
-      placement: {xyz: [0.8, 0, 0]}
-      joints: [{name: 2, axis: y, motor: {inertia: 2e-3, ratio: 80, viscous: 1e-3},
-        spring: {stiffness: 2e4, damping: 40}, limits: {angle: [-90 deg, 90 deg], velocity: 3, torque: 800 N*m}}]
-      mass: 20
-      center_of_mass: [0.35, 0, 0]
-      inertia: 1
-  frames: [{name: tool, body: fore, placement: {xyz: [0.6, 0, 0]}}]
-"""
-STUDY = f"""\
+LIMITS = (Limits((-1.57, 1.57), 3.0, 1500.0), Limits((-1.57, 1.57), 3.0, 800.0))
+TRUTH = {"k_1": 3.4e4, "k_2": 2.3e4}
+
+
+def study(period: str, configurations: str, cycles: int, further: str = "") -> str:
+    """Its text; period: of the excitation.  cycles: of the carrier in it."""
+    return f"""\
 name: arm
 seed: 1
-{ROBOT}excitation: {{rate_hz: 200, period: 2 s, band_hz: [2, 40], torque_rms: 20}}
+robot:
+{indent(yaml_text(robot(viscous=1e-3, coulomb=(0.05, 0.0), limits=LIMITS)), "  ")}\
+excitation: {{rate_hz: 200, period: {period}, band_hz: [2, 40], torque_rms: 20}}
 experiment:
-  configurations: {{down: [20 deg, 40 deg], out: [-10 deg, 10 deg]}}
+  configurations: {configurations}
   simulated:
-    truth: {{k_1: 3.4e4, k_2: 2.3e4}}
-    carrier: {{amplitude: 0.5 deg, cycles: 4}}
+    truth: {{k_1: {TRUTH["k_1"]}, k_2: {TRUTH["k_2"]}}}
+    carrier: {{amplitude: 0.5 deg, cycles: {cycles}}}
     noise: {{torque_std: 0.2, encoder_counts: 1048576}}
 fit: {{starts: 1, parameters: {{"k_*": {{}}, "d_*": {{}}}}}}
-"""
+{further}"""
+
+
+STUDY = study("2 s", "{down: [20 deg, 40 deg], out: [-10 deg, 10 deg]}", 4)
+POSTURES = "{down: [20 deg, 40 deg], out: [-10 deg, 10 deg], up: [-60 deg, 50 deg]}"
+LIVE = study("1 s", POSTURES, 1, "report: {formats: [png]}\n")
 
 
 def command(name: str, study: Path, *words: str | Path) -> int:

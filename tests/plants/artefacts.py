@@ -8,11 +8,9 @@ import numpy as np
 from hypothesis import settings
 from hypothesis.extra.numpy import arrays
 
-from elastid.base.errors import Note
-from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.result import Result
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.store.artefacts import Stamp
+from plants.report_values import PARAMETERS, fit_result
 
 STAMP = Stamp("inputs", "code", "0.1.0", 3, "name: Kühlhaus\n" * 6000)
 QUICK = settings(deadline=None, max_examples=15)
@@ -56,31 +54,19 @@ def same(a, b):
 
 
 def some_fit(n_starts=2):
+    """The fit of the reports with ties, priors and stand-ins of every kind, and with numbers that are not finite."""
+    result, n = fit_result(), len(PARAMETERS.free)
+    k_1, *others = PARAMETERS
     parameters = Parameters(
         (
-            Parameter("k_1", 100.0, "N*m/rad", 1.0, math.inf, log=True, prior=Prior(90.0, 0.1)),
-            Parameter("k_2", 0.1 + 0.2, "N*m/rad", tie=Tie("k_1", 0.5)),
-            Parameter("d_1", 3.0, "N*m*s/rad", free=False),
-            Parameter("delay", 0.0, "s", -1e-3, 1e-3),
+            dataclasses.replace(k_1, upper=math.inf, prior=Prior(90.0, 0.1)),
+            *others,
             Parameter("k_1@b", 80.0, "N*m/rad", free=False, only=("b", "c")),
             Parameter("factor", 2.0, free=False, ratio=True),
             Parameter("k_3", 60.0, "N*m/rad", tie=Tie("k_1", 0.5, "factor")),
         )
     )
-    start = LocalOptimum(np.array([1.0, 0.0]), np.array([2.0, 1e-4]), 12.5, 7, True, "Solve_Succeeded")
-    return Result(
-        parameters,
-        np.array([2.0, 1e-4]),
-        np.array([[1e-4, 0.0], [0.0, math.inf]]),
-        12.5,
-        10,
-        1.1,
-        "converged",
-        "all is well",
-        (start,) * n_starts,
-        2,
-        np.array([False, True]),
-        np.array([1.0, 0.1]),
-        "complex",
-        (Note("a-code", "a word", "a place", "information"),),
+    covariance = np.diag([1e-4, *[math.inf] * (n - 1)])
+    return dataclasses.replace(
+        result, parameters=parameters, covariance=covariance, starts=result.starts[:1] * n_starts
     )

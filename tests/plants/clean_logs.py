@@ -25,6 +25,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, ColoredNoiseSpec, NoiseSpec, SimulatedSpec
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.simulation.spec import ControllerSpec
+from plants.outside_arm import Outside
 
 RATE_HZ, PERIOD = 200.0, 400
 # Lines 0.5 Hz apart: all from 1 to 40 Hz, odd ones, odd ones with gaps, every fourth.
@@ -74,8 +75,6 @@ class Kind:
     bandwidth_hz: float
     carrier: float
     half_wave: bool
-    period: int = PERIOD
-    rate_hz: float = RATE_HZ
 
     @classmethod
     def drawn(cls, number: int, seed: int) -> Kind:
@@ -109,7 +108,7 @@ class Kind:
     @property
     def lines(self) -> tuple[int, ...]:
         """Those of its grid at which the controller does not cancel the excitation, from half its bandwidth on."""
-        return tuple(k for k in GRIDS[self.grid] if k * self.rate_hz / self.period >= self.bandwidth_hz / 2)
+        return tuple(k for k in GRIDS[self.grid] if k * RATE_HZ / PERIOD >= self.bandwidth_hz / 2)
 
     @property
     def rng(self) -> np.random.Generator:
@@ -137,7 +136,7 @@ class Kind:
     def disturbance(self, rng: np.random.Generator, n: int, n_u: int) -> FloatArray:
         """Torque (n, n_u) of slow wander with a time constant of 5 s, and of a step somewhere."""
         white = rng.standard_normal((n, n_u))
-        decay = np.exp(-1 / (5.0 * self.rate_hz))
+        decay = np.exp(-1 / (5.0 * RATE_HZ))
         slow = np.empty((n, n_u))
         last = rng.standard_normal(n_u)
         for i in range(n):
@@ -149,77 +148,66 @@ class Kind:
 
 @dataclass(frozen=True)
 class Chain:
-    """Motors J (n_u,) behind elastic gears k, d (n_u,) and an arm M (n_u, n_u), all link side; viscous friction f."""
+    """Motors behind elastic gears and the links of a planar arm with viscous friction, in one posture."""
 
     kind: Kind
-    J: FloatArray
-    f: FloatArray
-    k: FloatArray
-    d: FloatArray
-    arm: tuple[float, ...]
-    posture: float
+    robot: Robot
+    angles: tuple[float, ...]
 
     @classmethod
     def drawn(cls, kind: Kind) -> Chain:
         """Resonances of 8 to 25 Hz, damped by 1.5 to 4 %."""
         rng, n = kind.rng, kind.axes
         J = np.array((20.0, 7.0))[:n] * rng.uniform(0.7, 1.4, n)
-        arm = tuple((np.array((40.0, 0.3, 4.0, 0.6, 20.0, 0.25, 1.2)) * rng.uniform(0.9, 1.1, 7)).tolist())
-        inertia = np.diag(_arm_inertia(arm, 1.2, n))
+        m1, c1, I1, l1, m2, c2, I2 = np.array((40.0, 0.3, 4.0, 0.6, 20.0, 0.25, 1.2)) * rng.uniform(0.9, 1.1, 7)
+
+        def arm(springs: list[Spring], f: FloatArray) -> Robot:
+            axes = zip("12", springs, J, RATIO, f, strict=False)
+            joints = [Joint(name, "z", spring, Motor(J_m / i**2, i, f / i**2)) for name, spring, J_m, i, f in axes]
+            upper = Body("upper", joints=(joints[0],), mass=m1, center_of_mass=(c1, 0, 0), inertia=(I1, I1, I1))
+            fore = Body("fore", "upper", Placement((l1, 0, 0)), (*joints[1:],), m2, (c2, 0, 0), (I2, I2, I2))
+            return Robot("planar arm", (upper, fore)[:n], gravity=(0.0, 0.0, 0.0))
+
+        angles = (0.0, 1.2)[:n]
+        inertia = np.diag(Outside(arm([Spring(1.0)] * n, 0 * J)).matrices(np.array(angles))[0])[:n]
         reduced = 1 / (1 / J + 1 / inertia)
         k = reduced * (2 * np.pi * np.array((11.0, 19.0))[:n] * rng.uniform(0.85, 1.15, n)) ** 2
         d = 2 * rng.uniform(0.015, 0.04, n) * np.sqrt(k * reduced)
-        return cls(kind, J, 0.8 * J * rng.uniform(0.5, 2, n), k, d, arm, 1.2)
+        springs = [Spring(*each) for each in zip(k.tolist(), d.tolist(), strict=True)]
+        return cls(kind, arm(springs, 0.8 * J * rng.uniform(0.5, 2, n)), angles)
 
-    @property
-    def robot(self) -> Robot:
-        """The same as a robot's file has it."""
-        m1, c1, I1, l1, m2, c2, I2 = self.arm
-        motors = [Motor(J / i**2, i, f / i**2) for J, i, f in zip(self.J, RATIO, self.f, strict=False)]
-        springs = [Spring(k, d) for k, d in zip(self.k, self.d, strict=True)]
-        upper = Body("upper", joints=(Joint("1", "z", springs[0], motors[0]),), mass=m1,
-                     center_of_mass=(c1, 0, 0), inertia=(I1, I1, I1))  # fmt: skip
-        if self.kind.axes == 1:
-            return Robot("one axis", (upper,), gravity=(0.0, 0.0, 0.0))
-        fore = Body("fore", "upper", Placement((l1, 0, 0)), (Joint("2", "z", springs[1], motors[1]),), mass=m2,
-                    center_of_mass=(c2, 0, 0), inertia=(I2, I2, I2))  # fmt: skip
-        return Robot("two axes", (upper, fore), gravity=(0.0, 0.0, 0.0))
-
-    @property
-    def inertia(self) -> FloatArray:
-        """M (n_u, n_u)."""
-        return _arm_inertia(self.arm, self.posture, len(self.J))
+    @cached_property
+    def matrices(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """M, D, K (2 n, 2 n), joints before motors."""
+        M, D, K, _ = Outside(self.robot).matrices(np.array(self.angles))
+        return M, D, K
 
     @cached_property
     def step(self) -> tuple[FloatArray, FloatArray]:
         """e^(A h) (4 n, 4 n) and its integral times B (4 n, n), exact for torques that are held."""
-        n = len(self.J)
-        unit = np.eye(n)
-        M = np.block([[np.diag(self.J), 0 * unit], [0 * unit, self.inertia]])
-        K, D = (np.kron([[1, -1], [-1, 1]], np.diag(c)) for c in (self.k, self.d))
-        D[:n, :n] += np.diag(self.f)
+        (M, D, K), n = self.matrices, self.kind.axes
         A = np.zeros((5 * n, 5 * n))
         A[: 2 * n, 2 * n : 4 * n] = np.eye(2 * n)
         A[2 * n : 4 * n, : 4 * n] = -np.linalg.solve(M, np.hstack([K, D]))
-        A[2 * n : 4 * n, 4 * n :] = np.linalg.inv(M)[:, :n]
-        whole = expm(A / self.kind.rate_hz)
+        A[2 * n : 4 * n, 4 * n :] = np.linalg.inv(M)[:, n:]
+        whole = expm(A / RATE_HZ)
         return whole[: 4 * n, : 4 * n], whole[: 4 * n, 4 * n :]
 
     def logs(self) -> Iterator[Log]:
         """Those of every posture."""
         rng = self.kind.rng
         for name, angles in self.kind.configurations.items():
-            yield from replace(self, posture=angles[-1])._logs_there(name, rng)
+            yield from replace(self, angles=angles)._logs_there(name, rng)
 
     def _logs_there(self, name: str, rng: np.random.Generator) -> Iterator[Log]:
         """All experiments, run side by side, from three periods on: what they begin with has died out."""
-        kind, n_u = self.kind, len(self.J)
+        kind, n_u = self.kind, self.kind.axes
         pairs = [(m, e) for m in range(kind.realisations) for e in range(n_u)]
-        first, n = 3 * kind.period, (3 + kind.periods) * kind.period
+        first, n = 3 * PERIOD, (3 + kind.periods) * PERIOD
         periods = np.concatenate([self.multisines(rng) for _ in range(kind.realisations)])
         r = np.tile(periods, (1, 3 + kind.periods, 1))
         w = np.stack([kind.disturbance(rng, n, n_u) for _ in pairs])
-        u, q, _ = self.run(r, w + 0.002 * np.array(TORQUE_RMS[:n_u]) * rng.standard_normal(r.shape), rng)
+        u, q = self.run(r, w + 0.002 * np.array(TORQUE_RMS[:n_u]) * rng.standard_normal(r.shape), rng)
         u = u + kind.noise * np.array(TORQUE_RMS[:n_u]) * rng.standard_normal(u.shape)
         for i, (m, e) in enumerate(pairs):
             names = {"r": r[i, first:], "u": u[i, first:], "q": q[i, first:] * RATIO[:n_u]}
@@ -228,45 +216,33 @@ class Chain:
 
     def multisines(self, rng: np.random.Generator) -> FloatArray:
         """Torques (n_u, N, n_u) of the experiments of a realisation: orthogonal multisines of random phases."""
-        n_u, lines = len(self.J), np.array(self.kind.lines)
+        n_u, lines = self.kind.axes, np.array(self.kind.lines)
         turns = np.exp(2j * np.pi * rng.random((len(lines), n_u)))
-        wave = np.exp(2j * np.pi * np.outer(np.arange(self.kind.period), lines) / self.kind.period)
+        wave = np.exp(2j * np.pi * np.outer(np.arange(PERIOD), lines) / PERIOD)
         amplitude = np.array(TORQUE_RMS[:n_u]) * np.sqrt(2 / len(lines))
         return np.stack([(wave @ (turns * amplitude * signs)).real for signs in hadamard(n_u)])
 
-    def run(self, r: FloatArray, w: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Torques, read angles, link side, and accelerations of the links (E, n, n_u) of all experiments."""
+    def run(self, r: FloatArray, w: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Torques and read angles (E, n, n_u), link side, of all experiments."""
         E, n, n_u = r.shape
         whole, of_torque = (matrix.T for matrix in self.step)
-        total, mobility = self.J + np.diag(self.inertia), np.linalg.inv(self.inertia)
+        total = np.diag(self.matrices[0])[n_u:] + np.diag(self.matrices[0])[:n_u]
         omega = 2 * np.pi * self.kind.bandwidth_hz
         stiffness, damping = total * omega**2, (1.6 if self.kind.bandwidth_hz < 2 else 0.8) * total * omega
-        carrier = self.kind.carrier * np.sin(2 * np.pi * np.arange(n) / self.kind.period)
+        carrier = self.kind.carrier * np.sin(2 * np.pi * np.arange(n) / PERIOD)
         count = 2 * np.pi / self.kind.counts / np.array(RATIO[:n_u]) if self.kind.counts else 0.0
         noise = 1e-7 * (1 + 4 * rng.random()) * rng.standard_normal(r.shape)
         x, before = np.zeros((E, 4 * n_u)), np.zeros((E, n_u))
-        u, q, a = np.empty(r.shape), np.empty(r.shape), np.empty(r.shape)
+        u, q = np.empty(r.shape), np.empty(r.shape)
         for i in range(n):
-            read = x[:, :n_u] + noise[:, i]
+            read = x[:, n_u : 2 * n_u] + noise[:, i]
             if self.kind.counts:
                 read = np.round(read / count) * count
             error = carrier[i] - read
-            u[:, i] = r[:, i] + stiffness * error + damping * (error - before) * self.kind.rate_hz
+            u[:, i] = r[:, i] + stiffness * error + damping * (error - before) * RATE_HZ
             q[:, i], before = read, error
-            bent, rate = (x[:, j : j + n_u] - x[:, j + n_u : j + 2 * n_u] for j in (0, 2 * n_u))
-            a[:, i] = (self.k * bent + self.d * rate) @ mobility
             x = x @ whole + (u[:, i] + w[:, i]) @ of_torque
-        return u, q, a
-
-
-def _arm_inertia(arm: tuple[float, ...], posture: float, n: int) -> FloatArray:
-    """Inertia (n, n) of the links of a planar arm; of the first alone where n is 1."""
-    m1, c1, I1, l1, m2, c2, I2 = arm
-    if n == 1:
-        return np.array([[I1 + m1 * c1**2]])
-    outer = I2 + m2 * c2**2
-    both = outer + m2 * l1 * c2 * np.cos(posture)
-    return np.array([[I1 + m1 * c1**2 + m2 * l1**2 + 2 * both - outer, both], [both, outer]])
+        return u, q
 
 
 def simulated_robot(axes: int, coulomb: float) -> Robot:

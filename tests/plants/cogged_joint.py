@@ -40,17 +40,6 @@ class CoggedJoint:
         return self.coulomb + (self.stiction - self.coulomb) * fall + (self.viscous + direction * self.uneven) * speed
 
 
-def reference(speeds: Sequence[float], travel: float, step_s: float, rest_s: float = 0.5) -> FloatArray:
-    """Angle (n,) there and back at each speed, with rests between."""
-    parts = [np.zeros(round(rest_s / step_s))]
-    for speed in speeds:
-        ramp = np.linspace(0, speed, max(2, round(speed / 5.0 / step_s)))
-        flat = np.full(max(1, round((travel - speed**2 / 5.0) / speed / step_s)), speed)
-        way = np.concatenate([ramp, flat, ramp[::-1], np.zeros(round(rest_s / step_s))])
-        parts += [way, -way]
-    return np.asarray(np.cumsum(np.concatenate(parts)) * step_s)
-
-
 def simulated(
     joints: Sequence[CoggedJoint], references: Sequence[FloatArray], step_s: float
 ) -> list[tuple[FloatArray, FloatArray]]:

@@ -10,6 +10,7 @@ from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+from plants.two_mass import drawn
 
 FREQ = np.linspace(2, 60, 60)
 CONFIGURATIONS = ((0.0, 0.0), (0.6, -0.7), (-0.4, 0.9))
@@ -39,14 +40,14 @@ def arm(k_1=3e5, k_2=1.8e5, gravity=9.81) -> Robot:
     return Robot("arm", (upper, fore), gravity=(0.0, 0.0, -gravity))
 
 
-def pendulum(viscous=1e-3) -> Robot:
+def pendulum() -> Robot:
     """One driven elastic joint about the vertical, without gravity."""
-    joint = Joint("1", "z", Spring(100.0, 0.05), Motor(1e-3, viscous=viscous), 1e-3)
+    joint = Joint("1", "z", Spring(100.0, 0.05), Motor(1e-3, viscous=1e-3), 1e-3)
     return Robot("pendulum", (Body("load", joints=(joint,), inertia=2e-3),), gravity=(0.0, 0.0, 0.0))
 
 
-def measure(robot, configurations=CONFIGURATIONS, rng=None, delay=0.0, outputs=None, dof=6.0) -> list[Response]:
-    """Responses with 2 % noise whose variance was estimated from `dof` degrees of freedom, or exact ones."""
+def measure(robot, configurations=CONFIGURATIONS, rng=None, delay=0.0, outputs=None) -> list[Response]:
+    """Responses with 2 % noise whose variance was estimated from 6 degrees of freedom, or exact ones."""
     model = serial(robot)
     responses = []
     for i, angles in enumerate(configurations):
@@ -59,9 +60,8 @@ def measure(robot, configurations=CONFIGURATIONS, rng=None, delay=0.0, outputs=N
         if rng is None:
             responses.append(replace(exact, noise=Covariance(std**2, np.inf)))
             continue
-        noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
-        variance = std**2 * rng.chisquare(2 * dof, std.shape) / (2 * dof)
-        responses.append(replace(exact, G=exact.G + noise, total=Covariance(variance, dof)))
+        G, total = drawn(exact.G, std, rng, 6.0)
+        responses.append(replace(exact, G=G, total=total))
     return responses
 
 

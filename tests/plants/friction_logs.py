@@ -36,28 +36,26 @@ CHANNELS = (
 THERMOMETER = ChannelSpec("t", "joint 1", "temperature", quantity="temperature")
 
 
-def trapezoids(speeds: Sequence[float], travel: float = 0.8, acceleration: float = 4.0) -> FloatArray:
+def trapezoids(speeds: Sequence[float], travel: float = 0.8, rate_hz: float = RATE) -> FloatArray:
     """Position (n,) of passes there and back, one speed after the other, at rest between them."""
-    parts = [np.zeros(round(0.3 * RATE))]
+    rest = np.zeros(round(0.3 * rate_hz))
+    parts = [rest]
     for speed in speeds:
-        n_ramp, n_flat = (
-            round(speed / acceleration * RATE),
-            max(0, round((travel / speed - speed / acceleration) * RATE)),
-        )
+        n_ramp, n_flat = round(speed / 4.0 * rate_hz), max(0, round((travel / speed - speed / 4.0) * rate_hz))
         x = (np.arange(n_ramp) + 0.5) / max(n_ramp, 1)
         rise = x**3 * (10 - 15 * x + 6 * x**2)
-        way = speed * np.concatenate([rise, np.ones(n_flat), rise[::-1], np.zeros(round(0.3 * RATE))])
+        way = speed * np.concatenate([rise, np.ones(n_flat), rise[::-1], rest])
         parts += [way, -way]
-    return np.asarray(np.cumsum(np.concatenate(parts)) / RATE)
+    return np.asarray(np.cumsum(np.concatenate(parts)) / rate_hz)
 
 
-def sliding_torque(q: FloatArray, seed: int = 0, noise: float = 0.3, gravity: float = GRAVITY) -> FloatArray:
+def sliding_torque(q: FloatArray, seed: int = 0) -> FloatArray:
     """Link-side torque (n,) of a motion: inertia, friction, gravity, ripple, offset and noise."""
     v = np.gradient(q, 1 / RATE)
     rest = np.abs(v) < 1e-6
     friction = np.where(rest, 0.0, COULOMB * np.sign(v)) + VISCOUS * v
-    known = INERTIA * np.gradient(v, 1 / RATE) + gravity * -np.cos(q) + RIPPLE * np.sin(RATIO * q) + OFFSET
-    return np.asarray(friction + known + noise * np.random.default_rng(seed).standard_normal(len(q)))
+    known = INERTIA * np.gradient(v, 1 / RATE) - GRAVITY * np.cos(q) + RIPPLE * np.sin(RATIO * q) + OFFSET
+    return np.asarray(friction + known + 0.3 * np.random.default_rng(seed).standard_normal(len(q)))
 
 
 def write_log(path: Path, q: FloatArray, torque: FloatArray, temperature: FloatArray | None = None) -> None:
@@ -81,7 +79,7 @@ robot: robot.yml
 friction: {{passes: {passes}, law: {{temperature: {temperature}}}, loads: [{{name: empty}}]}}
 experiment:
   recorded:
-    rate_hz: 500
+    rate_hz: {rate_hz:g}
     channels:
       - {{role: u, at: motor 1, channel: current, quantity: current, unit: A, {constant}side: {torque_side}}}
       - {{role: y, at: motor 1, channel: angle, quantity: position, unit: deg, side: {angle_side}}}
@@ -93,7 +91,9 @@ THERMOMETER_LINE = "- {role: t, at: joint 1, channel: temperature, quantity: tem
 SPEEDS = (0.03, 0.1, 0.2, 0.4, 0.6, 0.9)
 
 
-def write_study(folder: Path, entries: Sequence[str] = ("{path: log.csv}",), **keys: str) -> Path:
+def write_study(
+    folder: Path, entries: Sequence[str] = ("{path: log.csv}",), rate_hz: float = RATE, **keys: str
+) -> Path:
     """The path of a study of logs, in the folder, with its robot."""
     defaults = {
         "temperature": "auto",
@@ -105,5 +105,5 @@ def write_study(folder: Path, entries: Sequence[str] = ("{path: log.csv}",), **k
         "files": "\n".join(f"      - {log}" for log in entries),
     }
     (folder / "robot.yml").write_text(yaml_text(ROBOT))
-    (folder / "study.yml").write_text(STUDY.format(**(defaults | keys)))
+    (folder / "study.yml").write_text(STUDY.format(rate_hz=rate_hz, **(defaults | keys)))
     return folder / "study.yml"

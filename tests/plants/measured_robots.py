@@ -12,9 +12,9 @@ from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.response import Covariance, Response
+from elastid.response import Response
 from elastid.robot import Robot
-from plants.two_mass import circular
+from plants.two_mass import drawn
 
 
 def responses_of(
@@ -34,9 +34,8 @@ def responses_of(
     for name, angles in named.items():
         linear = linearisation.at(Configuration(name, tuple(angles)), model.theta, outputs, "acceleration")
         exact = to_response(linear, linear.theta_ref, freq_hz)
-        std = relative * np.abs(exact.G) + added * np.abs(exact.G).max(axis=0)
-        noisy = exact.G + std * circular(rng, std.shape)
-        responses.append(replace(exact, G=noisy, noise=Covariance(std**2, np.inf)))
+        G, noise = drawn(exact.G, relative * np.abs(exact.G) + added * np.abs(exact.G).max(axis=0), rng)
+        responses.append(replace(exact, G=G, noise=noise))
     return responses
 
 

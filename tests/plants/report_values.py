@@ -1,6 +1,5 @@
 """The content of a report, made up: responses, a fit, a plan, modes, replays."""
 
-import math
 from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
@@ -36,7 +35,7 @@ def chain(n_u, n_y=None, stiffness=3e5, freq_hz=FREQ_HZ):
     return (s**2 * np.linalg.inv(M * s**2 + D * s + K))[:, : n_y or n_u, :n_u]
 
 
-def pair(n_u, n_y=None, name="c1", rate_is_known=True, seed=0, freq_hz=FREQ_HZ):
+def pair(n_u, n_y=None, name="c1", seed=0, freq_hz=FREQ_HZ):
     """A measured response with noise and total covariance, and a model that is a little off."""
     rng = np.random.default_rng(seed)
     G, model = (chain(n_u, n_y, stiffness, freq_hz) for stiffness in (3e5, 3.03e5))
@@ -45,16 +44,8 @@ def pair(n_u, n_y=None, name="c1", rate_is_known=True, seed=0, freq_hz=FREQ_HZ):
     inputs = tuple(f"motor {i + 1}" for i in range(n_u))
     outputs = tuple(f"place {i + 1}" for i in range(G.shape[1]))
     common = (inputs, outputs, "acceleration", Configuration(name, np.radians([10.0] * n_u)))
-    measured = Response(
-        freq_hz,
-        Ghat,
-        *common,
-        Covariance(noise, 11),
-        Covariance(total, 9),
-        rate_is_known,
-        (Note("a-note", f"a note on {name}"),),
-    )
-    return measured, Response(freq_hz, model, *common, rate_is_known=rate_is_known)
+    covariances, notes = (Covariance(noise, 11), Covariance(total, 9)), (Note("a-note", f"a note on {name}"),)
+    return Response(freq_hz, Ghat, *common, *covariances, notes=notes), Response(freq_hz, model, *common)
 
 
 PARAMETERS = Parameters(
@@ -72,15 +63,12 @@ PARAMETERS = Parameters(
 TRUTH = {"k_1": 3e5, "k_2": 3.1e5, "d_1": 400.0, "x_c": -0.02}
 
 
-def fit_result(parameters=PARAMETERS, hits=3):
-    n = len(parameters.free)
-    x = np.array([math.log(3.02e5), math.log(3e5), math.log(250.0), -0.015])[:n]
-    std = np.array([0.01, 0.02, 0.2, 0.004])[:n]
-    r = np.eye(n)
-    r[:2, :2][~np.eye(min(n, 2), dtype=bool)] = -0.97
+def fit_result():
+    x, std, r = np.array([*np.log([3.02e5, 3e5, 250.0]), -0.015]), np.array([0.01, 0.02, 0.2, 0.004]), np.eye(4)
+    r[0, 1] = r[1, 0] = -0.97
     costs = (210.0, 210.0, 210.1, 900.0, 2000.0)
     return Result(
-        parameters=parameters,
+        parameters=PARAMETERS,
         x=x,
         covariance=r * np.outer(std, std),
         cost=210.0,
@@ -89,10 +77,10 @@ def fit_result(parameters=PARAMETERS, hits=3):
         cost_dof=200.0,
         status="at_bound",
         message="The fit ended with d_1 at its lower bound.",
-        starts=tuple(LocalOptimum(parameters.x, x, cost, 20, cost < 1000, "") for cost in costs),
-        hits=hits,
-        at_bound=np.arange(n) == 2,
-        singular_values=np.array([2.0, 1.0, 0.5, 0.01])[:n],
+        starts=tuple(LocalOptimum(PARAMETERS.x, x, cost, 20, cost < 1000, "") for cost in costs),
+        hits=3,
+        at_bound=np.arange(4) == 2,
+        singular_values=np.array([2.0, 1.0, 0.5, 0.01]),
         criterion="complex",
         notes=(Note("fit/at-bound", "d_1 is at its lower bound of 250 N*m*s/rad"),),
     )

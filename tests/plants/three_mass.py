@@ -17,7 +17,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, Parameters
 from elastid.record import Configuration
 from elastid.response import Covariance, Response
-from plants.two_mass import circular as circular
+from plants.two_mass import drawn
 
 TRUTH = {"k_g": 20.59269827430799, "d_g": 0.06241814047290, "k_a": 20.23072060978318, "d_a": 0.00987527995798}
 FREQ = np.arange(1, 40.01, 0.2)
@@ -59,13 +59,9 @@ def parameters(off: float = 1.0, **changes: Parameter) -> Parameters:
 def measured(model: LinearModel, std: FloatArray, rng=None, dof: float = np.inf) -> Response:
     """The exact response, or with noise of std (F, n_y, n_u) whose variance was estimated from so many dof."""
     G = frequency_response(model, model.theta_ref, FREQ)
-    variance = np.broadcast_to(std**2, G.shape)
-    if rng is not None:
-        G = G + std * circular(rng, G.shape)
-        if np.isfinite(dof):
-            variance = variance * rng.chisquare(2 * dof, G.shape) / (2 * dof)
-    covariance = Covariance(variance, dof)
-    return Response(FREQ, G, model.inputs, model.outputs, "velocity", model.configuration, noise=covariance)
+    std = np.broadcast_to(std, G.shape)
+    G, noise = (G, Covariance(std**2, dof)) if rng is None else drawn(G, std, rng, dof)
+    return Response(FREQ, G, model.inputs, model.outputs, "velocity", model.configuration, noise=noise)
 
 
 def noise_of(kind: str, model: LinearModel) -> FloatArray:
@@ -73,8 +69,8 @@ def noise_of(kind: str, model: LinearModel) -> FloatArray:
     return 0.05 * (G if kind == "relative" else np.full_like(G, np.median(G)))
 
 
-def fit_of(response, model, spec=NO_FLOOR, free=None, criterion="complex") -> ElasticFit:
-    return elastic_fit([response], [model], [weigh(response, spec)], free or parameters(), criterion)
+def fit_of(response, model, spec=NO_FLOOR, criterion="complex") -> ElasticFit:
+    return elastic_fit([response], [model], [weigh(response, spec)], parameters(), criterion)
 
 
 def stacked(fit: ElasticFit, x: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -12,37 +12,11 @@ from elastid.base.arrays import FloatArray
 from elastid.robot import Robot
 from elastid.store.measured import write_responses
 from elastid.study import load
+from elastid.study.robots import yaml_text
+from plants.dry_friction import robot
 from plants.measured_robots import responses_of
 
-ROBOT = """\
-name: two axes
-gravity: [0, 0, -9.81]
-bodies:
-  - name: upper
-    joints:
-      - name: 1
-        axis: z
-        motor: {inertia: 0.2, ratio: 6, viscous: 0.02}
-        spring: {stiffness: 30 kN*m/rad, damping: 30}
-      - {name: 1x, axis: x, spring: {stiffness: 40 kN*m/rad, damping: 30}}
-    mass: 30
-    center_of_mass: [0.05, 0, 0.3]
-    inertia: [2, 2, 0.6]
-  - name: fore
-    parent: upper
-    placement: {xyz: [0, 0, 0.6]}
-    joints:
-      - name: 2
-        axis: y
-        motor: {inertia: 0.1, ratio: 5, viscous: 0.02, on: upper, axis: z}
-        spring: {stiffness: 15 kN*m/rad, damping: 10}
-      - {name: 2x, axis: x, spring: {stiffness: 12 kN*m/rad, damping: 5}}
-    mass: 20
-    center_of_mass: [0.3, 0.05, 0.05]
-    inertia: [0.4, 1.5, 1.5]
-"""
-
-
+ROBOT = yaml_text(robot((0.0, 0.0)))
 STUDY = """\
 name: two
 robot: robot.yml

@@ -1,7 +1,5 @@
 """Two links in a vertical plane with both joints elastic, a lone motor, and their simulation."""
 
-import math
-
 import numpy as np
 
 from elastid.friction.robot_friction import PlacedLaw
@@ -12,40 +10,19 @@ from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop
 from elastid.simulation.controller import feed_forward
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import Contacts, contacts
-from plants.integration import acceleration, runge_kutta
-from plants.predicted_arm import LENGTH, MASS, OFFSET, STIFFNESS, robot
+from plants.arm import robot
 
 FREE = np.array([[-np.inf, np.inf]] * 2)
-NO_FRICTION = np.zeros(2)
 
 
-def arm(damping: float = 0.0, gravity: float = -9.81) -> Robot:
+def arm(damping: float = 0.0) -> Robot:
     """Two links in a vertical plane, both joints elastic."""
-    return robot((damping, damping), -gravity)
+    return robot(damping=(damping, damping))
 
 
-def motor(inertia: float = 2e-3) -> Robot:
+def motor() -> Robot:
     """A single motor on a weightless gear, 20 kg m^2 on the link side, and nothing else."""
-    return Robot("motor", (Body("rotor", joints=(Joint("1", "z", motor=Motor(inertia, 100.0)),), mass=1.0),))
-
-
-def energy(model: ElasticModel, q: np.ndarray, v: np.ndarray) -> float:
-    """Kinetic, gravitational and elastic energy of the arm, heights and deflections written out."""
-    a1, a2 = q[0], q[0] + q[1]
-    heights = -OFFSET[0] * math.sin(a1), -LENGTH * math.sin(a1) - OFFSET[1] * math.sin(a2)
-    gravitational = 9.81 * sum(m * h for m, h in zip(MASS, heights, strict=True))
-    elastic = sum(k * (q[2 + i] - q[i]) ** 2 / 2 for i, k in enumerate(STIFFNESS))
-    return float(v @ model.mass(q, model.theta).full() @ v / 2 + gravitational + elastic)
-
-
-def path(model: ElasticModel, step: float, duration: float, state: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """States (n, 2 n_q) at the ends of n equal parts of `duration` s, with torque (n, n_u) held in each."""
-    advance = runge_kutta(acceleration(model, NO_FRICTION), step, round(duration / len(torque) / step))
-    states = []
-    for u in torque:
-        state = np.concatenate([part.full()[:, 0] for part in advance(*np.split(state, 2), u)])
-        states.append(state)
-    return np.array(states)
+    return Robot("motor", (Body("rotor", joints=(Joint("1", "z", motor=Motor(2e-3, 100.0)),), mass=1.0),))
 
 
 def quiet(model: ElasticModel, q0: np.ndarray, n: int, torque: np.ndarray | None = None) -> Commands:

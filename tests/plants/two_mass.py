@@ -35,3 +35,10 @@ def response(G, std=None, dof=math.inf, name="c1", freq_hz=FREQ_HZ):
 def circular(rng, shape):
     """Complex noise of unit variance."""
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / math.sqrt(2)
+
+
+def drawn(G, std, rng, dof=math.inf):
+    """G (F, n_y, n_u) with noise of std, and its covariance as it was estimated from so many degrees of freedom."""
+    noisy = G + std * circular(rng, std.shape)
+    variance = std**2 * (rng.chisquare(2 * dof, std.shape) / (2 * dof) if math.isfinite(dof) else 1.0)
+    return noisy, Covariance(variance, dof)

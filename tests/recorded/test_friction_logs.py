@@ -15,7 +15,7 @@ from plants.friction_logs import (
     write_log,
 )
 from plants.refusals import refused
-from plants.warm_rig import WarmLog, friction, warm_log, write_warm_log
+from plants.warm_rig import WarmLog, friction, warm_log
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -68,17 +68,14 @@ def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
         read(tmp_path, FileSpec("log.csv"))
 
 
-WARM_CHANNELS = (
-    ChannelSpec("u", "motor 1", "torque"),
-    ChannelSpec("y", "motor 1", "angle", quantity="position"),
-)
-HOUSING = ChannelSpec("t", "joint 1", "temperature", quantity="temperature")
-
-
-def read_warm_up(folder: Path, log: WarmLog, file: FileSpec, thermometer: ChannelSpec = HOUSING) -> WarmUp:
-    spec = ExperimentSpec(recorded=RecordedSpec(log.rate_hz, (*WARM_CHANNELS, thermometer), (file,)))
+def read_warm_up(folder: Path, log: WarmLog, file: FileSpec, thermometer: ChannelSpec = THERMOMETER) -> WarmUp:
+    spec = ExperimentSpec(recorded=RecordedSpec(log.rate_hz, (*CHANNELS, thermometer), (file,)))
     measured = read_friction_logs(ROBOT, spec, folder, ["1"], {})
     return warm_up_of(measured.warm_ups[0], measured.records)
+
+
+def write_warm(path: Path, log: WarmLog) -> None:
+    write_log(path, log.position, log.torque, log.thermometer)
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +86,7 @@ def log() -> WarmLog:
 @pytest.fixture(scope="module")
 def folder(log: WarmLog, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("warm")
-    write_warm_log(path / "warm.csv", log)
+    write_warm(path / "warm.csv", log)
     return path
 
 
@@ -133,7 +130,7 @@ def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(
     readings[100:110] = np.nan
     rows = "\n".join(f"{each:.6g}" for each in readings)
     (folder / "slow.csv").write_text(f"degc\n{rows}\n")
-    slow = replace(HOUSING, channel="degc", file=2, rate_hz=0.1)
+    slow = replace(THERMOMETER, channel="degc", file=2, rate_hz=0.1)
     file = FileSpec("warm.csv", purpose="warm_up", also=("slow.csv",))
     found = read_warm_up(folder, log, file, slow)
     np.testing.assert_array_equal(found.log.power, warm_up.log.power)
@@ -143,7 +140,7 @@ def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(
 @pytest.mark.slow
 def test_a_coarse_thermometer_counts_no_reading_twice(tmp_path: Path, log: WarmLog) -> None:
     """Whole degrees without noise: two readings for each of nine."""
-    write_warm_log(tmp_path / "warm.csv", warm_log(2.0, 25.0, thermometer_std=0.0, count=1.0))
+    write_warm(tmp_path / "warm.csv", warm_log(2.0, 25.0, thermometer_std=0.0, count=1.0))
     warm_up = read_warm_up(tmp_path, log, FileSpec("warm.csv", purpose="warm_up"))
     assert np.isfinite(warm_up.log.temperature).sum() < 25
     assert warm_up.log.temperature_std == pytest.approx(1 / np.sqrt(12), rel=0.01)

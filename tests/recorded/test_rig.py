@@ -132,6 +132,13 @@ def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path,
     np.testing.assert_allclose(record.u[0, 0], -log["i2"][30] * 0.5e-3)
 
 
+def test_a_log_of_one_row_is_refused_as_one(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+    """And not each of its channels as constant; a study says whether it has a period."""
+    save_csv(tmp_path / "log.csv", {name: x[:1] for name, x in log.items()})
+    with refused("records/values", place="log.csv", holds="one row"):
+        measured(tmp_path, study_of("log.csv"))
+
+
 @pytest.mark.parametrize("dead", [lambda x: 0 * x + 0.25, lambda x: np.nan * x, lambda x: 1e-300 * x])
 def test_a_dead_sensor_is_refused(
     dead: Callable[[np.ndarray], np.ndarray], tmp_path: Path, log: dict[str, np.ndarray]

@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.dry_friction import robot as two_axes
 from plants.gears import wrist
 from plants.linkages import linkage
 from plants.refusals import refused
-from plants.two_axes import ROBOT
-from pydantic import TypeAdapter
-from ruamel.yaml import YAML
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
@@ -23,7 +21,7 @@ from elastid.robot.simplified import elastic_coordinates, stiffened
 LINES = np.geomspace(1, 60, 30)
 SERIAL, CONSTRAINED, MINIMAL = ModelSpec(), ModelSpec("constrained"), ModelSpec("minimal")
 # Two axes whose second motor rides on the first link, with gravity and two joints that give sideways.
-RIDING = TypeAdapter(Robot).validate_python(YAML(typ="safe").load(ROBOT))
+RIDING = two_axes((0.0, 0.0))
 PLANTS = {
     "riding motors": (RIDING, (0.3, 0.9), (SERIAL,)),
     "shafts before the couplings": (wrist(), (0.3, 0.5, -0.2), (SERIAL,)),

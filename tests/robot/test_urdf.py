@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.pinocchio_robot import pinocchio
 from plants.refusals import refused
 from ruamel.yaml import YAML
 
@@ -58,7 +59,7 @@ def read(urdf: str, joints: dict[str, object], folder: Path, **more: object) -> 
 @pytest.mark.parametrize("seed", range(6))
 def test_dynamics_and_frames_equal_those_of_pinocchios_reader(seed, tmp_path):
     """M, g and every link's place, fixed links with and without mass included."""
-    pin = pytest.importorskip("pinocchio", reason="the independent implementation is in the group 'oracles'")
+    pin = pinocchio()
     urdf, moving = written(seed)
     robot = read(urdf, {name: {"motor": MOTOR, "viscous": 0} for name in moving}, tmp_path)
     reference = pin.buildModelFromXML(urdf)

@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from plants.integration import acceleration, energy, runge_kutta
+from plants.pinocchio_robot import append, pinocchio, pinocchio_model
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
@@ -18,7 +19,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.robot import BASE, Robot, unit_axis
+from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward, rigid_motion, rigid_path
 from elastid.simulation.dynamics import constrained_acceleration, projection
 
@@ -57,35 +58,17 @@ def on_the_loops(model: ElasticModel, q, v):
 
 def pinocchio_with_bar(pin, robot: Robot):
     """The robot in pinocchio, its rod a body on a universal joint; with frames at its tip and at the lever."""
-    model = pin.Model()
-    model.gravity.linear = np.array(robot.gravity)
-    seats = {BASE: (0, pin.SE3.Identity())}
 
-    def add(parent: str) -> None:
-        for body in robot.bodies:
-            if body.parent == parent:
-                at, placement = seats[parent]
-                placement = placement * pin.SE3(body.placement.rotation, np.array(body.placement.xyz))
-                for joint in body.joints:
-                    revolute = pin.JointModelRevoluteUnaligned(unit_axis(joint.axis))
-                    at, placement = model.addJoint(at, revolute, placement, joint.name), pin.SE3.Identity()
-                inertia = pin.Inertia(body.mass, np.array(body.center_of_mass), body.inertia_matrix)
-                model.appendBodyToJoint(at, inertia, placement)
-                seats[body.name] = (at, placement)
-                if any(end.body == body.name for end in robot.loops[0].ends[:1]):
-                    add_bar(at, placement)
-                add(body.name)
-
-    def add_bar(at: int, placement) -> None:
+    def add_bar(model, body: str, at) -> None:
         loop = robot.loops[0]
-        rod, foot = loop.rod, placement * pin.SE3(np.eye(3), np.array(loop.ends[0].point))
-        about_y = model.addJoint(at, pin.JointModelRY(), foot, "bar y")
-        about_x = model.addJoint(about_y, pin.JointModelRX(), pin.SE3.Identity(), "bar x")
-        center = np.array([0.0, 0.0, rod.center * rod.length])
-        inertia = pin.Inertia(rod.mass, center, np.diag([rod.inertia, rod.inertia, 0.0]))
-        model.appendBodyToJoint(about_x, inertia, pin.SE3.Identity())
+        if body == loop.ends[0].body:
+            rod, foot = loop.rod, at[1] * pin.SE3(np.eye(3), np.array(loop.ends[0].point))
+            about_y = model.addJoint(at[0], pin.JointModelRY(), foot, "bar y")
+            about_x = model.addJoint(about_y, pin.JointModelRX(), pin.SE3.Identity(), "bar x"), pin.SE3.Identity()
+            center = np.array([0.0, 0.0, rod.center * rod.length])
+            append(model, about_x, rod.mass, center, np.diag([rod.inertia, rod.inertia, 0.0]))
 
-    add(BASE)
+    model, seats = pinocchio_model(robot, add_bar)
     loop, bar = robot.loops[0], model.getJointId("bar x")
     arm, placement = seats[loop.ends[1].body]
     tip = pin.SE3(np.eye(3), np.array([0.0, 0.0, loop.rod.length]))
@@ -101,7 +84,7 @@ def test_accelerations_equal_pinocchio_with_the_rod_as_a_body(name: str):
 
     There the rod is a body on a universal joint, its tip held in three coordinates; here it is one row and an energy.
     """
-    pin = pytest.importorskip("pinocchio", reason="the independent implementation is in the group 'oracles'")
+    pin = pinocchio()
     robot = stiff(shipped(name))
     model = without(formulate(robot), "k", "d", "f", "fm")
     reference = pinocchio_with_bar(pin, robot)

@@ -53,10 +53,10 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
 
 def test_a_pass_is_a_table_for_a_controller(tmp_path: Path) -> None:
     """Time, position, velocity and acceleration, a line each sample."""
-    from elastid.store.measured import write_reference
+    from elastid.store.measured import write_signals
 
     ramp = np.arange(4.0)
-    write_reference(tmp_path / "pass.csv", 10.0, position=ramp, velocity=ramp, acceleration=ramp)
+    write_signals(tmp_path / "pass.csv", 10.0, position=ramp, velocity=ramp, acceleration=ramp)
     lines = (tmp_path / "pass.csv").read_text().splitlines()
     assert lines[0] == "t_s,position,velocity,acceleration"
     assert lines[2] == "0.1,1,1,1"

@@ -26,10 +26,10 @@ from elastid.validation.comparison import ComparedModel, Comparison
 def test_readers_of_hdf5_alone_find_the_parts_of_each_deviation(tmp_path):
     """One number that was asked for, whose variance is by noise to 0.64 and by the file to 0.36."""
     fit = some_fit()
-    asked, doubted = fit.parameters.free
-    moved = tuple(replace(p, tolerated=True) if p.name == doubted.name else p for p in fit.parameters)
-    covariance = 1e-4 * np.array([[1.0, 0.6], [0.6, 1.0]])
-    shares = {"repeated": np.array([0.64, 1.0]), "lasting": np.array([0.36, 0.0])}
+    asked, *doubted = fit.parameters.free
+    moved = tuple(replace(p, tolerated=True) if p in doubted else p for p in fit.parameters)
+    covariance, first = 1e-4 * (0.4 * np.eye(4) + 0.6), np.eye(4)[0]
+    shares = {"repeated": 1 - 0.36 * first, "lasting": 0.36 * first}
     write_fit(
         tmp_path / "fit.h5", replace(fit, parameters=type(fit.parameters)(moved), covariance=covariance, **shares)
     )
@@ -41,7 +41,7 @@ def test_readers_of_hdf5_alone_find_the_parts_of_each_deviation(tmp_path):
     assert parts == pytest.approx([std, 0.8 * std, 0.6 * std])
 
 
-PAIRS = np.array([[1.0, math.inf], [math.nan, math.nan]])
+PAIRS = np.array([[1.0, math.inf], [math.nan, math.nan], [2.0, 3.0], [-math.inf, 0.0]])
 LINEAR = LinearModel(
     configuration=Configuration("a/b", np.array([0.1, 0.2])),
     parameters=("k_1", "d_1", "delay"),
@@ -63,7 +63,7 @@ FULL = replace(
     profile95=PAIRS,
     bootstrap95=2 * PAIRS,
     configurations=("b", "a"),
-    share=np.array([[0.25, 0.5], [0.75, 0.5]]),
+    share=np.array([[0.25, 0.5, 0.0, 1.0], [0.75, 0.5, 1.0, 0.0]]),
     informing_hz=3 * PAIRS,
     linear=(LINEAR, replace(LINEAR, chain=(), hold=None, slopes={})),
 )

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.arm import result
 from plants.fitted_models import fitted_model
-from plants.predicted_arm import result
 
 from elastid.study import load_robot
 from elastid.targets.draws import write_draws

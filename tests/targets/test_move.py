@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from plants.commanded_arm import arm
 from plants.hostile_names import HOSTILE
+from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
 from ruamel.yaml import YAML
 from scipy.io import loadmat
 
@@ -18,7 +19,6 @@ from elastid.friction_study.extended_kalman_filter import FilterNoise, KalmanFil
 from elastid.targets.friction import write_compensation, write_observers
 from elastid.targets.move import write_move, write_move_c
 from elastid.use.tune import Outcome, TunedMove
-from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
 
 C = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.predicted_arm import STD, result
+from plants.arm import STD, result
 
 from elastid.use.draws import draw_robots
 

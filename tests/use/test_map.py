@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.arm import result
 from plants.fitted_models import fitted_model
-from plants.predicted_arm import result
 from plants.refusals import refused
 
 from elastid.base.statistics import propagate

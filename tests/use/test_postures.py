@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.arm import robot
 from plants.fitted_models import fitted_model
-from plants.predicted_arm import robot
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError

@@ -2,21 +2,19 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from plants.dry_friction import robot as two_axes
 from plants.measured_robots import responses_of
-from plants.two_axes import ROBOT
 
 from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.model.formulation import EXACT
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.study import load_robot
 from elastid.validation.agreement import Fold
 from elastid.validation.comparison import (
     ComparedModel,
@@ -100,11 +98,9 @@ CONFIGURATIONS = ("a", "b", "c", "d")
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+def robot() -> Robot:
     """Two axes with the further elastic joints 1x and 2x."""
-    path: Path = tmp_path_factory.mktemp("robot") / "robot.yml"
-    path.write_text(ROBOT)
-    return load_robot(path)
+    return two_axes((0.0, 0.0))
 
 
 def compared(robot: Robot, **models: tuple[int, float, tuple[float, ...]]) -> Comparison:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.predicted_arm import closed_form, rest, result
+from plants.arm import closed_form, rest, result
 
 from elastid.record import Configuration
 from elastid.response import Covariance, Response

@@ -15,7 +15,6 @@ from elastid.app.run import Artefacts, Work, Write
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
-from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
@@ -118,7 +117,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
     """
     spec, estimator = study.experiment.responses, study.estimator
     assert spec is not None  # the kind of the experiment is `responses`
-    configurations = {c.name: c for c in checked_configurations(study.experiment, study.places)}
+    configurations = study.experiment.postures
     for file in spec.files:
         path, configuration = base / file.path, configurations[file.configuration]
         if kind_of(path) == "frf":

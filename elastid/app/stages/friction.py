@@ -44,7 +44,7 @@ from elastid.robot import Robot
 from elastid.robot.friction_numbers import with_laws
 from elastid.store import friction_study as stored
 from elastid.store.artefacts import NO_STAMP, Stamp
-from elastid.store.measured import write_reference
+from elastid.store.measured import write_signals
 from elastid.store.results import read_twin
 from elastid.study import Study
 from elastid.validation.friction_twin import friction_twin, predict_logs
@@ -78,9 +78,9 @@ def _write_motions(plan: FrictionPlan, folder: Path, stamp: Stamp) -> None:
         if motion.planned is not None:
             signals_of_pass = pass_reference(motion.planned, limits[motion.joint], plan.rate_hz)
             signals = {name: getattr(signals_of_pass, name) for name in ("position", "velocity", "acceleration")}
-            write_reference(path, signals_of_pass.rate_hz, **signals)
+            write_signals(path, signals_of_pass.rate_hz, **signals)
         elif motion.torque is not None:
-            write_reference(path, plan.rate_hz, torque=motion.torque)
+            write_signals(path, plan.rate_hz, torque=motion.torque)
 
 
 def simulate_motions(study: Study, work: Work) -> Artefacts:

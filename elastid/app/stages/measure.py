@@ -20,7 +20,7 @@ from elastid.fit.load_tests import LoadsSpec, LoadTest
 from elastid.fit.problem.static_loads import PlacedTest, load_of, placed_tests
 from elastid.linear.loaded import LoadedRobot
 from elastid.model.formulation import formulate
-from elastid.record import Configuration, FrictionRecord, Record
+from elastid.record import FrictionRecord, Record
 from elastid.recorded.rig import RecordedRig
 from elastid.response import Response
 from elastid.robot.robot import with_frames
@@ -109,12 +109,8 @@ def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> t
     same readings.
     """
     experiment = study.experiment
-    named = {
-        name: Configuration(name, np.array(angles, dtype=float), carries=name not in experiment.without_payload)
-        for name, angles in experiment.configurations.items()
-    }
-    named |= {response.configuration.name: response.configuration for response in responses}
-    tests = placed_tests(loads.tests, named)
+    measured = {response.configuration.name: response.configuration for response in responses}
+    tests = placed_tests(loads.tests, experiment.postures | measured)
     if experiment.simulated is None or all(load.test.deflection is not None for load in tests):
         return tests
     truth = true_robot(study.as_robot(), experiment.simulated.truth)

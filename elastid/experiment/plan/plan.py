@@ -16,7 +16,6 @@ from elastid.base.names import at_level
 from elastid.excitation.grids import line_count_refusal, line_frequencies
 from elastid.excitation.multisine import amplitudes, experiments, relative_amplitudes, synthesise
 from elastid.excitation.spec import MultisineSpec, Signal, planned_lines
-from elastid.experiment.specs.channels import Places
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
@@ -224,20 +223,6 @@ class Plan:
         return 2 * self.first_sample + (self.transient_periods + self.periods) * self.period_samples
 
 
-def checked_configurations(experiment: ExperimentSpec, robot: Places) -> tuple[Configuration, ...]:
-    """The configurations of a study; StudyError for a wrong number of angles or a joint outside its limits."""
-    for name, angles in experiment.configurations.items():
-        if refused := robot.count_refusal(len(angles)):
-            raise StudyError("experiment/limits", refused, f"configuration {name}")
-        for joint, angle in zip(robot.driven, angles, strict=True):
-            if refused := joint.position_refusal(angle):
-                raise StudyError("experiment/limits", refused, f"configuration {name}")
-    return tuple(
-        Configuration(name, np.array(angles), name not in experiment.without_payload)
-        for name, angles in experiment.configurations.items()
-    )
-
-
 def make_plan(
     excitation: MultisineSpec,
     experiment: ExperimentSpec,
@@ -257,7 +242,7 @@ def make_plan(
     further configuration or realisation leaves the others as they were (but for optimised phases, the first other
     realisation).  Raises StudyError where the robot cannot do it.
     """
-    given = [ChosenConfiguration(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
+    given = [ChosenConfiguration(c, experiment.realisations) for c in experiment.postures.values()]
     everyone = [
         (level, replace(pick, configuration=replace(pick.configuration, name=at_level(pick.configuration.name, level))))
         for pick in (*given, *chosen)

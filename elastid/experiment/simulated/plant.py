@@ -39,7 +39,7 @@ from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.controller import feed_forward, filters_of, gains_of
-from elastid.simulation.dynamics import affordable_steps, contacts, least_steps, poles
+from elastid.simulation.dynamics import MAX_SUBSTEPS, contacts, least_steps, poles
 from elastid.simulation.spec import ControllerSpec
 
 MAX_CLIPPED_SHARE = 0.5  # of the samples, beyond which a motor cannot control the robot
@@ -116,18 +116,17 @@ def true_plant(
     robot = true_robot(robot, spec.truth).carrying(start.carries)
     model = model_of(robot, spec.model)
     point = equilibrium(model, model.theta, start)
-    s, substeps = poles(model, contacts(model, frictions(robot)), point.q), spec.steps(rate_hz, highest_hz)
-    s = 1.2 * s if of_numbers else s
-    if spec.substeps is None:
-        substeps = max(substeps, affordable_steps(s, rate_hz, robot.name))
-    elif substeps < (needed := least_steps(s, 1 / rate_hz)):
+    s, fastest = poles(model, contacts(model, frictions(robot)), point.q)
+    needed, most = least_steps(1.2 * s if of_numbers else s, 1 / rate_hz), spec.substeps or MAX_SUBSTEPS
+    if needed > most:
         raise StudyError(
             "experiment/simulated",
-            f"{substeps} steps a sample cannot follow the fastest motion of robot {robot.name} in configuration "
-            f"{start.name} (a pole of {np.abs(s).max():.4g} 1/s: its stiffest mode, or friction at standstill); take "
-            f"at least {needed}, or raise the rate",
+            f"the fastest motion of robot {robot.name} in configuration {start.name}, of {fastest} (a pole of "
+            f"{np.abs(s).max():.4g} 1/s: its stiffest mode, or friction at standstill), takes {needed} steps in a "
+            f"sample of {rate_hz:g} Hz, and {most} are {'given' if spec.substeps else 'affordable'}; raise the rate",
             "experiment.simulated.substeps",
         )
+    substeps = max(needed, spec.steps(rate_hz, highest_hz))
     hardware = spec.noise.encoder_counts, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
     return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free, of_numbers), point)

@@ -14,7 +14,7 @@ from elastid.base.units import Damping, JointPosition, Quantity, Stiffness, Time
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import RecordedSpec, ResponsesSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.record import JointLoop, Motors
+from elastid.record import Configuration, JointLoop, Motors
 
 # More are taken for a typing error.
 MAX_REALISATIONS = 10_000
@@ -73,6 +73,14 @@ class ExperimentSpec:
     def runs(self, n_u: int) -> int:
         """How many experiments a realisation has on a robot of n_u motors."""
         return n_u if self.experiments is None else self.experiments
+
+    @property
+    def postures(self) -> dict[str, Configuration]:
+        """The configurations that are measured, by name."""
+        return {
+            name: Configuration(name, np.array(angles, dtype=float), name not in self.without_payload)
+            for name, angles in self.configurations.items()
+        }
 
     @property
     def rig(self) -> RigSpec:

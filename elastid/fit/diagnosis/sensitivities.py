@@ -39,7 +39,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
 from elastid.base.execution import HERE
 from elastid.fit.assembly import Assembly
-from elastid.fit.problem.elastic import ElasticFit, Part, at_measured_places, places_of
+from elastid.fit.problem.elastic import ElasticFit, Part, at_measured_places, each_at_home, places_of
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
 from elastid.fit.solve.solvers import ROUGH, trust_region
 from elastid.linear.equilibrium import equilibrium
@@ -48,6 +48,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
+from elastid.record import Configuration
 from elastid.robot import Body, Joint, Robot, Spring, gain_name
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -111,12 +112,15 @@ class HeldModel:
 
 
 def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
-    model, loads = assembly.linearisation.model, dict[str, dict[str, float]]()
-    for configuration in (G.configuration for G in assembly.responses):
-        theta = assembly.parameters.theta[: len(model.parameters)]
-        torques = equilibrium(model, theta, configuration).u
-        loads[configuration.name] = {j.name: float(u) for j, u in zip(model.robot.driven, torques, strict=True)}
-    return loads
+    linearisation, configurations = assembly.linearisation, [G.configuration for G in assembly.responses]
+    theta = assembly.parameters.theta[: len(linearisation.model.parameters)]
+    loads = each_at_home(partial(_loads_at, linearisation, theta), configurations, assembly.home)
+    return {configuration.name: load for configuration, load in zip(configurations, loads, strict=True)}
+
+
+def _loads_at(linearisation: Linearisation, theta: FloatArray, configuration: Configuration) -> dict[str, float]:
+    torques = equilibrium(linearisation.model, theta, configuration).u
+    return dict(zip((joint.name for joint in linearisation.model.robot.driven), torques.tolist(), strict=True))
 
 
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:

@@ -27,6 +27,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.base.names import matching, posture_of
 from elastid.fit.covariance import Uncertainty
@@ -79,7 +80,6 @@ def with_status(evidence: Evidence) -> Result:
     result, end, unreached = evidence.result, evidence.optimum.end, evidence.uncertainty.unreached
     free = result.parameters.free_names
     fit = f"{_compared_with_noise(result)}; {result.hits} of {len(result.starts)} starts reached this optimum"
-    share = f"{100 * max(evidence.explained, 0.0):.0f} %"
     held = f" with {listed(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
 
     def ended(status: Status, message: str) -> Result:
@@ -89,16 +89,18 @@ def with_status(evidence: Evidence) -> Result:
     if evidence.is_suspect and any(index.place and index.group in misread for index in result.indices):
         return ended(
             "model_error",
-            f"the model does not describe the responses as they were read: it explains {share} of them, and another "
-            "reading of them far more (see the first warning)",
+            "the model does not describe the responses as they were read: it explains "
+            f"{percent(max(evidence.explained, 0.0))} of them, and another reading of them far more (see the first "
+            "warning)",
         )
     too_large = result.model_error > LIMITS.model_error or not result.noise_is_known
-    if evidence.explained < LIMITS.half and too_large:
+    if too_large and evidence.explained < LIMITS.half:
         far = "" if end.converged else f" (and the fit did not converge: {end.message})"
         return ended(
             "model_error",
-            f"the model does not describe the robot: it explains {share} of the measured response{far}; check signs, "
-            "units and places of the channels, gear ratios, bounds, and what is known of the robot",
+            f"the model does not describe the robot: it explains {percent(max(evidence.explained, 0.0))} of the "
+            f"measured response{far}; check signs, units and places of the channels, gear ratios, bounds, and what is "
+            "known of the robot",
         )
     if not end.converged:
         return ended("not_converged", f"not converged ({end.message})")

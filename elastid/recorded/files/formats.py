@@ -122,9 +122,9 @@ def size_in_pieces(
 ) -> tuple[int, np.dtype[np.floating[Any]]]:
     """Samples of the channels in a file, and the precision that holds them; none of a file that has no pieces."""
     with opened_log(path, text) as log:
-        n = log.rows(channels) if isinstance(log, ArrayLog) else None
-        stored = [log.stored(name).dtype for name in channels] if isinstance(log, ArrayLog) else []
-    return n or 0, np.dtype(np.float32 if all(np.can_cast(dtype, np.float32) for dtype in stored) else np.float64)
+        arrays = [log.stored(name) for name in channels] if isinstance(log, ArrayLog) else []
+    n = min((array.shape[0] if array.has_pieces else 0 for array in arrays), default=0)
+    return n, np.dtype(np.float32 if all(np.can_cast(array.dtype, np.float32) for array in arrays) else np.float64)
 
 
 def read_channels(

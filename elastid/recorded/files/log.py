@@ -102,27 +102,18 @@ class ArrayLog:
         """Every numeric signal with its shape."""
         return {name: array.shape for name, array in self.arrays.items() if array.is_signal}
 
-    def rows(self, channels: Sequence[ChannelSpec]) -> int | None:
-        """Samples of the channels if each of them can be read in pieces; None otherwise."""
-        arrays = [self.stored(channel) for channel in channels]
-        return min(array.shape[0] for array in arrays) if all(array.has_pieces for array in arrays) else None
-
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
         """Values (n_samples, n_c) of the channels, or a part of the samples.
 
         Raises DataError for a channel that is missing, not numeric, of another length, or without the stated column.
         """
-        return np.stack(self.columns(channels, part), axis=1)
-
-    def columns(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> list[FloatArray]:
-        """Signals (n_samples,), one for each channel; an array that holds several is read once."""
-        stored: dict[str, FloatArray] = {}
+        stored: dict[str, FloatArray] = {}  # an array that holds several channels is read once
         signals = [self._signal(channel, part, stored) for channel in channels]
         lengths = [len(signal) for signal in signals]
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
             raise self._refusal(f"the channels differ in length: {table} samples; all must come from one recording")
-        return signals
+        return np.stack(signals, axis=1)
 
     def stored(self, channel: ChannelSpec) -> StoredArray:
         """The array that holds a channel; DataError where it is missing or no signal."""

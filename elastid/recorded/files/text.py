@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -21,15 +22,8 @@ from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import missing_channel
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.
-_FORMATS: tuple[tuple[str, Literal[".", ","]], ...] = (
-    (",", "."),
-    (";", "."),
-    (";", ","),
-    ("tab", "."),
-    ("tab", ","),
-    ("whitespace", "."),
-    ("whitespace", ","),
-)
+_DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
+_FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace") for mark in _DECIMALS if mark != sign]
 
 
 WRITTEN_OTHERWISE = "; it seems to be written with "
@@ -65,23 +59,24 @@ class TextLog:
 
     def columns(self, wanted: Sequence[int], part: slice = slice(None)) -> FloatArray:
         """Columns (n_samples, len(wanted)), counted from 0; DataError with the line of a text that is not a number."""
-        needed = sorted(set(wanted))
+        needed, delimiter = sorted(set(wanted)), _delimiter(self.format)
+        lines: Sequence[str] = self.number_lines[self.first :]
+        read = partial(
+            np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=needed, quotechar='"',
+            ndmin=2, max_rows=part.stop if (part.stop or 0) > 0 else None,
+        )  # fmt: skip
         try:
-            data: FloatArray = np.loadtxt(
-                self.number_lines[self.first :],
-                delimiter=_delimiter(self.format),
-                comments=self.format.comment or None,
-                usecols=needed,
-                quotechar='"',
-                ndmin=2,
-                max_rows=part.stop if (part.stop or 0) > 0 else None,
-            )
-        except ValueError as error:
-            raise DataError("records/text", self._complaint(needed) or f"{self.path}: {error}") from None
+            data: FloatArray = read(lines)
+        except ValueError:
+            lines = _with_nan(lines, delimiter)
+            try:
+                data = read(lines)
+            except ValueError as error:
+                raise DataError("records/text", self._complaint(needed, lines) or f"{self.path}: {error}") from None
         return data[part][:, [needed.index(column) for column in wanted]]
 
-    def _complaint(self, columns: Sequence[int]) -> str:
-        for number, line in enumerate(self.number_lines[self.first :], start=self.first + 1):
+    def _complaint(self, columns: Sequence[int], lines: Sequence[str]) -> str:
+        for number, line in enumerate(lines, start=self.first + 1):
             fields = _fields(line, self.format)
             for column in columns if fields else ():
                 title = f" ('{self.headings[column]}')" if column < len(self.headings) else ""
@@ -240,6 +235,15 @@ def _units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -
 def _delimiter(text: TextFormatSpec) -> str | None:
     names = {"whitespace": None, " ": None, "tab": "\t", "\\t": "\t"}
     return names.get(text.delimiter, text.delimiter)
+
+
+def _with_nan(lines: Sequence[str], delimiter: str | None) -> Sequence[str]:
+    """Lines with NaN in their empty cells, which are missing samples, too."""
+    if delimiter is None:
+        return lines
+    other = f"[^{re.escape(delimiter)}]"
+    empty = re.compile(f"(?<!{other}) *(?!{other})")
+    return [empty.sub("nan", line) if line.strip() else line for line in lines]
 
 
 def _fields(line: str, text: TextFormatSpec) -> list[str]:

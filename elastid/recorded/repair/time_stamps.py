@@ -227,8 +227,8 @@ _TOLERANCE = 1e-8  # below the noise of any sensor
 _DAMPING = 1e-3
 
 
-# Stamps to either side among which the last digit of one is nonzero.
-ALIKE = 10
+# Stamps among which the last digit of one is nonzero.
+LAST = 20
 
 
 def steps_in_words(time_s: FloatArray) -> str:
@@ -256,19 +256,14 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
     return None
 
 
-def _resolution(time_s: FloatArray) -> FloatArray:
-    """The decimal step of each stamp (n,) as those about it are written; 0 where they have more than nine digits.
+def _resolution(time_s: FloatArray) -> float:
+    """The decimal step of the last stamps; 0 where they have more than nine digits.
 
-    Loggers with a fixed number of significant digits write fewer decimals as time goes on.
+    It is the coarsest: loggers with a fixed number of significant digits write fewer decimals as time goes on.
     """
-    decimals = np.full(len(time_s), 10)
-    for digits in range(9, -1, -1):
-        scaled = time_s * 10.0**digits
-        decimals[np.abs(scaled - np.round(scaled)) < 1e-3] = digits
-    about = np.pad(decimals, ALIKE, mode="edge")
-    most = np.lib.stride_tricks.sliding_window_view(about, ALIKE + 1).max(axis=1)
-    most = np.minimum(most[: len(time_s)], most[ALIKE:])  # those before it, and those after it
-    return np.where(most == 10, 0.0, 10.0**-most)
+    last = time_s[-LAST:, None] * 10.0 ** np.arange(10)
+    is_whole = np.all(np.abs(last - np.round(last)) < 1e-3, axis=0)
+    return 10.0 ** -int(np.argmax(is_whole)) if is_whole.any() else 0.0
 
 
 def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> Repaired:

@@ -108,12 +108,8 @@ def identifiability(result: Result) -> Figure:
         [Curve(np.arange(1, len(s) + 1), s, dots=True, looks={"ms": 4.5})], "number",
         title=f"singular values, condition {condition:.3g}", scale="log" if np.all(s > 0) else "linear",
     )  # fmt: skip
-    rows, left = (
-        [[Panel(title="correlation of the estimates", cells=cells), values]],
-        0.4 + 0.075 * max(map(len, names)),
-    )
-    title = "How well the data determine the parameters"
-    return style.matrix(title, rows, float(np.clip(0.27 * n, 2.4, 7.0)), left=left)
+    rows = [[Panel(title="correlation of the estimates", cells=cells), values]]
+    return style.matrix("How well the data determine the parameters", rows, float(np.clip(0.27 * n, 2.4, 7.0)))
 
 
 def information(forecast: Forecast) -> Figure:
@@ -133,8 +129,7 @@ def information(forecast: Forecast) -> Figure:
         Panel(x="octave above Hz", title="share of all information in %", cells=all_of),
         Panel(title="share of the information on a parameter in %", cells=cells),
     ]
-    left = 0.4 + 0.075 * max(map(len, names))
-    return style.matrix("Expected information by configuration", [panels], 0.3 * len(names) + 0.5, left=left)
+    return style.matrix("Expected information by configuration", [panels], 0.3 * len(names) + 0.5)
 
 
 def limit_use(use: LimitUse) -> Figure:
@@ -148,7 +143,7 @@ def limit_use(use: LimitUse) -> Figure:
         for i, kind in enumerate(kinds)
     ]  # fmt: skip
     title, tall = f"Peaks against limits ({use.margin:.0%} of each kept free)", max(0.28 * len(use.configurations), 0.8)
-    return style.matrix(title, [panels], tall, left=0.4 + 0.075 * max(map(len, use.configurations)), gaps=(0.08, 0.0))
+    return style.matrix(title, [panels], tall, gaps=(0.08, 0.0))
 
 
 def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
@@ -356,8 +351,7 @@ def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
             left[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.left)
     names, columns = [f"{row.place}, {row.log}" for row in balances], [f"{edge:.3g}" for edge in edges]
     panel = Panel(x=label, title="torque left, % of its rms", cells=Cells(left, names, columns))
-    tall, left_of = 0.3 * len(balances) + 0.4, 0.4 + 0.075 * max(map(len, names))
-    return style.matrix("Torque left by octave", [[panel]], tall, left=left_of)
+    return style.matrix("Torque left by octave", [[panel]], 0.3 * len(balances) + 0.4)
 
 
 def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:

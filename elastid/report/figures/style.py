@@ -189,11 +189,17 @@ class Panel:
         if self.cells is not None:
             self.cells.draw(axes)
         else:
-            lighten(axes)
+            axes.grid(True, linewidth=0.4, color=GRID)
+            axes.set_axisbelow(True)
+            axes.spines[["top", "right"]].set_visible(False)
+            axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
             axes.margins(x=0.01)
             axes.set_yscale(self.scale)
         if self.frequency is not None:
-            set_log_frequency(axes, self.frequency)
+            low, high = float(self.frequency[0]), float(self.frequency[-1])
+            axes.set_xscale("log")
+            axes.set_xlim(low / 1.05, high * 1.05)
+            set_plain_ticks(axes.xaxis, round_ticks(low, high, 6))
         axes.set(**{k: v for k, v in (("xlim", self.x_ends), ("ylim", self.y_ends)) if v is not None})
         label(axes, self.x, self.y, self.title)
 
@@ -203,20 +209,22 @@ def matrix(
     rows: Sequence[Sequence[Panel | None]],
     height: float | Sequence[float] = 2.2,
     width: float = WIDE,
-    left: float = 0.85,
+    left: float = 0.0,
     gaps: tuple[float, float] = (0.22, 0.3),
     **options: Any,
 ) -> Figure:
     """Panels in rows and columns under a title and one legend, each label once.
 
-    height: of a row, or of each, in inches.  width: of the figure.  left: room for labels.  gaps: between columns and
-    between rows, in panels.  options: of Figure.subplots, such as sharex.
+    height: of a row, or of each, in inches.  width: of the figure.  left: room for labels, by the names of rows where
+    it is 0.  gaps: between columns and between rows, in panels.  options: of Figure.subplots, such as sharex.
     """
     heights = [height] * len(rows) if isinstance(height, int | float) else list(height)
     given = [panel for row in rows for panel in row if panel is not None]
     texts = {text for panel in given for curve in panel.curves for text in (curve.label, curve.band_label) if text}
     columns = max(1, int((width - 0.3) / (0.065 * max(map(len, texts), default=1) + 0.5)))
     below = max((len(name) for panel in given if panel.cells for name in panel.cells.columns), default=0)
+    names = [name for panel in given if panel.cells for name in panel.cells.rows]
+    left = left or max([0.85, *(0.4 + 0.075 * len(name) for name in names)])
     top = 0.4 + 0.17 * -(-len(texts) // columns) + 0.3 * any(panel.title for panel in given)
     bottom = 0.55 + 0.06 * below
     tall, width = round(top + bottom + sum(heights), 1), round(width, 1)  # whole pixels
@@ -253,22 +261,6 @@ def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
 def set_names(axis: Axis, names: Sequence[str], **options: Any) -> None:
     """A name at 0, 1, 2 ...; options: of the text, such as rotation."""
     axis.set_ticks(range(len(names)), [plain(name) for name in names], **options)
-
-
-def lighten(axes: Axes) -> None:
-    """Thin grid, no box on the right and at the top, small labels."""
-    axes.grid(True, linewidth=0.4, color=GRID)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
-
-
-def set_log_frequency(axes: Axes, freq_hz: FloatArray, most: int = 6) -> None:
-    """Logarithmic frequency axis over freq_hz with at most so many plain numbers on it."""
-    low, high = float(freq_hz[0]), float(freq_hz[-1])
-    axes.set_xscale("log")
-    axes.set_xlim(low / 1.05, high * 1.05)
-    set_plain_ticks(axes.xaxis, round_ticks(low, high, most))
 
 
 def set_plain_ticks(axis: Axis, ticks: Sequence[float]) -> None:

@@ -116,14 +116,15 @@ def _response(
         "outputs": list(measured.outputs),
         "freq": [float(f"{f:.6g}") for f in freq],
         "at": np.searchsorted(freq, measured.freq_hz).tolist(),
-        "arrays": {name: _packed(values) for name, values in arrays.items() if values is not None},
+        # (n, n_y, n_u) element by element.
+        "arrays": {name: packed(values.transpose(1, 2, 0)) for name, values in arrays.items() if values is not None},
     }
 
 
-def _packed(values: FloatArray | ComplexArray) -> str:
-    """(n, n_y, n_u) as 32-bit floats, element by element, real before imaginary part, little end first, in base64."""
+def packed(values: FloatArray | ComplexArray) -> str:
+    """32-bit floats in their order, real before imaginary part, little end first, in base64."""
     single = "<c8" if np.iscomplexobj(values) else "<f4"
-    return base64.b64encode(np.ascontiguousarray(values.transpose(1, 2, 0)).astype(single).tobytes()).decode("ascii")
+    return base64.b64encode(np.ascontiguousarray(values, single).tobytes()).decode("ascii")
 
 
 def mode_viewer(rows: Sequence[ModeRow], rate_is_known: bool) -> str:

@@ -10,20 +10,15 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from elastid.base.arrays import FloatArray
 from elastid.base.escape import embedded_json
 from elastid.base.files import write_whole
 from elastid.report.answer import Answer
 from elastid.report.answers import LISTED
 from elastid.report.figures.style import own_style
 from elastid.report.figures.use import SHOWN
-from elastid.report.page.explorer import asset
+from elastid.report.page.explorer import asset, packed
 from elastid.report.page.page import EmbeddedFigure, render, rendered
 from elastid.use.map import WorkspaceMap
-
-
-def _packed(values: FloatArray) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode("ascii")
 
 
 def map_data(workspace: WorkspaceMap) -> str:
@@ -38,18 +33,18 @@ def map_data(workspace: WorkspaceMap) -> str:
     for quantity in m.quantities:
         unit, factor = SHOWN[quantity.unit]
         low, high = quantity.interval
-        columns = [_packed(factor * part[kept]) for part in (quantity.value, low, high)]
+        columns = [packed(factor * part[kept]) for part in (quantity.value, low, high)]
         quantities.append({"name": quantity.name, "text": quantity.text, "unit": unit, "columns": columns})
     units = [(1.0, " m") if slides else (180 / np.pi, "°") for slides in m.sliding]
     angles = m.angles[kept] * [factor for factor, _ in units]
     content: dict[str, Any] = {
         "units": [unit for _, unit in units],
         "frame": m.frame, "joints": list(m.joints), "springs": list(m.springs), "is_path": m.is_path,
-        "count": len(kept), "angles": _packed(angles), "asked": (m.asked[kept] + 1).tolist(),
-        "places": [_packed(part) for part in (x, y, np.hypot(x, y), z)], "share": _packed(m.share[kept]),
+        "count": len(kept), "angles": packed(angles), "asked": (m.asked[kept] + 1).tolist(),
+        "places": [packed(part) for part in (x, y, np.hypot(x, y), z)], "share": packed(m.share[kept]),
         "quantities": quantities, "softest": [place[int(i)] for i in m.softest[:LISTED]],
-        "lines": _packed(m.curve_hz), "curve": _packed(1e6 * m.magnitude[kept]),
-        "std": _packed(1e6 * m.magnitude_std[kept]),
+        "lines": packed(m.curve_hz), "curve": packed(1e6 * m.magnitude[kept]),
+        "std": packed(1e6 * m.magnitude_std[kept]),
     }  # fmt: skip
     return embedded_json(content)
 

@@ -243,7 +243,7 @@ def _check_content(
         return
     rates = list(_check_rate(recorded, log))
     yield from rates
-    if isinstance(period, float) and not rates and not recorded.time:
+    if isinstance(period, float) and not rates and not recorded.time and len(values) > 1:
         yield from _check_period(recorded, file, path, channels, values, period, place)
     if recorded.rate_hz != "unknown":
         doubts = channel_doubts(channels, values, recorded.known_rate_hz, study.places)

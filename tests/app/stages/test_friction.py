@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.friction_records import TEMPLATE
+from plants.lugre_joint import COULOMB, RATE_HZ, ROBOT, VISCOUS, rich, simulate
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
@@ -16,7 +17,6 @@ from elastid.app.run import Run, run_all
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.friction_study import read_filter, read_friction_records, read_friction_result
 from elastid.study import load, load_robot
-from tests.plants.warm_joint import COULOMB, JOINT, RATE_HZ, VISCOUS, rich, simulate
 
 # Few and short passes: the least that distinguishes Coulomb and viscous friction.
 SMALL = (
@@ -72,18 +72,6 @@ def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
         export(run, "matlab")
 
 
-ROBOT = f"""
-name: one axis
-gravity: [0, 0, -9.81]
-bodies:
-  - name: arm
-    joints:
-      - name: 1
-        axis: z
-        motor: {{inertia: {JOINT.motor_inertia / 4}, ratio: 2, viscous: {VISCOUS / 4}, coulomb: {COULOMB / 2}}}
-        spring: {{stiffness: {JOINT.stiffness}, damping: {JOINT.damping}}}
-    inertia: {JOINT.link_inertia}
-"""
 STUDY = f"""
 name: warm_axis
 robot: robot.yml

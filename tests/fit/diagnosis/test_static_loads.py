@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants import predicted_arm as planar
-from plants.data_sheet_arm import NAMED, arm, load_tests, measure
+from plants import arm as planar
+from plants.load_tests import NAMED, load_tests, measure
 from plants.measured_robots import responses_of
 from plants.refusals import refused
 from plants.two_mass import circular
@@ -22,29 +22,25 @@ from elastid.study import load_robot
 SPEC = FitSpec(parameters={"k_*": ParameterSpec()}, starts=1)
 
 
-def fitted(changed=lambda y, force: y, loaded=None):
-    tests = load_tests(loaded or arm(), np.random.default_rng(5), changed=changed)
-    return identify(measure(arm(), np.random.default_rng(6)), arm(), SPEC, loads=placed_tests(tests, NAMED))
-
-
-def softer(factor):
-    return arm().with_parameters({"k_2": factor * arm().parameters()["k_2"][0]})
+def fitted(changed=lambda y, force: y, stiffness=planar.STIFFNESS):
+    tests = load_tests(np.random.default_rng(5), changed=changed, stiffness=stiffness)
+    return identify(measure(np.random.default_rng(6)), planar.robot(), SPEC, loads=placed_tests(tests, NAMED))
 
 
 CASES = {
-    "factor": (lambda y, force: 1.2 * y, None, "all springs are softer at rest"),
-    "friction": (lambda y, force: 0.8 * y, None, "all springs are stiffer at rest"),
-    "stand": (lambda y, force: y - force / 1e6, None, "no single cause"),
-    "spring": (lambda y, force: y, 0.7, "no single cause"),
+    "factor": (lambda y, force: 1.2 * y, (1.0, 1.0), "all springs are softer at rest"),
+    "friction": (lambda y, force: 0.8 * y, (1.0, 1.0), "all springs are stiffer at rest"),
+    "stand": (lambda y, force: y - (1, 0, 0) * force / 1e5, (1.0, 1.0), "no single cause"),
+    "springs": (lambda y, force: y, (1.4, 0.7), "no single cause"),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_a_fault_is_a_misfit(case):
-    """Deflections of another stiffness, of all springs or of one, and of a gauge that stands on the base."""
-    changed, factor, words = CASES[case]
-    result = fitted(changed, None if factor is None else softer(factor))
+    """Deflections of all springs by one factor and by two, and of a gauge whose stand leans along x."""
+    changed, factors, words = CASES[case]
+    result = fitted(changed, tuple(np.multiply(factors, planar.STIFFNESS)))
     assert result.status == "misfit"
     assert words in result.static.cause
     assert [note for note in result.notes if note.code == "fit/loads"]
@@ -64,9 +60,9 @@ def test_the_ratio_and_wider_intervals():
     result = fitted(lambda y, force: 1.2 * y)
     assert abs(result.static.ratio - 1.2) < 4 * result.static.ratio_std + 1e-3
     assert result.static.ratio_std < 0.05
-    for name in ("k_1", "k_2"):
+    for name, true in zip(("k_1", "k_2"), planar.STIFFNESS, strict=True):
         low, high = result.interval(name)
-        assert low < arm().parameters()[name][0] < high
+        assert low < true < high
 
 
 def test_true_tests_agree():

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from plants.elastic_arm import arm
 from plants.refusals import refused
-from plants.three_mass import FREQ, NO_FLOOR, circular, measured, noise_of, parameters, plant, stacked
+from plants.three_mass import FREQ, NO_FLOOR, measured, noise_of, parameters, plant, stacked
+from plants.two_mass import circular
 
 import elastid.base.arrays as base_arrays
 import elastid.fit.problem.elastic as chunks

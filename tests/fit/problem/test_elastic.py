@@ -9,7 +9,6 @@ from plants.three_mass import (
     FREQ,
     NO_FLOOR,
     TRUTH,
-    circular,
     cramer_rao,
     estimate,
     fit_of,
@@ -18,6 +17,7 @@ from plants.three_mass import (
     parameters,
     plant,
 )
+from plants.two_mass import circular
 
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.line_sums import autocovariance, correlation_length

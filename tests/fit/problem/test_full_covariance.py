@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.three_mass import FREQ, NO_FLOOR, circular, fit_of, measured, noise_of, parameters, plant
+from plants.three_mass import FREQ, NO_FLOOR, fit_of, measured, noise_of, parameters, plant
+from plants.two_mass import circular
 
 from elastid.fit.assembly import robust_factors
 from elastid.fit.covariance import estimate_uncertainty

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.data_sheet_arm import CONFIGURATIONS, NAMED, arm, load_tests, measure
+from plants.arm import robot as arm
+from plants.load_tests import NAMED, load_tests, measure
 from plants.refusals import refused
 
 from elastid.fit.assembly import Assembly
@@ -19,13 +20,13 @@ SPRINGS = FitSpec(parameters={"k_*": ParameterSpec()}, starts=1)
 
 @pytest.fixture(scope="module")
 def responses():
-    return measure(arm(), np.random.default_rng(0), noise=0.05)
+    return measure(np.random.default_rng(0), noise=0.05)
 
 
 def test_slopes_and_counts_of_the_problem(responses):
     """J by differences; dof grows by the readings, of which V expects one each."""
-    parameters = choose(SPRINGS, arm(), CONFIGURATIONS)
-    tests = load_tests(arm(), np.random.default_rng(1))
+    parameters = choose(SPRINGS, arm(), [*NAMED])
+    tests = load_tests(np.random.default_rng(1))
     with_loads = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed_tests(tests, NAMED)).at(
         parameters.x, "complex"
     )
@@ -44,12 +45,12 @@ def test_slopes_and_counts_of_the_problem(responses):
 
 def test_covariance_adds_the_information_of_the_loads(responses):
     """C^-1 = C_responses^-1 + J^T J where the noise is known: a fit with load tests, held against that."""
-    tests = load_tests(arm(), np.random.default_rng(2), std=2e-6)
+    tests = load_tests(np.random.default_rng(2), std=2e-6)
     alone, both = (
         fit_parameters(responses, arm(), SPRINGS),
         identify(responses, arm(), SPRINGS, loads=placed_tests(tests, NAMED)),
     )
-    parameters = choose(SPRINGS, arm(), CONFIGURATIONS)
+    parameters = choose(SPRINGS, arm(), [*NAMED])
     fit = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed_tests(tests, NAMED)).at(both.x, "complex")
     _, J = fit.static(both.x)
     expected = np.linalg.inv(np.linalg.inv(alone.covariance) + J.T @ J)
@@ -63,7 +64,7 @@ def test_covariance_adds_the_information_of_the_loads(responses):
 
 def test_what_a_test_must_say():
     """Posture once, a load, a direction of dials, an error."""
-    good = {"configuration": "c0", "force": (0, 0, -1), "std": 1e-6}
+    good = {"configuration": "c1", "force": (0, 0, -1), "std": 1e-6}
     assert LoadTest(**good, deflection=(0, 0, 0)).n_readings == 3
     for wrong, words in (
         ({"angles": (0.1, 0.2)}, "one of them"), ({"force": (0, 0, 0)}, "without a load"),

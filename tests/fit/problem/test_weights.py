@@ -7,7 +7,8 @@ import pytest
 from plants.notes import said
 from plants.refusals import refused
 from plants.three_mass import FREQ as FREQ_SMOOTHED_NOISE
-from plants.three_mass import circular, plant
+from plants.three_mass import plant
+from plants.two_mass import circular
 
 from elastid.fit.problem.smoothed_noise import smooth_noise, smooth_variance
 from elastid.fit.problem.weights import check_factors, weigh

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.oblique_arm import arm, linear
+from plants.template_arm import arm, linear
 
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY
@@ -25,7 +25,7 @@ def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.usefixtures("loops")
 def test_kernel_equals_the_formula():
     """Kernel and formula agree to rounding, for outputs on motors, joints and bodies, away from theta_ref."""
-    outputs = ("motor 3", "body fore z", "motor 1", "joint 3z")
+    outputs = ("motor 3", "body fore_arm z", "motor 1", "joint 3z")
     for quantity in ("position", "velocity", "acceleration"):
         model = linear(arm(), outputs=outputs, quantity=quantity)
         theta = model.theta_ref * 1.1
@@ -38,7 +38,7 @@ def test_kernel_equals_the_formula():
 
 
 @pytest.mark.usefixtures("loops")
-@pytest.mark.parametrize("outputs", [None, ("body fore z", "motor 2", "joint 3", "motor 1")])
+@pytest.mark.parametrize("outputs", [None, ("body fore_arm z", "motor 2", "joint 3", "motor 1")])
 def test_derivatives_equal_central_differences_for_every_parameter(outputs):
     """dG of stiffness, damping, friction, rotors, masses, centres of mass, inertias, delay: to 1e-6 of the largest."""
     model = linear(arm(), outputs=outputs)

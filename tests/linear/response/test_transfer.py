@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.oblique_arm import arm, linear
+from plants.template_arm import arm, linear
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
@@ -34,7 +34,7 @@ def test_high_frequency_response_is_that_of_the_rotors(configuration):
 
 def test_low_frequency_response_without_gravity_is_that_of_the_rigid_robot():
     """Without gravity and dissipation to ground, f -> 0: G -> (M + M_m)^-1 of the rigid robot, with error f^2."""
-    robot = arm(gravity=(0.0, 0.0, 0.0))
+    robot = replace(arm(), gravity=(0.0, 0.0, 0.0))
     names = robot.parameters()
     robot = robot.with_parameters({name: 0.0 for name in names if name.startswith("f")})
     model = linear(robot)

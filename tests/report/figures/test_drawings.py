@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.predicted_arm import result
+from plants.arm import result
 
 from elastid.design.forecast import Forecast
 from elastid.design.limits import QUANTITIES, LimitUse

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants.predicted_arm import result
+from plants.arm import result
 
 from elastid.report.answers import answer_of_map
 from elastid.report.figures.use import workspace_figure

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
-from plants.channel_mistakes import Mistake, complaint, is_at_line, write_rig
+from plants.channel_mistakes import RIGS, Mistake, complaint, is_at_line, write_rig
 from plants.refusals import refused
 
 from elastid.app import scaffold
@@ -92,36 +92,33 @@ def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[s
     assert not missing - ({"estimator"} if kind == "frf-responses" else set())
 
 
-# Rigs with encoders of the links and a time, with speeds, with motor angles alone, and a multisine log.
-RIGS = (0, 2, 4, 1)
-
-
 @pytest.fixture(scope="module")
-def rigs(tmp_path_factory: pytest.TempPathFactory) -> dict[int, tuple[Path, tuple[Mistake, ...]]]:
+def rigs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, tuple[Mistake, ...]]]:
     """Folder and mistakes of each rig."""
-    folders = {number: tmp_path_factory.mktemp(f"rig{number}") for number in RIGS}
-    return {number: (folder, write_rig(folder, number, 0)) for number, folder in folders.items()}
+    folders = {name: tmp_path_factory.mktemp(f"rig-{i}") for i, name in enumerate(RIGS)}
+    return {name: (folder, write_rig(folder, name)) for name, folder in folders.items()}
 
 
 # What nothing in the log contradicts where the motor's angle is alone in it: the fit says so, by its numbers.
 ALONE = ("velocity as position, alone", "degrees as radians, alone")
 
 
-def test_every_mistake_is_reported_at_its_line(rigs: dict[int, tuple[Path, tuple[Mistake, ...]]]) -> None:
+def test_every_mistake_is_reported_at_its_line(rigs: dict[str, tuple[Path, tuple[Mistake, ...]]]) -> None:
     """More than 30 of as many: names, columns, rate, time, period, length, units, side, quantity, sign, order."""
     missed, made = [], set()
-    for number, (folder, mistakes) in rigs.items():
+    for rig, (folder, mistakes) in rigs.items():
+        assert not complaint(folder, None)
         for mistake in mistakes:
             made.add(mistake.name)
             if mistake.name not in ALONE and not is_at_line(complaint(folder, mistake), folder, mistake):
-                missed.append((number, mistake.name))
+                missed.append((rig, mistake.name))
     assert not missed
     assert len(made) >= 30
 
 
-def test_other_commands_do_not_open_the_logs(rigs: dict[int, tuple[Path, tuple[Mistake, ...]]]) -> None:
+def test_other_commands_do_not_open_the_logs(rigs: dict[str, tuple[Path, tuple[Mistake, ...]]]) -> None:
     """A doubt does not stop who is sure: run reads the study alone."""
-    folder, mistakes = rigs[4]
+    folder, mistakes = rigs["motors alone"]
     assert complaint(folder, next(mistake for mistake in mistakes if mistake.name == "sign of an angle"))
     assert load(folder / "tried.yml").study.name == "motion"
     with pytest.raises(StudyError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plants.predicted_arm import result
+from plants.arm import result
 
 from elastid.record import Configuration
 from elastid.use.closed_loops import PostureFamily

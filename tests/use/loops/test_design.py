@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.predicted_arm import result
+from plants.arm import result
 from plants.refusals import refused
 
 from elastid.record import Configuration

@@ -5,7 +5,7 @@ from __future__ import annotations
 import control
 import numpy as np
 import pytest
-from plants.predicted_arm import result
+from plants.arm import result
 
 from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration, JointLoop

@@ -1,0 +1,53 @@
+"""A robot of elastid in Pinocchio, an independent implementation, built body by body."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elastid.robot import BASE, Placement, Robot, unit_axis
+
+
+def pinocchio() -> Any:
+    """The package; a test that needs it is skipped where it is absent."""
+    return pytest.importorskip("pinocchio", reason="the independent implementation is in the group 'oracles'")
+
+
+def placed(placement: Placement) -> Any:
+    return pinocchio().SE3(placement.rotation, np.array(placement.xyz))
+
+
+def append(model: Any, at: tuple[int, Any], mass: float, center: Any, inertia: np.ndarray) -> None:
+    """A mass with its centre and inertia at a joint and a placement behind it."""
+    model.appendBodyToJoint(at[0], pinocchio().Inertia(mass, np.array(center), inertia), at[1])
+
+
+def pinocchio_model(
+    robot: Robot, riding: Callable[[Any, str, tuple[int, Any]], None] = lambda model, body, at: None
+) -> tuple[Any, dict[str, tuple[int, Any]]]:
+    """The model, and joint and placement of each body.
+
+    riding: adds what rides on the base or on a body.  Children come before siblings: Pinocchio's crba takes every
+    branch's joints to be numbered in one run.
+    """
+    pin = pinocchio()
+    model, seats = pin.Model(), {}
+    model.gravity.linear = np.array(robot.gravity)
+
+    def add(name: str, at: tuple[int, Any]) -> None:
+        seats[name] = at
+        riding(model, name, at)
+        for body in robot.bodies:
+            if body.parent == name:
+                seat, placement = at[0], at[1] * placed(body.placement)
+                for joint in body.joints:
+                    kind = pin.JointModelPrismaticUnaligned if joint.slides else pin.JointModelRevoluteUnaligned
+                    seat = model.addJoint(seat, kind(unit_axis(joint.axis)), placement, joint.name)
+                    placement = pin.SE3.Identity()
+                place = seat, placement * placed(body.mounting)
+                append(model, place, body.mass, body.center_of_mass, body.inertia_matrix)
+                add(body.name, place)
+
+    add(BASE, (0, pin.SE3.Identity()))
+    return model, seats
