@@ -65,8 +65,11 @@ def test_loads_loops_and_rest_come_after_each_other() -> None:
     assert np.abs(loops).max() == pytest.approx(0.95 * 34.0)
     peaks = [np.abs(m.torque).max() for m in plan.motions if m.purpose == "at_rest" and m.torque is not None]
     assert peaks == pytest.approx([1.25, 1.25, 2.5, 2.5])
-    starts = [motion.start_s for motion in plan.motions]
-    assert starts == sorted(starts)
+    starts, lengths = zip(*((m.start_s, 0 if m.torque is None else len(m.torque)) for m in plan.motions), strict=True)
+    assert np.all(np.diff(starts) >= np.array(lengths[:-1]) / plan.rate_hz)
+    moved = planned(FrictionSpec(at_rest=AtRestSpec()), axis(replace(LIMITS, angle=(-1.0, 2.0))))
+    at_rest = [m.configuration.angles[0] for m in moved.motions if m.purpose == "at_rest"]
+    assert at_rest == pytest.approx(4 * [np.mean(moved.designs[0].limits.window)])
 
 
 def test_a_warm_up_is_followed_by_tests() -> None:
@@ -140,6 +143,7 @@ def test_ramps_take_the_torque_that_gravity_and_friction_leave(torque: float, ba
     loop = found.inertia * (2 * np.pi * bandwidth_hz) ** 2
     assert found.limits.lag * loop == pytest.approx(2 * found.guess.stiction)
     assert default_window(Joint("1")) == (-1.0, 1.0)
+    assert default_window(Joint("1", limits=Limits((-1.0, 3.0)))) == (0.0, 2.0)
     assert default_window(Joint("1", motion="translation")) == (-0.25, 0.25)
 
 
