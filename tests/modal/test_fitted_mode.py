@@ -27,10 +27,11 @@ def test_noise_hides_no_mode_and_makes_none(stated: bool) -> None:
 
 @pytest.mark.parametrize("kind", ["white", "correlated", "of few degrees of freedom"])
 def test_the_intervals_of_a_draw_are_its_errors(kind: str) -> None:
-    """Mean square of error over std of frequency and damping, 25 draws of five modes: 0.6 to 1.5."""
-    errors, exact = [], modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)))
+    """Mean square of error over std of frequency, damping and shape, 25 draws of five modes: 0.6 to 1.5."""
+    shapes = np.outer([1.0, 0.5], np.ones(5))
+    errors, exact = [], modal_response(FREQ_HZ, NATURAL, ZETA, shapes)
     for seed in range(25):
-        response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01, seed=seed)
+        response = modal_response(FREQ_HZ, NATURAL, ZETA, shapes, noise=0.01, seed=seed)
         assert response.noise is not None
         if kind == "correlated":
             mixed = convolve1d(response.G - exact.G, np.ones(3) / np.sqrt(3), axis=0)
@@ -39,7 +40,8 @@ def test_the_intervals_of_a_draw_are_its_errors(kind: str) -> None:
             drawn = response.noise.variance * np.random.default_rng(seed).chisquare(12, response.G.shape) / 12
             response = replace(response, noise=Covariance(drawn, 6.0))
         modes = estimate_modes(response, None, 16)
-        errors.append([(modes.freq_hz - NATURAL) / modes.freq_std, (modes.zeta - ZETA) / modes.zeta_std])
+        shape = np.abs(modes.shapes[1] - 0.5) / modes.shape_std[1]
+        errors.append([(modes.freq_hz - NATURAL) / modes.freq_std, (modes.zeta - ZETA) / modes.zeta_std, shape])
     squares = np.mean(np.square(errors), axis=(0, 2))
     assert np.all(squares > 0.6)
     assert np.all(squares < 1.5)
@@ -68,5 +70,5 @@ def test_notes_count_the_modes_that_they_are_about() -> None:
     mode = FittedMode(50.0, 0.01, 0.02, 1e-3, np.ones((1, 1)), np.ones((1, 1)))
     (note,) = window_notes([mode, replace(mode, zeta=1e-3), replace(mode, zeta=-0.1)], 2.0, response)
     assert "1 of 3 poles" in note.text
-    (note,) = line_notes([mode, replace(mode, zeta=1e-4)], response)
-    assert "1 of 2 modes" in note.text
+    (note,) = line_notes([mode, mode, replace(mode, zeta=1e-4)], response)
+    assert "1 of 3 modes" in note.text
