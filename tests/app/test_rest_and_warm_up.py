@@ -46,8 +46,8 @@ def numbers(result: FrictionResult) -> dict[str, FrictionNumber]:
     return {number.name: number for number in result.numbers}
 
 
-def holds(number: FrictionNumber, truth: float, stds: float = 3.3) -> bool:
-    return abs(number.value - truth) < stds * number.std
+def holds(number: FrictionNumber, truth: float) -> bool:
+    return abs(number.value - truth) < 3.3 * number.std
 
 
 def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:

@@ -5,13 +5,11 @@ from textwrap import indent
 
 import numpy as np
 import pytest
-from plants.zeros import antiresonances
 
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.frf.estimate import estimate
-from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
@@ -42,32 +40,6 @@ def test_manutec_turns_on_axis_1_with_the_inertia_of_its_bodies(manutec):
     linear = linearise(model, Configuration("upright", np.zeros(6)), model.theta, model.inputs, "acceleration")
     assert linear.K[axis, axis] == pytest.approx(43 * 105**2, rel=1e-12)
     assert 5 < modes(linear, linear.theta_ref).freq_hz[0] < 40
-
-
-def linear(robot: Robot, angles: tuple[float, ...] = (0.0,)) -> LinearModel:
-    """Motor torques to motor accelerations."""
-    model = serial(robot)
-    return linearise(model, Configuration("c", angles), model.theta, model.inputs, "acceleration")
-
-
-@pytest.mark.parametrize(
-    ("k_1", "poles", "zeros"),
-    [
-        (100.0, [12.402, 19.120, 54.671], [5.255, 15.378, 52.321]),
-        (16.7, [8.763, 14.472, 41.773], [2.911, 14.250, 41.654]),
-    ],
-)
-def test_the_four_masses_have_their_published_resonances(k_1, poles, zeros):
-    """Undamped, to the digits printed; 1 / (sum of J) at low and 1 / J_m at high frequencies."""
-    robot = load_robot(ROBOTS / "four_mass_benchmark.yml")
-    undamped = {name: 0.0 for name in robot.parameters() if name.startswith(("d_", "f_", "fm_"))}
-    model = linear(robot.with_parameters(undamped | {"k_1": k_1}))
-    np.testing.assert_allclose(modes(model, model.theta_ref).freq_hz, poles, atol=6e-4)
-    found, _ = antiresonances(model, "motor 1", "motor 1")
-    np.testing.assert_allclose(found, zeros, atol=6e-4)
-    low, high = frequency_response(model, model.theta_ref, np.array([1e-3, 1e4]))[:, 0, 0].real
-    assert low == pytest.approx(21.277, abs=5e-4)
-    assert high == pytest.approx(200, rel=1e-4)
 
 
 def test_the_kuka_arm_has_the_reach_and_weight_of_its_table():

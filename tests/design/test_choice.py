@@ -51,6 +51,7 @@ def test_a_grid_reaches_from_limit_to_limit() -> None:
     assert len(_angles(CandidateSpec(grid=3))) == 27
     angles = _angles(CandidateSpec(grid=(1, 2, 3), margin=0.0))
     assert sorted(set(angles[:, 2].tolist())) == pytest.approx([-1.5, 0.25, 2.0])
+    assert set(angles[:, 1].tolist()) == {-1.5, 2.0}
     assert set(angles[:, 0].tolist()) == {0.0}
 
 

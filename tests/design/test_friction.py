@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.friction_axis import LIMITS, axis, planned
+from plants.friction_axis import LIMITS, axis, experiment, planned
 from plants.refusals import refused
+from plants.units import factor, in_other_units
 
 from elastid.design.friction import (
     StribeckGuess,
     _information,
     axis_of,
     default_window,
+    design_friction,
     optimal_speeds,
 )
 from elastid.experiment.plan.friction import pass_reference
@@ -30,7 +32,7 @@ from elastid.friction_study.spec import (
     WarmUpSpec,
 )
 from elastid.record import Configuration
-from elastid.robot import Joint, Limits
+from elastid.robot import Joint, Limits, Robot
 
 
 def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() -> None:
@@ -63,8 +65,11 @@ def test_loads_loops_and_rest_come_after_each_other() -> None:
     assert np.abs(loops).max() == pytest.approx(0.95 * 34.0)
     peaks = [np.abs(m.torque).max() for m in plan.motions if m.purpose == "at_rest" and m.torque is not None]
     assert peaks == pytest.approx([1.25, 1.25, 2.5, 2.5])
-    starts = [motion.start_s for motion in plan.motions]
-    assert starts == sorted(starts)
+    starts, lengths = zip(*((m.start_s, 0 if m.torque is None else len(m.torque)) for m in plan.motions), strict=True)
+    assert np.all(np.diff(starts) >= np.array(lengths[:-1]) / plan.rate_hz)
+    moved = planned(FrictionSpec(at_rest=AtRestSpec()), axis(replace(LIMITS, angle=(-1.0, 2.0))))
+    at_rest = [m.configuration.angles[0] for m in moved.motions if m.purpose == "at_rest"]
+    assert at_rest == pytest.approx(4 * [np.mean(moved.designs[0].limits.window)])
 
 
 def test_a_warm_up_is_followed_by_tests() -> None:
@@ -138,6 +143,7 @@ def test_ramps_take_the_torque_that_gravity_and_friction_leave(torque: float, ba
     loop = found.inertia * (2 * np.pi * bandwidth_hz) ** 2
     assert found.limits.lag * loop == pytest.approx(2 * found.guess.stiction)
     assert default_window(Joint("1")) == (-1.0, 1.0)
+    assert default_window(Joint("1", limits=Limits((-1.0, 3.0)))) == (0.0, 2.0)
     assert default_window(Joint("1", motion="translation")) == (-0.25, 0.25)
 
 
@@ -146,3 +152,17 @@ def test_friction_that_is_planned_for_falls_from_stiction_by_its_slope(speed: fl
     h = 1e-5 * speed
     assert GUESS.torque(0.0) == pytest.approx(GUESS.stiction)
     assert GUESS.slope(speed) == pytest.approx((GUESS.torque(speed + h) - GUESS.torque(speed - h)) / (2 * h), abs=1e-6)
+
+
+@pytest.mark.parametrize("robot", [axis(), axis(law=None)])
+def test_speeds_and_torques_are_the_same_in_other_units(robot: Robot) -> None:
+    """Of passes and of loops and holds at rest; friction of the file, and guessed. Seconds to settle stay seconds."""
+    spec = FrictionSpec(presliding=PreslidingSpec(), at_rest=AtRestSpec(), warm_up=None)
+    here = design_friction(spec, robot.driven, experiment(), robot, 3)
+    other = in_other_units(robot)
+    there = design_friction(in_other_units(spec), other.driven, in_other_units(experiment()), other, 3)
+    (a,), (b,) = here.designs, there.designs
+    np.testing.assert_allclose(b.speed, a.speed * factor("rad/s"), rtol=1e-9)
+    assert b.efficiency == pytest.approx(a.efficiency)
+    peaks = [[np.abs(m.torque).max() for m in p.motions if m.torque is not None] for p in (here, there)]
+    np.testing.assert_allclose(peaks[1], np.array(peaks[0]) * factor("N*m"), rtol=1e-9)

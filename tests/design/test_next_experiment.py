@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 from plants.limited_arm import LIMITS, arm, experiment
+from plants.units import factor, in_other_units
 
 from elastid.base.execution import Execution
-from elastid.design.design import design
+from elastid.design.design import design, with_friction_damping
 from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import BoxSpec, CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.robot import Frame, Placement, Robot
+from elastid.robot import Frame, Placement, Robot, Tolerances
 from elastid.robot.simplified import without_dry_friction
 
 EXCITATION = MultisineSpec(rate_hz=500.0, period=1.0, band_hz=(2.0, 60.0), torque_rms=(60.0, 50.0))
@@ -110,3 +114,48 @@ def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
     assert len(near.candidates(near.design).configurations) <= 2
     found = proposed(near, goal)
     assert found.plan.configurations[0].angles[1] == 0.0
+
+
+@pytest.mark.parametrize("flat", ["torque", "information"])
+def test_a_design_is_the_same_in_other_units(flat: str) -> None:
+    """Torques, standard deviations, and the next experiment; numbers of the file within their tolerances."""
+    robot = replace(without_dry_friction(arm()), tolerances=Tolerances())
+    asked = problem(robot, replace(EXCITATION, torque_rms="limits", flat=flat), floor=0.1)  # type: ignore[arg-type]
+    other, goal = in_other_units(asked), Goal({"k_1": 1e-3, "d_2": 0.02})
+    here, there = design(asked), design(other)
+    np.testing.assert_allclose(there.plan.R, here.plan.R * factor("N*m"), rtol=1e-6)
+    for name in ("std", "std_by_noise"):
+        sizes = np.array([factor(unit) for unit in here.forecast.units])
+        np.testing.assert_allclose(
+            getattr(there.forecast, name), getattr(here.forecast, name) * sizes, rtol=1e-6, err_msg=name
+        )
+    one, same = proposed(asked, goal), proposed(other, goal)
+    np.testing.assert_allclose(same.plan.R, one.plan.R * factor("N*m"), rtol=1e-6)
+    assert same.option.more_s == pytest.approx(one.option.more_s * factor("s"))
+
+
+def test_a_goal_is_reached_where_the_interval_is_as_narrow_as_asked() -> None:
+    """Half widths of 95 % over those of the goal, by a covariance and by intervals; unknown numbers never are."""
+    asked, goal = problem().parameters, Goal({"k_1": 0.02, "k_2": 0.1})
+    std = np.array([0.02 if name == "k_1" else 0.05 for name in asked.free_names]) / 1.96
+    np.testing.assert_allclose(goal.used(asked, asked.x, np.diag(std**2)), [1.0, 0.5], rtol=1e-4)
+    intervals = {"k_1": (98.0, 102.0), "k_2": (0.0, np.inf)}
+    result: Any = SimpleNamespace(values={"k_1": 100.0, "k_2": 1.0}, interval=intervals.get)
+    assert goal.reached(result) == {"k_1": pytest.approx(1.0), "k_2": np.inf}
+
+
+def test_friction_damps_the_motion_that_it_leaves_and_a_carrier_takes_its_room() -> None:
+    """The damping of a design is that of the motion with it; candidates are off the limits by swing and margin."""
+    asked = problem()
+    settled = with_friction_damping(asked)
+    probe = settled.probe(settled.experiment)
+    ratios = np.array([joint.motor.ratio for joint in asked.robot.driven if joint.motor])
+    values = [[robot.parameters()[f"fm_{i}"][0] for i in "12"] for robot in (settled.robot, asked.robot)]
+    damping = settled.at_equilibria(
+        probe, lambda q, c: settled.prospect(probe, q).equivalent_damping(c, asked.parameters.x)
+    )
+    np.testing.assert_allclose(np.mean(damping, axis=0), np.subtract(*values) * ratios**2, rtol=0.02)
+    wide = replace(asked, experiment=experiment(CarrierSpec(amplitude=0.5), configurations={}))
+    drawn = wide.candidates(DesignSpec(count=1, candidates=CandidateSpec(random=200)))
+    largest = np.abs([c.angles for c in drawn.configurations]).max()
+    assert 0.85 < largest < 1.5 - 0.5 / (1 - EXCITATION.margin)

@@ -68,10 +68,10 @@ def multisine(peak: float, rng: np.random.Generator) -> FloatArray:
     return np.asarray(u * peak / np.abs(u).max())
 
 
-def record(name: str, peak: float, seed: int, noise: float, count: float, periods: int = 6) -> FrictionRecord:
+def record(name: str, peak: float, seed: int, noise: float, count: float) -> FrictionRecord:
     """From rest, torque held from sample to sample, with noise that is not logged."""
     rng = np.random.default_rng(seed)
-    u = np.tile(multisine(peak, rng), periods)
+    u = np.tile(multisine(peak, rng), 6)
     q = angle(u + noise * rng.standard_normal(len(u)), 2)
     q = np.append(0.0, q[:-1])
     return FrictionRecord(
@@ -169,10 +169,10 @@ def loops(q: FloatArray, torque: FloatArray, counts: float = 0.0) -> FrictionRec
     return FrictionRecord("loops", "1", "loops", RATE_PRESLIDING, q, torque, resolution=counts)
 
 
-def log(seed: int, noise: float = 0.02, counts: float = COUNT_PRESLIDING) -> FrictionRecord:
+def log(seed: int, counts: float = COUNT_PRESLIDING) -> FrictionRecord:
     """Measured with torque noise and an encoder."""
     q = growing()
-    torque = TRUTH_PRESLIDING.torque(q) + 0.1 + noise * np.random.default_rng(seed).standard_normal(len(q))
+    torque = TRUTH_PRESLIDING.torque(q) + 0.1 + 0.02 * np.random.default_rng(seed).standard_normal(len(q))
     return loops(np.round(q / counts) * counts, torque, counts)
 
 

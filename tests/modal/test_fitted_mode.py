@@ -1,10 +1,15 @@
 """Numbers of a mode within their standard deviations, and notes on poles that are none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from modal.structures import FREQ_HZ, NATURAL, ZETA, modal_response
+from scipy.ndimage import convolve1d
 
 from elastid.modal.estimate import estimate_modes
+from elastid.modal.fitted_mode import FittedMode, line_notes, window_notes, without_twins
+from elastid.response import Covariance
 
 
 @pytest.mark.parametrize("stated", [True, False])
@@ -20,12 +25,23 @@ def test_noise_hides_no_mode_and_makes_none(stated: bool) -> None:
     assert np.all(deviation < 5 * modes.shape_std + 1e-12)
 
 
-def test_the_intervals_of_a_draw_are_its_errors() -> None:
-    """Mean square of error over std of frequency and damping, 25 draws of five modes: 0.6 to 1.5."""
-    errors = []
+@pytest.mark.parametrize("kind", ["white", "correlated", "of few degrees of freedom"])
+def test_the_intervals_of_a_draw_are_its_errors(kind: str) -> None:
+    """Mean square of error over std of frequency, damping and shape, 25 draws of five modes: 0.6 to 1.5."""
+    shapes = np.outer([1.0, 0.5], np.ones(5))
+    errors, exact = [], modal_response(FREQ_HZ, NATURAL, ZETA, shapes)
     for seed in range(25):
-        modes = estimate_modes(modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01, seed=seed), None, 16)
-        errors.append([(modes.freq_hz - NATURAL) / modes.freq_std, (modes.zeta - ZETA) / modes.zeta_std])
+        response = modal_response(FREQ_HZ, NATURAL, ZETA, shapes, noise=0.01, seed=seed)
+        assert response.noise is not None
+        if kind == "correlated":
+            mixed = convolve1d(response.G - exact.G, np.ones(3) / np.sqrt(3), axis=0)
+            response = replace(response, G=exact.G + mixed, correlated_lines=3.0)
+        elif kind != "white":
+            drawn = response.noise.variance * np.random.default_rng(seed).chisquare(12, response.G.shape) / 12
+            response = replace(response, noise=Covariance(drawn, 6.0))
+        modes = estimate_modes(response, None, 16)
+        shape = np.abs(modes.shapes[1] - 0.5) / modes.shape_std[1]
+        errors.append([(modes.freq_hz - NATURAL) / modes.freq_std, (modes.zeta - ZETA) / modes.zeta_std, shape])
     squares = np.mean(np.square(errors), axis=(0, 2))
     assert np.all(squares > 0.6)
     assert np.all(squares < 1.5)
@@ -36,3 +52,23 @@ def test_a_window_that_no_pole_went_through_is_named() -> None:
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
     assert "modal/damping" in {note.code for note in estimate_modes(response, exponential_s=0.05).notes}
     assert "modal/damping" not in {note.code for note in estimate_modes(response, exponential_s=10.0).notes}
+
+
+def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none() -> None:
+    """Of another shape, farther off or stronger it is a mode."""
+    strong = FittedMode(50.0, 0.01, 0.01, 1e-4, np.array([[1.0, 2.0j, -1.0]]), np.full((1, 3), 1e-3))
+    twin = replace(strong, freq_hz=50.1, residue=0.01j * strong.residue)
+    other = replace(twin, residue=np.array([[0.02, 0.01j, 0.0]]))
+    assert without_twins([strong, twin]) == [strong]
+    for mode in (other, replace(twin, freq_hz=60.0), replace(twin, residue=0.9 * strong.residue)):
+        assert without_twins([strong, mode]) == [strong, mode]
+
+
+def test_notes_count_the_modes_that_they_are_about() -> None:
+    """Poles that certainly lost more damping to a window than they had; half-power widths of too few lines."""
+    response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)))
+    mode = FittedMode(50.0, 0.01, 0.02, 1e-3, np.ones((1, 1)), np.ones((1, 1)))
+    (note,) = window_notes([mode, replace(mode, zeta=1e-3), replace(mode, zeta=-0.1)], 2.0, response)
+    assert "1 of 3 poles" in note.text
+    (note,) = line_notes([mode, mode, replace(mode, zeta=1e-4)], response)
+    assert "1 of 3 modes" in note.text

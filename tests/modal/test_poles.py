@@ -7,6 +7,7 @@ from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 from elastid.experiment.simulated.plant import true_modes, true_response
 from elastid.modal.estimate import estimate_modes
 from elastid.modal.modes import mac
+from elastid.modal.poles import stabilisation
 from elastid.response import Covariance, Response
 
 
@@ -23,6 +24,15 @@ def test_an_exact_response_gives_its_modes() -> None:
     np.testing.assert_allclose(modes.synthesis, response.G, atol=1e-9 * np.abs(response.G).max())
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
     np.testing.assert_allclose(modes.shapes.real, shapes / largest, atol=1e-8)
+
+
+def test_a_pole_is_stable_where_the_order_before_has_it_within_a_hundredth() -> None:
+    """Of its frequency, and its damping within a twentieth."""
+    before = 40.0 * np.array([-0.01 + 1j, -0.02 + 2j])
+    same, moved, damped = 40.0 * np.array([-0.01004 + 1.004j, -0.02 + 2.05j, -0.022 + 2j])
+    diagram = stabilisation(((4, before), (6, np.array([same, moved, damped]))))
+    np.testing.assert_array_equal(diagram.order, [4, 4, 6, 6, 6])
+    np.testing.assert_array_equal(diagram.stable, [False, False, True, False, False])
 
 
 def test_a_double_root_is_two_modes() -> None:

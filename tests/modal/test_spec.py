@@ -15,6 +15,8 @@ POINTS = {"foot": (0.0, 0.0, 0.0), "tip": (0.0, 0.0, 1.0)}
     ],
 )
 def test_geometry_names_what_is_wrong(keys: dict, says: str) -> None:
+    assert GeometrySpec(points=POINTS).direction_of("tip -x") == ("tip", "-x")
+    assert not any(GeometrySpec(points=POINTS).direction_of(output) for output in ("head x", "tip up"))
     with pytest.raises(ValueError, match=says):
         GeometrySpec(points=POINTS, **keys)
 

@@ -28,10 +28,10 @@ from elastid.targets.mujoco import write_mujoco
 seeds = st.integers(0, 2**31)
 
 
-def random_arm(seed: int, n: int = 4, coupled: bool = True) -> Robot:
+def random_arm(seed: int, coupled: bool = True) -> Robot:
     """A chain of n driven axes, elastic and rigid, whose motors ride on any body along it, with a branch beside it."""
     rng = np.random.default_rng(seed)
-    names = [f"b{i}" for i in range(n)]
+    names = [f"b{i}" for i in range(4)]
     bodies = []
     for i, name in enumerate(names):
         carrier = rng.choice(["", BASE, *names])

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.dry_friction import COULOMB, measured, measured_bristles
+from plants.dry_friction import COULOMB, Measured, measured, measured_bristles
+from plants.units import factor, record_in_other_units
 
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
@@ -125,3 +126,19 @@ def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval()
     assert COULOMB[0] / 2 < level < COULOMB[0]
     assert std > COULOMB[0] / 8
     assert result.sliding_level("motor 2")[1] < 0.02 * COULOMB[1]
+
+
+@pytest.mark.parametrize("data", [measured(), measured_bristles("maxwell slip")], ids=["coulomb", "maxwell slip"])
+def test_friction_is_the_same_in_other_units_and_with_motors_in_another_order(data: Measured) -> None:
+    """Levels with their standard deviations, and the distortion before and after."""
+    configurations, lines = data
+    here = find_friction(configurations, AUTO, lines)
+    turned = [[record_in_other_units(replace(r, u=r.u[:, ::-1], y=r.y[:, ::-1])) for r in c] for c in configurations]
+    there = find_friction(turned, AUTO, lines)
+    assert [shape.kind for shape in there.shapes if shape.place == "motor 1"] == [
+        shape.kind for shape in here.shapes if shape.place == "motor 2"
+    ]
+    levels = np.array([[found.sliding_level(place) for place in here.places] for found in (here, there)])
+    np.testing.assert_allclose(levels[1, ::-1], levels[0] * factor("N*m"), rtol=1e-9)
+    for name in ("before", "after"):
+        np.testing.assert_allclose(getattr(there, name)[:, ::-1], getattr(here, name) * factor("N*m"), rtol=1e-9)

@@ -24,11 +24,11 @@ def two_mass(freq_hz, stiffness=STIFFNESS, damping=0.002):
     )
 
 
-def response(G, std=None, dof=math.inf, name="c1", freq_hz=FREQ_HZ):
+def response(G, std=None, dof=math.inf, freq_hz=FREQ_HZ):
     _, n_y, n_u = G.shape
     covariance = None if std is None else Covariance(np.broadcast_to(std, G.shape) ** 2, dof)
     names = [f"motor {i + 1}" for i in range(max(n_y, n_u))]
-    where = Configuration(name, np.zeros(n_u))
+    where = Configuration("c1", np.zeros(n_u))
     return Response(freq_hz, G, tuple(names[:n_u]), tuple(names[:n_y]), "acceleration", where, total=covariance)
 
 

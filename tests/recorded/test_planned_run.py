@@ -10,7 +10,6 @@ from plants.limited_arm import arm, experiment
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Record
 from elastid.recorded.planned_run import contradiction
@@ -36,8 +35,8 @@ def clean(plan: Plan) -> Record:
     return measured(robot(), plan)
 
 
-def measured(truth: Robot, plan: Plan, spec: ExperimentSpec = EXPERIMENT) -> Record:
-    return SimulatedRig(truth, spec.with_truth(dict(TRUTH)), plan, 3).measure(plan.experiments[0])
+def measured(truth: Robot, plan: Plan) -> Record:
+    return SimulatedRig(truth, EXPERIMENT.with_truth(dict(TRUTH)), plan, 3).measure(plan.experiments[0])
 
 
 def said(plan: Plan, record: Record) -> str:

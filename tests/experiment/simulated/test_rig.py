@@ -59,9 +59,9 @@ def plan(
     return Plan((Configuration("c1", np.array(angles)),), motors, 1000.0, 1000 * period, 2, transient, lines, R)
 
 
-def rig(machine: Robot, spec: SimulatedSpec, design: Plan, seed: int = 1) -> SimulatedRig:
+def rig(machine: Robot, spec: SimulatedSpec, design: Plan) -> SimulatedRig:
     study = ExperimentSpec({c.name: tuple(c.angles) for c in design.configurations}, simulated=spec)
-    return SimulatedRig(machine, study, design, seed)
+    return SimulatedRig(machine, study, design, 1)
 
 
 def three_axes(spec: SimulatedSpec = SimulatedSpec(), rms: float = 50.0, **changes: object) -> SimulatedRig:  # noqa: B008

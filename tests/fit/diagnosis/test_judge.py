@@ -137,8 +137,8 @@ CROSSTALK = Hypothesis(
 )
 
 
-def fitted_hypotheses(case: Case, hypotheses: tuple[Hypothesis, ...] = (CROSSTALK, *HYPOTHESES)) -> Result:
-    return identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC, hypotheses=hypotheses)
+def fitted_hypotheses(case: Case) -> Result:
+    return identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC, hypotheses=(CROSSTALK, *HYPOTHESES))
 
 
 def with_crosstalk(case: Case) -> Case:

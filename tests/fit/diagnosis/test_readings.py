@@ -62,11 +62,11 @@ def positions(robot: Robot, u: np.ndarray, acts: Hold) -> np.ndarray:
     return np.fft.irfft(Y, n=N, axis=0)
 
 
-def measured(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order", noise: float = 3e-3) -> Response:
+def measured(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order") -> Response:
     """The response that a study with `hold` gets from a log of noisy encoders, of a torque that acts as `acts`."""
     rng = np.random.default_rng(seed)
     u = commanded(rng)
-    y = np.tile(positions(plant(), u, acts), (PERIODS, 1)) + noise * rng.standard_normal((PERIODS * N, 2))
+    y = np.tile(positions(plant(), u, acts), (PERIODS, 1)) + 3e-3 * rng.standard_normal((PERIODS * N, 2))
     save_csv(folder / "log.csv", {"u": np.tile(u[:, 0], PERIODS), "motor": y[:, 0], "load": y[:, 1]})
     rig = RecordedRig(plant(), study(hold), folder)
     return estimate([rig.measure(rig.experiments[0])], EstimatorSpec(quantity="acceleration"), LINES)

@@ -28,9 +28,9 @@ def leaving_out(factor, **keys) -> FitSpec:
     return FitSpec(weights=WeightSpec(factors=(factor,)), **keys)
 
 
-def response(variance, dof=np.inf, outputs=("motor 1",), values=G, **known) -> Response:
-    G_matrix = np.broadcast_to(values[:, None, None], (F, len(outputs), 1))
-    covariance = Covariance(np.broadcast_to(np.reshape(variance, (-1, 1, 1)), G_matrix.shape), dof)
+def response(variance, outputs=("motor 1",), **known) -> Response:
+    G_matrix = np.broadcast_to(G[:, None, None], (F, len(outputs), 1))
+    covariance = Covariance(np.broadcast_to(np.reshape(variance, (-1, 1, 1)), G_matrix.shape), np.inf)
     response = Response(
         FREQ, G_matrix, ("motor 1",), outputs, "acceleration", Configuration("c1", [0.0]), noise=covariance
     )
