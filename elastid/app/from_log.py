@@ -70,12 +70,6 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     if lost := [path for path in logs if not path.exists()]:
         raise DataError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
     if first.is_file() and is_universal_file(first):
-        if robot is not None:
-            raise DataError(
-                "records/channels",
-                "responses, and no log; template `responses` is a study of them with a robot",
-                first,
-            )
         return {"study.yml": _joined([*_head("responses", first), *_universal(logs, folder)])}
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:

@@ -292,8 +292,7 @@ class Session:
     def _size(self, run: Experiment) -> int:
         """Bytes of the log of a run; -1 until it is there."""
         path = self.log(run)
-        parts = [] if path is None else [path, *path.iterdir()] if path.is_dir() else [path]
-        return sum(part.stat().st_size for part in parts) if parts else -1
+        return -1 if path is None else sum(part.stat().st_size for part in (path, *path.rglob("*")))
 
     def _run(self, plans: Sequence[Plan]) -> Run:
         """The run of all logs so far."""
