@@ -12,6 +12,7 @@ from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.nonlinear import find
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.friction import FrictionTakenOut, friction_means, spectrum
+from elastid.nonlinear.levels import candidate_shapes
 from elastid.nonlinear.take_out import net_record
 from elastid.record import Record
 
@@ -114,7 +115,6 @@ def test_shapes_may_be_chosen_in_the_first_configuration_alone(
     np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], coulomb, rtol=0.02)
 
 
-@pytest.mark.slow
 def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval() -> None:
     """Half as much friction in the second: the level is between both, and each is within its 95 % interval."""
     (one, _), lines = measured()
@@ -138,6 +138,11 @@ def test_friction_is_the_same_in_other_units_and_with_motors_in_another_order(da
     assert [shape.kind for shape in there.shapes if shape.place == "motor 1"] == [
         shape.kind for shape in here.shapes if shape.place == "motor 2"
     ]
+    tried = [
+        [shape.threshold for shape in candidate_shapes(c[0], False) if (shape.place, shape.kind) == (place, "stribeck")]
+        for c, place in ((configurations, "motor 2"), (turned, "motor 1"))
+    ]
+    np.testing.assert_allclose(tried[1], np.array(tried[0]) * factor("rad/s"))
     levels = np.array([[found.sliding_level(place) for place in here.places] for found in (here, there)])
     np.testing.assert_allclose(levels[1, ::-1], levels[0] * factor("N*m"), rtol=1e-9)
     for name in ("before", "after"):

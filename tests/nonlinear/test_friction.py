@@ -178,7 +178,9 @@ def test_a_logged_velocity_keeps_its_value_at_the_start() -> None:
 
 
 def test_a_transient_and_a_drift_keep_their_velocity() -> None:
-    """To 2 % of its largest, away from the ends, where a record that does not repeat is cut."""
+    """To 2 % of its largest, away from the ends, where a record that does not repeat is cut; of one period a ramp."""
+    ramp = replace(record_of(0.02 * TIME), period_samples=len(TIME))
+    np.testing.assert_allclose(motion_of(ramp, "motor 1").velocity, 0.02, rtol=1e-6)
     motion = motion_of(record_of(0.3 * np.exp(-2 * TIME) + 0.02 * TIME), "motor 1")
     error = motion.velocity - (0.02 - 0.6 * np.exp(-2 * FINE))
     assert np.sqrt(np.mean(error[40 * CELLS : -40 * CELLS] ** 2)) < 0.02 * 0.6

@@ -7,10 +7,12 @@ import pytest
 from plants.gear_levels import SPEC, linear_fit
 from plants.two_mass_gear import LINES, Gear, records, robot
 
+from elastid.fit.parameter_choice import choose
 from elastid.fit.result import Result
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.effects import GearEffect
-from elastid.nonlinear.gear_levels import GearData, Levels, find_levels, scale_priors, scales_of, start_levels
+from elastid.nonlinear.gear_levels import GearData, Levels, find_levels, priors, scale_priors, scales_of, start_levels
 from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response
@@ -43,6 +45,16 @@ def test_a_hardening_gear_is_found_where_a_linear_fit_is_seven_percent_off() -> 
     assert found.levels[0] == pytest.approx(gear.k_3, rel=1e-3)
     assert found.move < 0.05
     assert np.all(found.std > 0)
+
+
+def test_priors_pull_each_parameter_to_its_mean() -> None:
+    """Half the gradient and half the curvature of the sum of ((x - mean) / std)^2; levels have none."""
+    spec = FitSpec(parameters={"k_1": ParameterSpec(prior=PriorSpec(0.1, 1.8e5)), "d_1": ParameterSpec()})
+    parameters = choose(spec, robot(Gear()))
+    A, b = priors(parameters, parameters.x, 3)
+    (std,) = [p.prior.std for p in parameters.free if p.prior is not None]
+    np.testing.assert_allclose(A, np.diag([1 / std**2, 0, 0]))
+    np.testing.assert_allclose(b, [np.log(1.8e5 / Gear().k) / std**2, 0, 0])
 
 
 def test_the_scale_of_a_level_that_is_not_seen_stays() -> None:

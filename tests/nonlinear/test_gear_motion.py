@@ -177,6 +177,7 @@ def test_a_transmission_error_bends_the_gear_and_pushes_the_motor_by_its_slope()
     (gear, across), (motor, at_motor) = forces(effect, MOTION)
     e, slope = periodic_error(effect, MOTION.angle, MOTION.ratio)
     assert (gear, motor) == ("gear", "motor")
+    assert periodic_error(effect, np.zeros(1), MOTION.ratio)[0] == 1.0
     assert across == pytest.approx(MOTION.k * e + MOTION.d * slope * MOTION.velocity)
     assert at_motor == pytest.approx(MOTION.torque * slope)
     step = np.diff(MOTION.angle)

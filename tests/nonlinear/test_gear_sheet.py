@@ -99,6 +99,7 @@ def test_what_was_not_seen_has_the_largest_bound_of_its_shapes() -> None:
     assert not friction.is_seen
     assert friction.bound == 0.6
     assert torque.bound == pytest.approx(1.0 * PEAK / K / 6e-3)
+    assert found.number("Hw_1").bound == pytest.approx(2 * torque.bound / K)
 
 
 def opened(after: float) -> GearResult:

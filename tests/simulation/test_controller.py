@@ -45,6 +45,13 @@ def test_the_controller_has_its_bandwidth_and_damping() -> None:
     np.testing.assert_allclose(run.q.argmax() / 1000, 1 / (2 * bandwidth * damped), rtol=0.01)
 
 
+def test_gains_of_a_cascade_are_those_of_its_loops() -> None:
+    """Position and velocity gain and integral time, one for both joints or one for each."""
+    given = GainsSpec(position_gain=4.0, velocity_gain=(50.0, 20.0), integral_time=(0.5, 0.25))
+    gains = gains_of(serial(arm()), np.zeros(2), ControllerSpec(kind="cascade", gains=given))
+    np.testing.assert_array_equal([gains.kp, gains.kd, gains.ki], [[200.0, 80.0], [50.0, 20.0], [2.0, 4.0]])
+
+
 def test_feed_forward_is_the_rigid_robots_inverse_dynamics() -> None:
     """Accelerating both motors from rest needs T^T M T q_a'' beyond the holding torque, springs out of it."""
     model = serial(arm(damping=20.0))

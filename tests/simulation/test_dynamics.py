@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +13,7 @@ from plants.two_links import arm, motor
 
 from elastid.friction.static import SLIDING_VELOCITY
 from elastid.model.formulation import serial
+from elastid.simulation.dynamics import CLASSICAL, FIFTH_ORDER, MAX_STEP_RATE, least_steps
 
 
 @given(st.lists(st.floats(-1, 1), min_size=10, max_size=10))
@@ -24,6 +27,23 @@ def test_accelerations_solve_the_equations_of_motion(numbers: list[float]) -> No
     )
     expected = np.linalg.solve(model.mass(q, model.theta).full(), torque)
     np.testing.assert_allclose(acceleration(model, F_c)(q, v, u).full()[:, 0], expected, rtol=1e-9, atol=1e-9)
+
+
+@given(angle=st.floats(0.5 * np.pi, np.pi), rate=st.floats(1.0, 200.0), duration=st.floats(0.01, 0.5))
+def test_steps_are_as_few_as_let_no_mode_grow(angle: float, rate: float, duration: float) -> None:
+    """R(z) is exp(z) to its order; with one step less a mode grows of its own, or a step is too long."""
+    pole = np.array([rate * np.exp(1j * angle)])
+    for method, order in ((CLASSICAL, 4), (FIFTH_ORDER, 5)):
+        z = 0.2 * pole / rate
+        assert np.abs(method.amplification(z) - np.exp(z)) < 0.2 ** (order + 1) / math.factorial(order)
+
+    def grows(n: int) -> bool:
+        z = pole * duration / n
+        return bool(np.abs(FIFTH_ORDER.amplification(z)) > 1 + 1e-9 or np.abs(z) > MAX_STEP_RATE)
+
+    n = least_steps(pole, duration)
+    assert not grows(n)
+    assert n == 1 or grows(n - 1)
 
 
 def test_energy_is_conserved_at_the_rate_of_the_order() -> None:

@@ -86,7 +86,6 @@ def _followed_by(spec: EstimatorSpec, closed: bool, rng: np.random.Generator) ->
 
 @pytest.mark.parametrize("spec", [LPM, LRM], ids=lambda spec: spec.method)
 @pytest.mark.parametrize("closed", [True, False], ids=["closed loop", "open loop"])
-@pytest.mark.slow
 def test_variances_are_those_of_monte_carlo(spec: EstimatorSpec, closed: bool) -> None:
     """One experiment of three inputs: noise and total predict the squared error to 5 %.
 

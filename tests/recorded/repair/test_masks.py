@@ -52,6 +52,16 @@ def test_noise_and_steps_of_an_encoder_are_no_spikes(seed: int, level: float, q:
     np.testing.assert_array_equal(repaired.signals, signals)
 
 
+@pytest.mark.parametrize("seed", [4, 16, 17])
+def test_a_transient_in_the_first_period_makes_no_spikes_of_noise(seed: int) -> None:
+    """Twelve periods; in these draws a sample stands out of its neighbours, but not of the bend that they lie on."""
+    t = np.arange(12 * N)
+    signals, rng = wave(t, seed), np.random.default_rng(seed)
+    transient = 3.0 * np.exp(-t / 300) * np.cos(2 * np.pi * t / 40)
+    signals += signals.std(axis=0) * (0.01 * rng.normal(size=signals.shape) + transient[:, None])
+    assert without_spikes(signals, N, 1, LOG).findings == ()
+
+
 def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     """2 % of a channel; a burst of oscillation that only one period has."""
     rng = np.random.default_rng(5)

@@ -47,7 +47,6 @@ def test_a_tool_behind_a_joint_that_bends_by_itself_stays_on_its_path(robot: Rob
     assert np.abs(free).max() < 2e-3 * np.abs(force.full()).max()  # the equations hold between the knots, too
 
 
-@pytest.mark.slow
 def test_limits_hold_where_they_keep_the_tool_off_its_path() -> None:
     """Of torque and velocity: with less of both the error grows, and they are never exceeded by half a per cent."""
     own, errors = move(0.4), []

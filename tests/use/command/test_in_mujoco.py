@@ -87,7 +87,6 @@ def commands() -> tuple[References, References, JointLoop, FloatArray]:
     return rigid, elastic, gains, target
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("xml", "gain", "calmer"), [(XML, 10, 3), (RUBBING, 4, 1.2), (TILTING, 10, 3)])
 def test_another_engine_follows_more_exactly_than_with_rigid_feedforward(xml: str, gain: float, calmer: float) -> None:
     """Largest error in the move, and vibration after it; on the robot of the model, and on two that it is not."""

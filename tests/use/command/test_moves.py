@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from plants.commanded_arm import arm
 from plants.refusals import refused
 
@@ -48,7 +47,6 @@ def test_a_move_in_milliseconds_is_refused(tmp_path: Path) -> None:
         read_move(written(tmp_path, "t,1,2\n0,0,0\n1000,0.4,0.2\n"), arm(), "tool")
 
 
-@pytest.mark.slow
 def test_a_way_of_poses_is_straight_between_them(tmp_path: Path) -> None:
     """Two poses: the tool moves along the line, not along the joints' arc."""
     robot = arm()

@@ -71,7 +71,6 @@ def test_an_end_that_no_motor_holds_is_refused(torque: float, end: FloatArray) -
 LINKAGE = Path(__file__).parents[3] / "configs" / "robots" / "linkage_arm.yml"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("rod", ["elastic", "rigid"])
 def test_a_linkage_follows_its_own_plan(rod: str) -> None:
     """An elastic rod is cut, a rigid one is a constraint with its multiplier: to ten micrometres both."""

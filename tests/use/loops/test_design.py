@@ -62,7 +62,6 @@ def test_todays_loops_keep_their_own_rate(family: PostureFamily, monkeypatch: py
     assert loops.designed.freq_hz.max() < 50 < loops.today.freq_hz.max()
 
 
-@pytest.mark.slow
 def test_less_delay_allows_more_bandwidth(family: PostureFamily) -> None:
     scene = Scene.of(family.estimate)
     prompt, late = ([*itertools.islice(design(scene, 9.0, delay), 2)][-1] for delay in (0, 3))
