@@ -9,6 +9,7 @@ from plants import arm as planar
 from plants.load_tests import NAMED, load_tests, measure, tapped
 from plants.measured_robots import responses_of
 from plants.refusals import refused
+from plants.two_mass import two_inertias
 
 import elastid as ei
 from elastid.fit.identify import check_responses, identify
@@ -118,9 +119,7 @@ def test_a_sensor_that_was_not_plugged_in_says_nothing(tiny: Path) -> None:
     file.write_text(file.read_text() + "frames: [{name: tool, body: load, placement: {xyz: [0.4, 0, 0]}}]\n")
     robot = load_robot(file)
     f = np.linspace(5, 80, 30)
-    s = (2j * np.pi * f)[:, None, None]
-    inertia, spring = 1e-3 * s**2, 0.01 * s + 60
-    G = s**2 * (inertia + spring) / ((inertia + 1e-3 * s + spring) * (inertia + spring) - spring**2)
+    G = two_inertias(f, 1e-3, 1e-3, 60.0, 0.01, 1e-3)[:, :1]
     of_motor = ei.Response(
         f, G, ("motor 1",), ("motor 1",), "acceleration", where, noise=Covariance(1e-4 * np.abs(G) ** 2, 1e4)
     )

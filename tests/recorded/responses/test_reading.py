@@ -13,6 +13,7 @@ import pytest
 from plants.lab_logs import RATIO, ROBOT
 from plants.notes import said
 from plants.refusals import refused
+from plants.two_mass import two_inertias
 from scipy.io import savemat
 
 from elastid.app.console import Console
@@ -299,14 +300,7 @@ fit:
 def elsewhere(tmp_path: Path, tiny_texts: tuple[str, str]) -> Path:
     """A study of the robot of one elastic joint: stiffness 60, damping 0.01, from velocity responses with 1 % noise."""
     freq_hz, rng = np.linspace(5, 100, 60), np.random.default_rng(4)
-    s = 2j * np.pi * freq_hz
-    k, d, J, load_inertia, friction = 60.0, 0.01, 1e-3, 1e-3, 1e-3
-    through = k + d * s
-    G = (
-        s
-        * (load_inertia * s**2 + through)
-        / ((J * s**2 + friction * s + through) * (load_inertia * s**2 + through) - through**2)
-    )
+    G = two_inertias(freq_hz, 1e-3, 1e-3, 60.0, 0.01, 1e-3)[:, 0, 0] / (2j * np.pi * freq_hz)
     for name in ("a", "b"):
         noise = 0.01 * np.abs(G) * (rng.normal(size=60) + 1j * rng.normal(size=60)) / np.sqrt(2)
         s_ = {"ResponseData": (G + noise)[None, None], "Frequency": freq_hz, "Units": "Hz"}
