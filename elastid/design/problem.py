@@ -88,9 +88,9 @@ class DesignProblem:
         carrier, excitation, experiment = self.simulated.carrier, self.excitation, self.experiment
         swing = np.zeros(len(self.robot.driven))
         if carrier is not None:
-            periods = experiment.transient_periods + experiment.periods
-            run_s = periods * excitation.period + 2 * experiment.ramp
-            swing = reach(carrier, len(swing), excitation.period, run_s) / (1 - excitation.margin)
+            periods = experiment.transient_periods + experiment.periods / 2
+            before_s = periods * excitation.period + experiment.ramp / 2
+            swing = reach(carrier, len(swing), excitation.period, before_s) / (1 - excitation.margin)
         return draw_candidates(design.candidates, self.robot, self.seed, swing)
 
     def plan(

@@ -28,6 +28,7 @@ def test_coherence_is_that_of_theory() -> None:
     quality = estimate(records, ALL_PERIODS, lines).quality
     expected = 1 / (1 + s**2)
     assert quality.coherence.mean() == pytest.approx(expected, abs=0.005)
+    assert quality.output_noise.mean() == pytest.approx(s**2, rel=0.02)
     np.testing.assert_allclose(quality.multiple_coherence, quality.coherence[:, :, 0], rtol=1e-9)
     ordinary, multiple = coherences(np.array([[2.0]]), np.ones((1, 1, 2)) + 0j, np.eye(2)[None] + 0j)
     np.testing.assert_allclose(ordinary, [[[0.5, 0.5]]])

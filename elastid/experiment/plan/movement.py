@@ -64,10 +64,13 @@ def one_period(carrier: CarrierSpec | None, plan: Plan) -> FloatArray:
     return movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
 
 
-def reach(carrier: CarrierSpec, n_u: int, period_s: float, run_s: float) -> FloatArray:
-    """Largest excursion (n_u,) of each joint to either side in runs of run_s, rad or m."""
+def reach(carrier: CarrierSpec, n_u: int, period_s: float, before_s: float) -> FloatArray:
+    """Largest excursion (n_u,) of each joint to either side, rad or m.
+
+    before_s: at full velocity from the start of a run to the middle of its measured periods.
+    """
     v = np.abs(carrier.velocities(n_u))
-    swing = v * run_s / 2 if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
+    swing = v * before_s if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
     return np.asarray(swing + carrier.amplitudes(n_u))
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from elastid.experiment.plan.friction import (
+    RAMP_PEAK,
+    SHORTEST_S,
     PassLimits,
+    fastest_speed,
     pass_reference,
     pass_time,
     plan_passes,
@@ -14,6 +19,15 @@ from elastid.experiment.plan.friction import (
 
 LIMITS = PassLimits("motor 2", (-0.6, 0.6), 1.8, 6.0, 2 * np.pi / 240, 6.0)
 SPEEDS = tuple(np.geomspace(0.004, 1.0, 12))
+
+
+def test_the_fastest_pass_fills_the_window() -> None:
+    """Its ramps, and the time that its loop and its plateau take; none where a turn does not fit."""
+    v = fastest_speed(replace(LIMITS, velocity=9.0))
+    room = v**2 / (LIMITS.acceleration / RAMP_PEAK) + v * (LIMITS.loop_settling_s + SHORTEST_S)
+    assert room == pytest.approx(1.2 - LIMITS.turn - LIMITS.lag)
+    assert fastest_speed(replace(LIMITS, turn=0.2, window=(0.0, 0.5))) > 0
+    assert fastest_speed(replace(LIMITS, turn=0.6, window=(0.0, 0.5))) == 0
 
 
 def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed() -> None:

@@ -13,7 +13,7 @@ from plants.limited_arm import EXCITATION, arm, experiment
 from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
-from elastid.experiment.plan.movement import Movement, check_movement, movement, reference
+from elastid.experiment.plan.movement import Movement, check_movement, derivatives, movement, reach, reference
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Configuration
@@ -34,7 +34,11 @@ def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
     plan = make_plan(
         replace(EXCITATION, torque_rms=1.0, band_hz=(5.0, 60.0)), experiment(ramp=ramp, hold=hold), arm(), 0
     )
-    path = movement(CarrierSpec(cycles=cycles, kind=kind, **size), plan)
+    carrier = CarrierSpec(cycles=cycles, kind=kind, **size)
+    path = movement(carrier, plan)
+    share = np.abs(path.position).max(axis=0) / reach(carrier, 2, 1.0, 1.0 + 2 * 1.0 / 2 + ramp / 2)
+    assert np.all(share < 1.001)
+    assert np.all(share > (0.05 if kind == "square" else 0.98))
     inner = slice(plan.first_sample + 2, plan.run_samples - plan.first_sample - 2)
     for x, dx in ((path.position, path.velocity), (path.velocity, path.acceleration)):
         numeric = np.gradient(x, 1 / plan.rate_hz, axis=0)
@@ -49,6 +53,15 @@ def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
         np.testing.assert_array_equal(path.velocity[: plan.hold_samples], 0)
         np.testing.assert_array_equal(path.velocity[-plan.hold_samples + 1 :], 0)
     assert np.all(path.scale[plan.first_sample :][: 3 * N] == 1)
+
+
+def test_derivatives_of_a_sampled_motion_are_of_sixth_order() -> None:
+    """Within the run; x'' + omega^2 x = 0 of a sine of ten samples a radian to 1e-7 of its size."""
+    omega, rate_hz = 2 * np.pi * 8, 500.0
+    x = np.sin(omega * np.arange(400) / rate_hz)[:, None]
+    first, second = derivatives(x, rate_hz)
+    np.testing.assert_allclose((second / omega**2 + x)[3:-3], 0, atol=1e-7)
+    np.testing.assert_allclose((first**2 / omega**2 + x**2)[3:-3], 1, atol=1e-6)
 
 
 @pytest.mark.parametrize(
