@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -226,26 +225,13 @@ def test_what_cannot_be_designed_is_refused_with_what_would_fit(problem: DesignP
         design(problem)
 
 
-DESIGN = "design:\n  count: 2\n  candidates: {random: 30}\n"
-
-
-@pytest.fixture
-def study(tiny: Path) -> Callable[[str], Path]:
-    """The tiny study with a section in place of its configurations."""
-
-    def edited(section: str) -> Path:
-        text = tiny.read_text().replace("  configurations:\n    a: [0]\n    b: [30 deg]\n", "")
-        tiny.write_text(text + section)
-        return tiny
-
-    return edited
-
-
-def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[str], Path], tmp_path: Path) -> None:
-    """Plan, records, fit and page; another fit leaves them measured."""
-    path, run = study(DESIGN), tmp_path / "run"
+def test_a_study_without_configurations_runs_on_those_chosen(tiny: Path, tmp_path: Path) -> None:
+    """Plan, records, fit and page."""
+    run = tmp_path / "run"
+    text = tiny.read_text().replace("  configurations:\n    a: [0]\n    b: [30 deg]\n", "")
+    tiny.write_text(text + "design: {count: 2, candidates: {random: 30}}\n")
     figures = ["--set", "report.formats=[png]"]
-    assert run_command(["run", str(path), "--run", str(run), "-q", "--jobs", "1", *figures]) == 0
+    assert run_command(["run", str(tiny), "--run", str(run), "-q", "--jobs", "1", *figures]) == 0
     plan, forecasted = read_plan(run / "plan.h5"), read_forecast(run / "plan.h5")
     assert sum(plan.realisations) == 4
     assert forecasted is not None
@@ -254,22 +240,6 @@ def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[st
     page = (run / "report.html").read_text()
     assert "chosen among" in page
     assert (run / "figures" / "information.png").is_file()
-
-
-@pytest.mark.parametrize(
-    "section",
-    [
-        "",
-        "design: {count: 2, robot_time: 5}\n",
-        "design: {count: 2, candidates: {given: {e: [0, 0]}, random: 5}}\n",
-    ],
-)
-def test_wrong_designs_are_refused_by_their_code(
-    section: str, study: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = study(section)
-    assert run_command(["run", str(path), "design", "--run", str(path.parent / "run"), "-q"]) == 2
-    assert "[study/invalid]" in capsys.readouterr().err
 
 
 def _rough(problem: DesignProblem, coulomb: float) -> DesignProblem:

@@ -25,7 +25,6 @@ from elastid.store.files import (
     is_intact,
     keep_checksums,
     one_writer,
-    text_file,
 )
 from elastid.store.results import read_fit, write_fit
 
@@ -182,19 +181,6 @@ while turns < 15:
 """
     others = [subprocess.Popen([sys.executable, "-c", script, str(tmp_path)]) for _ in range(3)]
     assert [other.wait(60) for other in others] == [0, 0, 0]
-
-
-def test_a_text_file_is_whole_or_absent(tmp_path: Path) -> None:
-    """The same for text."""
-
-    def half() -> None:
-        with text_file(tmp_path / "a.json") as file:
-            file.write("half")
-            raise ValueError("stop")
-
-    with pytest.raises(ValueError, match="stop"):
-        half()
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_is_no_folder_of_results(tmp_path: Path) -> None:

@@ -4,12 +4,10 @@ from pathlib import Path
 
 import numpy as np
 from plants.friction_study import friction_result
-from plants.refusals import refused
 
 from elastid.base.errors import Note
 from elastid.record import FrictionRecord, WarmUpLog
 from elastid.store.friction_study import (
-    read_friction_plan,
     read_friction_records,
     read_friction_result,
     write_friction_records,
@@ -42,13 +40,6 @@ def test_records_keep_temperatures_windows_and_warm_ups(tmp_path: Path) -> None:
     text = described(tmp_path / "records.h5")
     assert "torque (sample 100): torque of the motor, link side [N*m]" in text
     assert "velocity (sample 100): velocity of the joint [m/s]" in text
-
-
-def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
-    """As every artefact."""
-    write_friction_records(tmp_path / "records.h5", [])
-    with refused("files/kind", place="records.h5"):
-        read_friction_plan(tmp_path / "records.h5")
 
 
 def test_a_pass_is_a_table_for_a_controller(tmp_path: Path) -> None:

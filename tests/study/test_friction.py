@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from plants.refusals import refused
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import truth
@@ -93,17 +92,3 @@ def test_sticking_is_told_for_every_law(tiny: Path) -> None:
     plan = make_plan(study.excitation, study.experiment, study.robot, 0)
     (note,) = sticking(plan, study.robot, None)
     assert "motor 1: its Coulomb friction (0.1 N*m) is more than a third" in str(note)
-
-
-@pytest.mark.parametrize(
-    ("key", "word"),
-    [
-        ("saturaton: true", "did you mean 'saturation'?"),
-        ("controller: {kind: pid}", "expected one of pd, cascade"),
-        ("controller: {kind: cascade, integral_time: -1}", "integral_time is -1 s"),
-        ("torque_ripple: [{amplitude: 1, periods: 0}]", "at least 1"),
-    ],
-)
-def test_wrong_hardware_is_refused_at_its_line(tiny: Path, key: str, word: str) -> None:
-    with refused("study/invalid", holds=(word, "study.yml:")):
-        load(rewritten(tiny, rig=f"    {key}\n"))

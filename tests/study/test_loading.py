@@ -102,24 +102,13 @@ WRONG = [
     ("fit:\n", "estimator: {band_hz: [1, 4]}\nfit:\n", "estimator.band_hz", "none of the excited lines from 5 to 99"),
     ("  starts: 2", "  start_factor: .inf", "fit.start_factor", "expected a finite number"),
     ("  simulated:", "  periods: 1\n  simulated:", "experiment.periods", "it must be at least 2"),
+    ("    noise:", "    controller: {kind: cascade, integral_time: -1}\n    noise:", "", "integral_time is -1 s"),
+    ("    noise:", "    torque_ripple: [{amplitude: 1, periods: 0}]\n    noise:", "", "at least 1"),
+    ("robot: robot.yml", "robot: !!bool maybe", "", "'maybe' is no bool, as its tag says"),
+    ("robot: robot.yml", "robot: !!float x", "", "'x'"),
+    ("robot: robot.yml", r'robot: "\ud800"', "", "half of a character that UTF-8 cannot write"),
+    ("robot: robot.yml", "robot: " + "a" * 4000, "robot", "no such file"),
 ]
-
-
-@pytest.mark.parametrize(("old", "new", "keys", "message"), WRONG, ids=[f"{w[2]}-{w[1][:20]}" for w in WRONG])
-def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: str, keys: str, message: str) -> None:
-    """file:line:col: key.path: message, and the line is the one that was edited."""
-    found = [line for line in errors(edited(tiny, old, new)) if message in line]
-    assert len(found) == 1, errors(tiny)
-    place, _, rest = found[0].partition(": ")
-    file, line, column = place.split(":")
-    first = tiny.read_text().index(new)
-    lines = range(tiny.read_text()[:first].count("\n") + 1, tiny.read_text()[: first + len(new)].count("\n") + 2)
-    assert int(line) in lines
-    assert file == "study.yml"
-    assert int(column) >= 1
-    assert rest.startswith(keys)
-    assert "Input should" not in rest
-
 
 # The same in the robot's own file.
 WRONG_ROBOT = [
@@ -135,16 +124,26 @@ WRONG_ROBOT = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "keys", "message"), WRONG_ROBOT, ids=[w[2] + w[3][:12] for w in WRONG_ROBOT])
-def test_a_mistake_in_the_robot_names_the_robots_file(tiny: Path, old: str, new: str, keys: str, message: str) -> None:
-    """Line and column count in robot.yml, the key path starts there."""
-    found = [line for line in errors(edited(tiny, old, new, "robot.yml")) if message in line]
-    assert len(found) == 1
-    first = (tiny.parent / "robot.yml").read_text().split(new)[0].count("\n") + 1
-    line = int(found[0].removeprefix("robot.yml:").partition(":")[0])
-    assert first <= line <= first + new.count("\n")
-    assert f": {keys}" in found[0]
-    assert "robot.bodies" not in found[0]
+@pytest.mark.parametrize(
+    ("old", "new", "keys", "message", "file"),
+    [(*row, "study.yml") for row in WRONG] + [(*row, "robot.yml") for row in WRONG_ROBOT],
+    ids=[f"{row[2]}-{row[1][:20]}" for row in WRONG + WRONG_ROBOT],
+)
+def test_each_mistake_has_one_sentence_at_its_place(
+    tiny: Path, old: str, new: str, keys: str, message: str, file: str
+) -> None:
+    """file:line:col: key.path: message; the line is the one that was edited, the path starts in its file."""
+    found = [line for line in errors(edited(tiny, old, new, file)) if message in line]
+    assert len(found) == 1, errors(tiny)
+    place, _, rest = found[0].partition(": ")
+    name, line, column = place.split(":")
+    text = (tiny.parent / file).read_text()
+    before = text[: text.index(new)].count("\n")
+    assert before < int(line) <= before + new.count("\n") + 1
+    assert name == file
+    assert int(column) >= 1
+    assert rest.startswith(keys)
+    assert "Input should" not in rest
 
 
 def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(tiny: Path) -> None:
@@ -191,6 +190,19 @@ def test_what_is_no_study_is_refused_by_place(tiny: Path, content: bytes, messag
         ("fit.starts=[1", "broken YAML"),
         ("robot=other.yml", "robot: no such file"),
         ("robot.bodies.0.joints.0.motor.ratio=0", "ratio is 0"),
+        ("excitation.band_hz=[4.1, 4.9]", "holds no line: the lines are odd multiples of 1 Hz"),
+        (
+            "excitation={band_hz: [5, 100], rate_hz: 500, period: 1, torque_rms: 0.1, phases: prbs, grid: odd-random}",
+            "prbs needs all lines or all odd lines",
+        ),
+        (
+            "excitation={band_hz: [5, 100], rate_hz: 500, period: 1, torque_rms: 0.1, lines: [5, 7, 300], grid: lines}",
+            "line 300 is outside band_hz",
+        ),
+        ("experiment.simulated.carrier={kind: offset}", "a carrier of kind offset is given by its velocity alone"),
+        ("experiment.simulated.carrier={amplitude: 0.1, velocity: 0.1}", "sine is given by its amplitude alone"),
+        ("experiment.simulated.carrier={kind: offset, velocity: [0.1, 0]}", "must not be 0 for any joint"),
+        ("experiment.ramp=-1", "experiment.ramp: "),
     ],
 )
 def test_errors_of_an_override_name_it(tiny: Path, override: str, message: str) -> None:
@@ -266,23 +278,6 @@ def _errors_if_any(study: Path) -> list[str]:
 def test_a_folder_in_place_of_a_study_is_told_apart(tiny: Path) -> None:
     with refused("study/yaml", place="tiny"):
         load(tiny.parent)
-
-
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ("!!bool maybe", "'maybe' is no bool, as its tag says"),
-        ("!!float x", "'x'"),
-        (r'"\ud800"', "half of a character that UTF-8 cannot write"),
-        ("a" * 4000, "no such file"),
-    ],
-)
-def test_values_that_no_study_holds_are_refused_at_their_place(tiny: Path, value: str, message: str) -> None:
-    """A tag that its text does not suit, half a character, a name that no disk takes."""
-    (first, *_) = errors(edited(tiny, "robot: robot.yml", f"robot: {value}"))
-    line = tiny.read_text().splitlines().index(f"robot: {value}") + 1
-    assert first.startswith(f"study.yml:{line}:8: ")
-    assert message in first
 
 
 def test_a_file_that_is_no_robot_is_named_at_the_study(tiny: Path) -> None:

@@ -20,26 +20,6 @@ from elastid.study.checks import UNUSED
 CONFIGS = Path(__file__).parents[3] / "configs"
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        (["excitation.band_hz=[4.1, 4.9]"], "holds no line: the lines are odd multiples of 1 Hz"),
-        (["excitation.phases=prbs", "excitation.grid=odd-random"], "prbs needs all lines or all odd lines"),
-        (["excitation.lines=[5, 7, 300]", "excitation.grid=lines"], "line 300 is outside band_hz"),
-        (["experiment.simulated.carrier={kind: offset}"], "a carrier of kind offset is given by its velocity alone"),
-        (["experiment.simulated.carrier={amplitude: 0.1, velocity: 0.1}"], "sine is given by its amplitude alone"),
-        (["experiment.simulated.carrier={kind: offset, velocity: [0.1, 0]}"], "must not be 0 for any joint"),
-        (["experiment.ramp=-1"], "experiment.ramp: "),
-    ],
-)
-def test_what_cannot_be_excited_is_refused_with_what_would_fit(tiny: Path, overrides: list[str], message: str) -> None:
-    """One message each, with the numbers filled in."""
-    with pytest.raises(StudyError) as refusal:
-        load(tiny, overrides)
-    assert message in str(refusal.value)
-    assert len(str(refusal.value).splitlines()) == 1
-
-
 def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_path: Path) -> None:
     """Before anything is measured: with a rod of half the length the linkage does not even close at its start."""
     linkage, short = CONFIGS / "linkage_arm.yml", tmp_path / "short.yml"
