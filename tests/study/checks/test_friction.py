@@ -59,6 +59,7 @@ def test_every_key_is_read_in_si(study: Path) -> None:
 @pytest.mark.parametrize(
     ("override", "words"),
     [
+        ("robot=null", "friction is that of a robot's joints; give robot"),
         ("friction.joints=[arm]", "joints[0]: no driven joint is called 'arm'; there are 1, or give its number from 1"),
         ("friction.joints=[1, 1]", "joints: 1 is given twice; leave one out"),
         ("friction.passes=detect", "passes: detect is for logs (experiment.recorded), whose passes are there"),
@@ -84,10 +85,3 @@ def test_every_key_is_read_in_si(study: Path) -> None:
 def test_contradictions_are_refused(study: Path, override: str, words: str) -> None:
     """Each by the key that is wrong, with its numbers."""
     assert words in refusal(study, override)
-
-
-def test_friction_needs_a_robot_and_motions(study: Path) -> None:
-    """Places that are only names have no joints, and a frequency response no passes."""
-    text = study.read_text()
-    study.write_text(text.replace("robot: robot.yml\n", ""))
-    assert "friction is that of a robot's joints; give robot" in refusal(study)
