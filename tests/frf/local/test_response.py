@@ -165,19 +165,11 @@ def test_the_noise_of_repeats_is_that_of_all_their_periods() -> None:
     np.testing.assert_allclose(merged.noise, (4 * spectra[0].noise + 9 * spectra[1].noise) / 25)
 
 
-def test_what_cannot_be_estimated_is_refused() -> None:
-    """Inputs in proportion, too few lines, and one period for the arithmetic mean; each says what to do."""
+def test_too_few_lines_are_refused() -> None:
     rng = np.random.default_rng(0)
-    U = _phases(rng, len(LINES), 1) * np.array([1.0, 2.0])
-    with refused("frf/inputs-together", place="configuration c"):
-        local_response([_record(U, U)], LPM, LINES)
     few = _record(_phases(rng, 12, 3), _phases(rng, 12, 3), lines=LINES[:12])
     with refused("frf/lines", place="configuration c"):
         local_response([few], LPM, LINES[:12])
-    once = _record(_phases(rng, len(LINES), 1), _phases(rng, len(LINES), 1), P=1)
-    with refused("frf/periods"):
-        estimate([once], EstimatorSpec(method="arithmetic", quantity="velocity"), LINES)
-    assert estimate([once], LPM, LINES).n_lines == len(LINES)
 
 
 def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> None:
