@@ -151,24 +151,3 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     known = with_tolerances(rigid, identified).tolerances
     assert known["inertia"] == pytest.approx(0.005)
     assert known["gravity"] == pytest.approx(0.01)
-
-
-TRACK_HZ, N, STD = 200.0, 8000, 0.02
-
-
-def track(coulomb: FloatArray, innovation: FloatArray) -> Track:
-    """A filter with white S = 1, whose joint moves a second each way, with rests of a second between."""
-    x = np.zeros((N, len(FOLLOWED.states)))
-    cycle = np.repeat([1.0, 0.0, -1.0, 0.0], round(TRACK_HZ))
-    x[:, FOLLOWED.states.index("v_m")] = np.resize(cycle, N)
-    x[:, FOLLOWED.states.index("Fc")] = coulomb
-    covariance = np.tile(STD**2 * np.eye(3), (N, 1, 1))
-    ones = np.ones(N)
-    return Track(
-        FOLLOWED, TRACK_HZ, x, np.full_like(x, STD), covariance, innovation, ones, np.full(3, 0.01),
-        np.arange(N) / TRACK_HZ, ones > 0,
-    )  # fmt: skip
-
-
-def white(seed: int = 0) -> FloatArray:
-    return np.random.default_rng(seed).standard_normal(N)

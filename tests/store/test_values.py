@@ -24,6 +24,10 @@ from elastid.store.files import write_checksum
 from elastid.store.reading import read_part
 from elastid.store.values import from_json, json_value, or_text, write_artefact, write_value
 
+Scalar = TypeVar("Scalar", bound=np.generic)
+# As numpy.typing has it from NumPy 2.5 and Python 3.12 on.
+Alias = TypeAliasType("Alias", np.ndarray[Any, np.dtype[Scalar]], type_params=(Scalar,))
+
 
 @dataclass(frozen=True)
 class Leaf:
@@ -49,7 +53,7 @@ class Branch:
 
 @frozen_value
 class Block:
-    x: FloatArray
+    x: Alias[np.float64]
     z: ComplexArray | None
     flags: BoolArray
     lines: IntArray
@@ -235,8 +239,3 @@ def test_any_damage_under_a_checksum_that_fits_ends_in_a_sentence_or_a_value(tmp
             continue
         refused += 1
     assert refused > 40
-
-
-Scalar = TypeVar("Scalar", bound=np.generic)
-# As numpy.typing has it from NumPy 2.5 and Python 3.12 on.
-Alias = TypeAliasType("Alias", np.ndarray[Any, np.dtype[Scalar]], type_params=(Scalar,))

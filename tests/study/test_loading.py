@@ -314,25 +314,3 @@ def test_a_posture_is_left_out_at_all_its_amplitudes(tiny: Path) -> None:
     assert load(tiny, two[1:]).study.validation.left_out == ("b",)
     (line,) = errors(tiny, "experiment.configurations={a: [0], b level 2: [0.1]}")
     assert "`level` and a number end the names of amplitudes; rename it" in line
-
-
-TEMPLATE = Path(__file__).parents[2] / "elastid" / "app" / "templates" / "serial"
-CYLINDER = """
-compensators:
-  - name: cyl
-    ends: [{body: turret}, {body: upper_arm, point: [0, 0, 200 mm]}]
-    gas: {force: 4 kN, length: 500 mm, column: 0.4, kappa: 1.2}
-"""
-CUBIC = "damping: 600, cubic: 1e11 N*m/rad^3}"
-GAP = "damping: 250, backlash: 0.05 mrad, inner_stiffness: 20 kN*m/rad, rounding: 20 %}"
-
-
-def written(folder: Path, cubic: str = CUBIC, gap: str = GAP, cylinder: str = CYLINDER, wanted: str = "") -> Path:
-    """The template with a cubic gear at joint 2, backlash at joint 3 and a gas spring."""
-    robot = (TEMPLATE / "robot.yml").read_text()
-    robot = robot.replace("damping: 600}", cubic, 1).replace("damping: 250}", gap, 1) + cylinder
-    (folder / "robot.yml").write_text(robot)
-    (folder / "study.yml").write_text(
-        (TEMPLATE / "study.yml").read_text().replace("    fm_*: {}", "    fm_*: {}" + wanted)
-    )
-    return folder / "study.yml"

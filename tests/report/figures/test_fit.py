@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from plants.friction_study import friction_content, friction_result
-from plants.report_values import TRUTH, fit_result, lines_of, pair
+from plants.report_values import TRUTH, fit_result, lines_of
 
 from elastid.report.content import parameter_rows
 from elastid.report.figures.fit import forest, torque_balance_figure
@@ -45,10 +45,6 @@ def test_the_forest_plot_takes_the_estimate_as_reference_where_no_truth_is_known
     assert "estimate" in ratio.get_xlabel()
     zero = replace(result, x=np.array([0.0, 0.0, 0.0, 0.0]))
     rendered(forest(parameter_rows(zero, {"x_c": 0.0})))
-
-
-RESPONSE = pair(2, 4)[0]
-N = len(RESPONSE.freq_hz)
 
 
 def balance() -> TorqueBalance:
