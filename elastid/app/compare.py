@@ -35,7 +35,6 @@ from elastid.validation.comparison import (
     Comparison,
     Elastic,
     Refit,
-    Trial,
     describe_search,
     divide,
     held,
@@ -219,7 +218,8 @@ def search_elasticity(run: Run) -> None:
         for trial in search(everything, fitted, start):
             trials.append(trial)
             say = run.console.say if trial.taken else run.console.detail
-            say(f"search: step {trial.step}: {', '.join(trial.coordinates)} {trial.becomes}: {_errors(trial)}")
+            errors = " → ".join(number(math.sqrt(misfit), 3) for misfit in (trial.before, trial.after))
+            say(f"search: step {trial.step}: {', '.join(trial.coordinates)} {trial.becomes}: {errors}")
         comparison = rank(names, *zip(*fits.values(), strict=True))
         verdict = f"{describe_search(everything, trials, start)} {comparison.verdict}"
         finish(run, replace(comparison, verdict=verdict, trials=tuple(trials)))
@@ -258,7 +258,3 @@ def _fitted(
             cannot[model] = first, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
     fits = refitted(run, list(made.values()), responses)
     return dict(zip(made, zip(made.values(), fits, strict=True), strict=True)) | cannot
-
-
-def _errors(trial: Trial) -> str:
-    return " → ".join(number(math.sqrt(misfit), 3) for misfit in (trial.before, trial.after))

@@ -70,12 +70,6 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     if lost := [path for path in logs if not path.exists()]:
         raise DataError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
     if first.is_file() and is_universal_file(first):
-        if robot is not None:
-            raise DataError(
-                "records/channels",
-                "responses, and no log; template `responses` is a study of them with a robot",
-                first,
-            )
         return {"study.yml": _joined([*_head("responses", first), *_universal(logs, folder)])}
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
@@ -359,11 +353,11 @@ def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bo
     """The joints with one unit for all positions that state none, and all signals on one side of the gears."""
     result = []
     for joint, guess in zip(robot.driven, joints, strict=True):
-        motion, torque, ratio = guess.motion, guess.torque, robot.ratio(joint.name)
+        motion, torque, ratio = guess.motion, guess.torque, 1.0 if joint.slides else robot.ratio(joint.name)
         if unit and motion.quantity == "position" and not joint.slides and "assumed" in motion.why:
             open_side = "" if on_motor or ratio == 1 else "; # ? or rad with side: motor"
             motion = replace(motion, unit=unit, why=f"rad leave the limits of the robot{open_side}")
-        if on_motor:
+        if on_motor and ratio != 1:
             motion = replace(motion, ratio=ratio, why=f"{motion.why}; the link's side leaves limits of the robot")
             torque = replace(torque, ratio=ratio, why=f"{torque.why}; on the side of its motion")
         result.append(replace(guess, torque=torque, motion=motion))

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from elastid.app.run import Run, carry_out, hash_of, logged_in, run_all
-from elastid.app.stage_table import SIMULATED
 from elastid.app.stages.design import movement_of
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.display import degrees, number
@@ -98,7 +97,7 @@ class Session:
     def of(cls, run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None = None) -> Session:
         """The session of a study; StudyError for one that has no plan, and for a goal that names no parameter."""
         study, robot = run.study, run.study.as_robot()
-        require_one_robot_in_any_posture(study, str(run.loaded.path))
+        require_one_robot_in_any_posture(study)
         assert study.excitation is not None
         if robot.tolerances is None:  # a simulated rig is as exact as its file
             usual = Tolerances(torque_constant=EXACT)
@@ -293,8 +292,7 @@ class Session:
     def _size(self, run: Experiment) -> int:
         """Bytes of the log of a run; -1 until it is there."""
         path = self.log(run)
-        parts = [] if path is None else [path, *path.iterdir()] if path.is_dir() else [path]
-        return sum(part.stat().st_size for part in parts) if parts else -1
+        return -1 if path is None else sum(part.stat().st_size for part in (path, *path.rglob("*")))
 
     def _run(self, plans: Sequence[Plan]) -> Run:
         """The run of all logs so far."""
@@ -379,18 +377,12 @@ def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> Non
     write_signals(folder / f"{run.name}.csv", rig.plan.rate_hz, **signals)
 
 
-def require_one_robot_in_any_posture(study: Study, path: str) -> None:
+def require_one_robot_in_any_posture(study: Study) -> None:
     """StudyError for a study without a plan, or whose sections name configurations, which live chooses itself."""
-    if study.kind != SIMULATED or study.excitation is None:
-        raise StudyError(
-            "live/study",
-            "live plans experiments, which needs the sections excitation and experiment.simulated, whose "
-            "controller and noise are those of the robot; a study of logs has none",
-            path,
-        )
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
     grouped = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
     refused: dict[str, Any] = {
+        "friction": study.friction,
         "experiment.simulated.outputs": {*motors} - {*(simulated.outputs or motors)},
         "experiment.simulated.carrier": simulated.carrier is not None and simulated.carrier.kind == "offset",
         "fit.robots": study.fit.robots,
@@ -401,7 +393,9 @@ def require_one_robot_in_any_posture(study: Study, path: str) -> None:
     for place in (place for place, is_given in refused.items() if is_given):
         raise StudyError(
             "live/study",
-            "live chooses the configurations of one robot itself, without a carrier of constant velocity, and reads "
-            "the position of every motor; leave this key out",
+            "live plans for elasticity, chooses the configurations of one robot itself, without a carrier of constant "
+            "velocity, and reads the position of every motor; leave this key out",
             place,
         )
+    if study.excitation is None:
+        raise StudyError("study/stage", "this section is needed to plan an experiment", "excitation")

@@ -5,13 +5,12 @@ Sections of them are made of fields and properties of a result; those that are n
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elastid.app.run import Write, text
+from elastid.app.run import Write
 from elastid.base.errors import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
@@ -24,7 +23,7 @@ from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
-from elastid.store.values import SCHEMA, json_value
+from elastid.store.values import SCHEMA, json_value, write_json
 from elastid.validation.agreement import Agreement, Validation
 from elastid.validation.torque_balance import BandBalance, TorqueBalance
 from elastid.validation.twin import NO_TWIN, TwinFindings
@@ -58,7 +57,7 @@ def _mode_row(elastic: ElasticModel, model: FittedModel) -> ModeRow:
 
 def as_json(content: Mapping[str, Any]) -> Write:
     """Writes a summary as JSON; null in place of numbers that are not finite."""
-    return text(json.dumps(json_value(content), indent=1, allow_nan=False) + "\n")
+    return lambda path, stamp: write_json(path, content)
 
 
 def section(value: Any, names: str, **of_each: str) -> dict[str, Any]:

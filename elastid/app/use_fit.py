@@ -41,7 +41,7 @@ from elastid.store.files import keep_checksums, write_rows, write_text
 from elastid.store.friction_study import read_friction_records, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, write_loops, write_map, write_map_table, write_tune
-from elastid.store.values import SCHEMA, json_value
+from elastid.store.values import SCHEMA, write_json
 from elastid.study import Study
 from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
@@ -270,8 +270,7 @@ def predict(run: Run, source: Path) -> None:
             if name in run.stages and not run.is_current(name):
                 carry_out(run, name)
         judged, content, words = (_friction if of_friction else _elasticity)(run, path)
-        content = json_value(content | {"with": str(path)})
-        write_text(run.folder / "prediction.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+        write_json(run.folder / "prediction.json", content | {"with": str(path)})
         if judged.balances:
             octaves_figure(judged.balances).savefig(run.folder / "prediction.png")
         keep_checksums(run.folder, ["prediction.json"])

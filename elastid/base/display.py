@@ -125,8 +125,8 @@ def interval_of(ends: tuple[float, float], digits: int = 4) -> tuple[str, str]:
 def percent(value: float | None, digits: int = 2) -> str:
     """A share in percent; above 200 % a factor, which readers grasp sooner.
 
-    >>> percent(0.9312, 3), percent(4.03)
-    ('93.1 %', '4.0 times')
+    >>> percent(0.9312, 3), percent(4.03), percent(None)
+    ('93.1 %', '4.0 times', '–')
     """
     if value is None or math.isnan(value):
         return "–"

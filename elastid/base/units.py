@@ -105,8 +105,9 @@ def to_si(value: Any, *dimensions: str) -> float:
 
     >>> to_si("2.5 kN*m/rad", "N*m/rad")
     2500.0
-    >>> to_si("5 N/mm", "N*m/rad", "N/m")
-    5000.0
+    >>> force = to_si("5 N/mm", "N*m/rad", "N/m")
+    >>> force, force.dimension
+    (5000.0, 'N/m')
     """
     unit, expected = "", " or ".join(dimensions)
     if isinstance(value, bool) or not isinstance(value, int | float | str):

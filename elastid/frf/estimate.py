@@ -22,14 +22,7 @@ from elastid.base.errors import DataError, Note, StudyError
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
 from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation
-from elastid.frf.checks import (
-    hit_notes,
-    refuse_few,
-    refuse_mismatch,
-    same_phases_notes,
-    separated_lines,
-    unlike_notes,
-)
+from elastid.frf.checks import hit_notes, refuse_few, refuse_mismatch, same_phases_notes, separated_lines, unlike_notes
 from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error, friction_bias
 from elastid.frf.estimators import (
     METHODS,

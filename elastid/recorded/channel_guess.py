@@ -542,24 +542,32 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
             yield from _of_gain(joint, a, b, gain, stated.order)
             return
         if stated.gain < 0:
-            i = next((i for i in (a, b) if _is_against(joint, i)), b)
-            text = f"{joint.named(a)} and {joint.named(b)} of joint {joint.joint.name} have opposite signs"
-            yield Doubt(i, "sign", f"{text}; give one of them sign: -1")
+            i = next((i for i in (a, b) if _by_torque(joint, i).is_against_motion), b)
+            names = f"{joint.named(a)} and {joint.named(b)} of joint {joint.joint.name}"
+            yield Doubt(i, "sign", f"{names} have opposite signs; give one of them sign: -1")
             return
         is_consistent = True
     for i in joint.motions[:1]:
-        if _is_against(joint, i):
-            text = f"torque {joint.channels[joint.torque or 0].name_in_file} and {joint.named(i)} have opposite signs"
-            text += ": inertia or friction would be negative; give one of them sign: -1"
+        relation, motor = _by_torque(joint, i), joint.joint.motor
+        names = f"torque {joint.channels[joint.torque or 0].name_in_file} and {joint.named(i)}"
+        rotor, J = 0.0 if motor is None else motor.inertia * joint.ratio**2, relation.inertia
+        if relation.is_against_motion:
+            text = f"{names} have opposite signs: inertia or friction would be negative; give one of them sign: -1"
             yield Doubt(joint.torque if is_consistent else i, "sign", text)
+        elif relation.explained > MIN_EXPLAINED and 0 < 2 * J < rotor < 2 * J * joint.ratio**2:
+            text = (
+                f"{names} show an inertia of {J:.3g}, less than that of the rotor alone, {rotor:.3g}; where they are "
+                "logged before the gear give them side: motor"
+            )
+            yield Doubt(joint.torque, "side", text)
 
 
-def _is_against(joint: JointSignals, i: int) -> bool:
-    """True if the torque of the joint and a motion of it have opposite signs."""
+def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:
+    """How a motion explains the torque of the joint."""
     if joint.torque is None:
-        return False
+        return TorqueRelation()
     u, y = joint.signals[:, joint.torque], joint.signals[:, i]
-    return torque_relation(u, y, joint.order(i), joint.rate_hz, not joint.joint.slides).is_against_motion
+    return torque_relation(u, y, joint.order(i), joint.rate_hz, not joint.joint.slides)
 
 
 def _of_gain(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[Doubt]:

@@ -189,20 +189,12 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     log = Log(str(path), (), rate_hz, 0 if file.samples is None else file.samples[0])
     gridded, rows = Repaired(values), None
     if has_time:
-        gridded, rows = on_time_stamps(values, rate_hz, log)
+        gridded = on_grid(values[:, -1], values[:, :-1], rate_hz, log)
+        instants_s = (np.arange(len(gridded.signals)) - 0.5) / rate_hz
+        rows = log.first + np.searchsorted(values[:, -1] - values[0, -1], instants_s)
     signals = np.where(np.isfinite(gridded.signals), gridded.signals, np.nan)
     first_s = float(values[0, -1]) if has_time else None
     return _Part(number, file_rate_hz, members, signals, gridded.findings, rows, first_s)
-
-
-def on_time_stamps(values: FloatArray, rate_hz: float, log: Log) -> tuple[Repaired, IntArray]:
-    """Signals at rate_hz from values (n, c + 1), the last of which are their times, and their rows, as `Log` has them.
-
-    DataError as of `on_grid`.
-    """
-    gridded = on_grid(values[:, -1], values[:, :-1], rate_hz, log)
-    instants_s = (np.arange(len(gridded.signals)) - 0.5) / rate_hz
-    return gridded, log.first + np.searchsorted(values[:, -1] - values[0, -1], instants_s)
 
 
 def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:

@@ -32,12 +32,7 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.files.formats import naming, size_in_pieces
-from elastid.recorded.link_side import (
-    UNWRAPPED,
-    drive_notes,
-    hold_samples,
-    in_joints,
-)
+from elastid.recorded.link_side import UNWRAPPED, drive_notes, hold_samples, in_joints
 from elastid.recorded.repair import Repaired, counts
 from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period

@@ -38,14 +38,7 @@ from elastid.base.units import (
     of_translation,
 )
 from elastid.robot.friction import Friction
-from elastid.robot.placement import (
-    Axis,
-    Numbers,
-    Vector3,
-    below,
-    coordinates,
-    unit_axis,
-)
+from elastid.robot.placement import Axis, Numbers, Vector3, below, coordinates, unit_axis
 
 # Field, parameter and unit of the optional terms of a spring.
 _FURTHER = (

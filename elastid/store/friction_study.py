@@ -10,7 +10,7 @@ from elastid.friction_study.extended_kalman_filter import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointLevels
 from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
-from elastid.store.reading import read_value, reader
+from elastid.store.reading import read_dataclass, reader
 from elastid.store.values import write_artefact, writer
 from elastid.validation.twin import NO_TWIN, TwinFindings
 
@@ -41,11 +41,7 @@ write_friction_records = writer(
 def read_friction_records(path: Path | str) -> FrictionRecords:
     """Everything in records.h5."""
     with opened(path, RECORDS) as file:
-        return FrictionRecords(
-            read_value(file, "records", tuple[FrictionRecord, ...]),
-            read_value(file, "warm_ups", tuple[WarmUpLog, ...]),
-            read_value(file, "notes", tuple[Note, ...]),
-        )
+        return read_dataclass(file, FrictionRecords)
 
 
 def write_friction_result(

@@ -15,9 +15,9 @@ from elastid.base.errors import check_kind
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import GearResult
 from elastid.store.artefacts import NO_STAMP, Stamp
-from elastid.store.files import write_rows, write_text
+from elastid.store.files import write_rows
 from elastid.store.reading import read_part, reader
-from elastid.store.values import SCHEMA, from_json, json_value, or_text, write_artefact, writer
+from elastid.store.values import SCHEMA, from_json, or_text, write_artefact, write_json, writer
 from elastid.use.map import WorkspaceMap
 from elastid.validation.agreement import Validation
 from elastid.validation.comparison import Comparison
@@ -99,7 +99,7 @@ def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
     head = {"schema": SCHEMA, "responses": stamp.inputs, "code": stamp.code, "made by": stamp.software}
     ranking = {"models": comparison.rows, "search": comparison.trials}
     content = {**head, "verdict": comparison.verdict, "configurations": comparison.configurations, **ranking}
-    write_text(path, json.dumps(json_value(content, or_text), indent=1, allow_nan=False) + "\n")
+    write_json(path, content, or_text)
 
 
 def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:

@@ -27,6 +27,7 @@ from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, LargeArray, relea
 from elastid.base.escape import group_name
 from elastid.robot import Robot
 from elastid.store.artefacts import NO_STAMP, TEXT, Stamp, created
+from elastid.store.files import write_text
 
 Form: TypeAlias = Literal["scalar", "text", "array", "optional", "union", "fields", "sequence", "record", "mapping"]
 _SCALARS = (bool, int, float, str)
@@ -165,6 +166,11 @@ def json_value(value: Any, number: Callable[[float], Any] = or_null) -> Any:
     if hasattr(value, "__dataclass_fields__"):
         return {part.name: json_value(getattr(value, part.name), number) for part in fields_of(type(value))}
     return value
+
+
+def write_json(path: Path, content: Any, number: Callable[[float], Any] = or_null) -> None:
+    """Values as a file of JSON, whole or absent; number: of every floating-point number."""
+    write_text(path, json.dumps(json_value(content, number), indent=1, allow_nan=False) + "\n")
 
 
 def from_json(content: Any, annotation: Any) -> Any:

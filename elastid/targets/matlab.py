@@ -53,7 +53,11 @@ def write_responses_matlab(folder: Path, name: str, responses: Sequence[Response
 def _written(
     data: Path, content: dict[str, list[dict[str, Any]]], script: Path, name: str, first: Response
 ) -> tuple[Path, Path]:
-    write_mat(data, {key: _structs(rows) for key, rows in content.items()})
+    structs = {}
+    for key, rows in content.items():
+        structs[key] = np.empty((len(rows), 1), dtype=[(name, object) for name in rows[0]])
+        structs[key][:, 0] = [tuple(row.values()) for row in rows]
+    write_mat(data, structs)
     known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
     write_text(script, from_template(f"targets/templates/{script.name}", **known))
     return data, script
@@ -115,10 +119,3 @@ def _response(G: Any, measured: Response, variance: FloatArray | None) -> dict[s
         "Ts": 0.0,
         "CovarianceData": np.zeros((0, 0)) if half is None else half[..., None, None] * np.eye(2),
     }
-
-
-def _structs(rows: list[dict[str, Any]]) -> Any:
-    array = np.empty((len(rows), 1), dtype=[(key, object) for key in rows[0]])
-    for i, row in enumerate(rows):
-        array[i, 0] = tuple(row.values())
-    return array

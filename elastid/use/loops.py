@@ -43,15 +43,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.record import JointLoop
 from elastid.simulation.controller import Filters, filters_of, gains_of, low_pass, notch
 from elastid.simulation.spec import ControllerSpec, GainsSpec, NotchSpec
-from elastid.use.closed_loops import (
-    LIMIT_DB,
-    Closed,
-    PlantMode,
-    Plants,
-    PostureFamily,
-    Scene,
-    scaled,
-)
+from elastid.use.closed_loops import LIMIT_DB, Closed, PlantMode, Plants, PostureFamily, Scene, scaled
 
 _STEP = 1e-5  # of a logarithm, for central differences
 WIDTHS, DEPTHS = (0.15, 3.0), (0.05, 1.0)  # of notches
@@ -106,9 +98,7 @@ class Cascade:
 
     def slower(self, position: float, velocity: float) -> Cascade:
         """Cascade with position and velocity gains of all axes times factors; filters stay."""
-        return replace(
-            self, position_gain=position * self.position_gain, velocity_gain=velocity * self.velocity_gain
-        )  # fmt: skip
+        return replace(self, position_gain=position * self.position_gain, velocity_gain=velocity * self.velocity_gain)
 
     @property
     def gains(self) -> JointLoop:

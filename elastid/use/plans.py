@@ -161,8 +161,6 @@ class CommandedRobot:
 DEGREE = 5
 TOOL_M = 5e-5  # e_0
 _HELD = 3  # coefficients at each end, which hold position at zero velocity and acceleration
-
-
 _RATE_S, _RIPPLE = 0.02, 1e-5  # t_0, and the same of what differs from knot to knot
 
 

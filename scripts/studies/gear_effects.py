@@ -107,7 +107,7 @@ def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
     spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0), starts=1)
     linear = identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
     began = time.process_time()
-    found = find_gear_effects([measured], [response], linear, robot(gear), SPEC, LINES)
+    found = find_gear_effects([measured], [response], linear, robot(gear))
     numbers = linear.parameters.as_dict(found.x)
     names = linear.parameters.free_names
     std = np.sqrt(np.diag(found.covariance))

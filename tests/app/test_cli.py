@@ -308,8 +308,8 @@ def test_the_workers_of_a_killed_run_end(tiny: Path, here: Path) -> None:
     assert _wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
 
 
-def _wait_until(happened: Any, timeout_s: float = 20.0) -> bool:
-    end = time.monotonic() + timeout_s
+def _wait_until(happened: Any) -> bool:
+    end = time.monotonic() + 20.0
     while time.monotonic() < end:
         if happened():
             return True

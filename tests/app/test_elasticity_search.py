@@ -10,7 +10,6 @@ from plants.refusals import refused
 from plants.two_axes import measured
 
 from elastid.app.compare import search_elasticity
-from elastid.app.run import Run
 from elastid.robot.simplified import stiffened
 from elastid.study import load
 from elastid.study.robots import yaml_text
@@ -20,15 +19,10 @@ STIFF = "robot.bodies.0.joints.1.spring.stiffness=4e8"
 FIT = "fit.starts=1", "fit.parameters.k_1x={start: 1e6, bounds: [1e3, 1e10]}"
 
 
-def plan(study: Path, *overrides: str, **options: object) -> Run:
-    """A run with the responses of a robot that bends in 2x, under 2 % noise."""
-    return measured(study, load(study, (STIFF,)).study.robot, *FIT, *overrides, **options)
-
-
 @pytest.mark.slow
 def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path) -> None:
     """From 20 sigma to the noise in one step; the rigid joint buys nothing for its parameter."""
-    run = plan(study, seed=0)
+    run = measured(study, load(study, (STIFF,)).study.robot, *FIT, seed=0)
     search_elasticity(run)
     content = json.loads((run.folder / "compare.json").read_text())
     trials = {(t["step"], *t["coordinates"]): t for t in content["search"]}

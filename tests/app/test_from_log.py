@@ -127,14 +127,12 @@ def test_logs_are_at_the_motors_that_they_name(suffix: str, units: str, tmp_path
 
 def test_positions_that_fit_the_limits_before_the_gears_alone_are_of_the_motors(tmp_path: Path) -> None:
     """Motors at 100 times the angles, in degrees as stated: side: motor for all, configurations behind the gears."""
-    angles = (0.2, -0.3)
     (tmp_path / "arm.urdf").write_text(ARM)
-    logs = [logged(tmp_path / f"{i}.csv", ("shoulder", "elbow"), (100 * q, q), " [deg]") for i, q in enumerate(angles)]
-    given = [str(tmp_path / "new"), "--from", str(tmp_path / "arm.urdf"), "--from", *logs]
-    assert cli.run_command(["new", *given]) == 0
+    log = logged(tmp_path / "log.csv", ("shoulder", "elbow"), (20.0, -30.0), " [deg]")
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "arm.urdf"), "--from", log]) == 0
     study = load_with_logs(tmp_path / "new" / "study.yml").study
     assert {channel.side for channel in study.experiment.as_recorded().channels} == {"motor"}
-    np.testing.assert_allclose([*study.experiment.configurations.values()], [[q, q / 100] for q in angles], atol=1e-3)
+    np.testing.assert_allclose(study.experiment.configurations["bench"], [0.2, -0.3], atol=1e-3)
 
 
 def test_a_log_without_a_time_is_of_responses_and_lists_what_it_does_not_use(tmp_path: Path) -> None:
@@ -146,9 +144,7 @@ def test_a_log_without_a_time_is_of_responses_and_lists_what_it_does_not_use(tmp
     assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(log)]) == 0
     study = load_with_logs(tmp_path / "new" / "study.yml").study
     assert study.kind == "frf"
-    assert [(c.role, c.channel) for c in study.experiment.channels] == [("u", "torque")] + [
-        ("y", f"{place}_angle") for place in ("motor", "load")
-    ]
+    assert [c.channel for c in study.experiment.channels] == ["torque", "motor_angle", "load_angle"]
     unused = [line for line in (tmp_path / "new" / "study.yml").read_text().splitlines() if "# Not used" in line]
     assert [line.rpartition(" ")[2] for line in unused] == ["state", "current"]
 

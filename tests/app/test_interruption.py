@@ -20,11 +20,6 @@ from elastid.study import load
 OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
 
 
-def elastid(*words: str) -> list[str]:
-    options = [word for option in OPTIONS for word in ("--set", option)]
-    return [sys.executable, "-m", "elastid", *words, *options]
-
-
 def tree(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
@@ -102,7 +97,9 @@ def test_an_interrupted_fit_is_resumed(
     whole: Path, unfitted: Path, parts: str, number: signal.Signals, jobs: str
 ) -> None:
     """Starts that are done are not solved again, whatever the number of processes, and every file is the same."""
-    command = elastid("run", str(whole / "study.yml"), "fit", "--run", str(unfitted), "--jobs", jobs)
+    options = [word for option in OPTIONS for word in ("--set", option)]
+    command = [sys.executable, "-m", "elastid", "run", str(whole / "study.yml"), "fit", "--run", str(unfitted)]
+    command += ["--jobs", jobs, *options]
     end = stopped(command, unfitted / "fit.partial", parts, number)
     kept = {path.name: path.read_bytes() for path in (unfitted / "fit.partial").glob("*.json")}
     assert len([name for name in kept if name.startswith(parts.partition("-")[0])]) >= 3

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
+from hypothesis import given, strategies
 
-from elastid.base.statistics import (
-    f_test,
-    propagate,
-)
+from elastid.base.statistics import f_test, interpolated, mean_of_neighbours, propagate, runs
 
 
 def test_the_f_test_rejects_a_column_without_effect_as_often_as_it_says() -> None:
@@ -50,3 +50,19 @@ def test_bands_hold_so_often_as_they_say() -> None:
     errors = np.abs(np.array([response(x) for x in rng.standard_normal((2000, 5))]))
     assert 0.93 < np.mean(errors <= pointwise) < 0.97
     assert 0.93 < np.mean(np.all(errors <= together, axis=(1, 2, 3))) < 0.97
+
+
+@given(strategies.integers(0, 2**32 - 1), strategies.integers(2, 20), strategies.integers(0, 4))
+def test_runs_means_and_values_between_lines_are_those_of_their_definitions(seed: int, n: int, half: int) -> None:
+    rng = np.random.default_rng(seed)
+    flags, x = rng.random(n) < 0.6, rng.standard_normal((n, 3)) + 1j * rng.standard_normal((n, 3))
+    spans = [match.span() for match in re.finditer("x+", "".join(" x"[flag] for flag in flags.astype(int)))]
+    assert runs(flags, half).tolist() == [[first, end] for first, end in spans if end - first >= half]
+    means = [x[max(0, i - half) : i + half + 1].mean(axis=0) for i in range(n)]
+    np.testing.assert_allclose(mean_of_neighbours(x, 2 * half + 1), means, atol=1e-12)
+    lines = np.cumsum(0.1 + rng.random(n))
+    wanted = rng.uniform(lines[0], lines[-1], 5)
+    between = [np.interp(wanted, lines, part) for part in x.T]
+    np.testing.assert_allclose(interpolated(wanted, lines, x), np.transpose(between), atol=1e-12)
+    beyond = x[-1] + (x[-1] - x[-2]) / (lines[-1] - lines[-2])
+    np.testing.assert_allclose(interpolated(lines[-1:] + 1, lines, x)[0], beyond, rtol=1e-9)

@@ -88,11 +88,6 @@ def numbers(citation: str) -> list[str]:
     return found
 
 
-def cited(path: Path) -> set[str]:
-    """The equations that a file cites."""
-    return {number for text in docstrings(path) for one in CITATION.findall(text) for number in numbers(one)}
-
-
 MODULES = sorted((ROOT / "elastid").rglob("*.py"))
 
 
@@ -115,7 +110,7 @@ def test_citations_are_read(text, expected):
 def test_every_equation_is_cited_where_it_is_implemented_and_nowhere_else():
     found: dict[str, set[str]] = {number: set() for number in EQUATIONS}
     for path in MODULES:
-        for number in cited(path):
+        for number in {n for text in docstrings(path) for one in CITATION.findall(text) for n in numbers(one)}:
             found[number].add(path.relative_to(ROOT / "elastid").as_posix())
     expected = {number: set(files) if isinstance(files, tuple) else set() for number, files in EQUATIONS.items()}
     assert found == expected

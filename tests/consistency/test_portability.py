@@ -29,10 +29,6 @@ def trees() -> list[tuple[Path, ast.Module]]:
     return [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in SOURCES]
 
 
-def parents(tree: ast.Module) -> dict[ast.AST, ast.AST]:
-    return {child: parent for parent in ast.walk(tree) for child in ast.iter_child_nodes(parent)}
-
-
 def is_guarded(node: ast.AST, above: dict[ast.AST, ast.AST]) -> bool:
     """Whether the system was asked before: by a condition above, or one of the same function that returns."""
     asked = ("hasattr", "os.name", "start_method", "get_all_start_methods")
@@ -50,7 +46,8 @@ def is_guarded(node: ast.AST, above: dict[ast.AST, ast.AST]) -> bool:
 
 
 def posix_uses(tree: ast.Module) -> list[str]:
-    above, found = parents(tree), []
+    above = {child: parent for parent in ast.walk(tree) for child in ast.iter_child_nodes(parent)}
+    found = []
     for node in ast.walk(tree):
         names: list[str] = []
         match node:

@@ -1,38 +1,35 @@
 """The published robots in configs/robots, and points that are measured on them, in linear models, rigs and logs."""
 
+from dataclasses import replace
 from pathlib import Path
-from textwrap import indent
 
 import numpy as np
 import pytest
-from plants.zeros import antiresonances
+from plants.dry_friction import robot as two_axes
 
+from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.frf.estimate import estimate
-from elastid.linear.linear_model import LinearModel
+from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
-from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
-from elastid.study import load, load_robot
-from elastid.study.robots import yaml_text
+from elastid.robot import Frame, Placement
+from elastid.study import load_robot
 
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 
 
-@pytest.fixture(scope="module")
-def manutec() -> Robot:
-    return load_robot(ROBOTS / "manutec_r3.yml")
-
-
-def test_manutec_turns_on_axis_1_with_the_inertia_of_its_bodies(manutec):
+def test_manutec_turns_on_axis_1_with_the_inertia_of_its_bodies():
     """Upright, M_11 is the sum over the bodies by the parallel axis theorem; its lowest mode is an axis on its gear."""
-    model = serial(manutec)
+    model = serial(load_robot(ROBOTS / "manutec_r3.yml"))
     axis = model.index("joint 1")
     # The arm stands 0.3 m in front of axis 1 (in z), its wrist 0.145 m.
     J = 1.16 + 0.64 + 56.5 * (0.172**2 + 0.3**2) + 0.245 + 26.4 * (0.064**2 + 0.3**2)
@@ -42,32 +39,6 @@ def test_manutec_turns_on_axis_1_with_the_inertia_of_its_bodies(manutec):
     linear = linearise(model, Configuration("upright", np.zeros(6)), model.theta, model.inputs, "acceleration")
     assert linear.K[axis, axis] == pytest.approx(43 * 105**2, rel=1e-12)
     assert 5 < modes(linear, linear.theta_ref).freq_hz[0] < 40
-
-
-def linear(robot: Robot, angles: tuple[float, ...] = (0.0,)) -> LinearModel:
-    """Motor torques to motor accelerations."""
-    model = serial(robot)
-    return linearise(model, Configuration("c", angles), model.theta, model.inputs, "acceleration")
-
-
-@pytest.mark.parametrize(
-    ("k_1", "poles", "zeros"),
-    [
-        (100.0, [12.402, 19.120, 54.671], [5.255, 15.378, 52.321]),
-        (16.7, [8.763, 14.472, 41.773], [2.911, 14.250, 41.654]),
-    ],
-)
-def test_the_four_masses_have_their_published_resonances(k_1, poles, zeros):
-    """Undamped, to the digits printed; 1 / (sum of J) at low and 1 / J_m at high frequencies."""
-    robot = load_robot(ROBOTS / "four_mass_benchmark.yml")
-    undamped = {name: 0.0 for name in robot.parameters() if name.startswith(("d_", "f_", "fm_"))}
-    model = linear(robot.with_parameters(undamped | {"k_1": k_1}))
-    np.testing.assert_allclose(modes(model, model.theta_ref).freq_hz, poles, atol=6e-4)
-    found, _ = antiresonances(model, "motor 1", "motor 1")
-    np.testing.assert_allclose(found, zeros, atol=6e-4)
-    low, high = frequency_response(model, model.theta_ref, np.array([1e-3, 1e4]))[:, 0, 0].real
-    assert low == pytest.approx(21.277, abs=5e-4)
-    assert high == pytest.approx(200, rel=1e-4)
 
 
 def test_the_kuka_arm_has_the_reach_and_weight_of_its_table():
@@ -86,54 +57,20 @@ def test_the_kuka_arm_has_the_reach_and_weight_of_its_table():
     assert abs(torque) == pytest.approx(9.81 * sum(m * x for m, x in arms.items()), rel=2e-3)
 
 
-def two_axes() -> Robot:
-    """Two elastic gears and a bearing that tilts, the tool off all axes and turned."""
-    upper = (Joint("1", "z", Spring(2e5, 120), Motor(5e-3, 100, 2e-3)), Joint("1x", "x", Spring(4e5, 200)))
-    fore = (Joint("2", "y", Spring(6e4, 50), Motor(3e-3, 80, 2e-3)),)
-    return Robot(
-        "two axes",
-        (
-            Body("upper", joints=upper, mass=60, center_of_mass=(0.1, 0, 0.2), inertia=(3, 3, 4)),
-            Body("fore", "upper", Placement((0.3, 0, 0.5)), fore, 25, (0.4, 0.02, 0.05), (0.4, 2, 2)),
-        ),
-        frames=(Frame("tool", "fore", Placement((0.8, 0.1, 0.05), (0.3, -0.2, 0.4))),),
-    )
+# Two axes on springs, the tool off all axes and turned.
+AXES = replace(two_axes((0.0, 0.0)), frames=(Frame("tool", "fore", Placement((0.8, 0.1, 0.05), (0.3, -0.2, 0.4))),))
+OUTPUTS = ("motor 1", "motor 2", "accelerometer tool z", "frame tool y", "frame tool rx")
 
 
-ROBOT = "robot:\n" + indent(yaml_text(two_axes()), "  ")
-STUDY = (
-    """
-name: points
-seed: 3
-excitation: {rate_hz: 1000, period: 2, band_hz: [1, 60], torque_rms: 30}
-estimator: {band_hz: [1, 60]}
-experiment:
-  configurations: {a: [0.2, -0.5], b: [0.4, 0.6]}
-  realisations: 2
-  simulated:
-    truth: {k_1: 1.6e5, k_1x: 3.3e5, k_2: 7e4}
-    outputs: [motor 1, motor 2, accelerometer tool z, frame tool y, frame tool rx]
-    noise: {angle_std: 1e-7, acceleration_std: 0.01, torque_std: 0.05}
-fit:
-  parameters: {k_1: {}, k_2: {}, k_1x: {}, d_1: {}, d_2: {}, d_1x: {}, fm_1: {}, fm_2: {}}
-"""
-    + ROBOT
-)
-
-
-def test_the_rig_measures_what_the_linear_model_says_at_every_place(tmp_path: Path):
+def test_the_rig_measures_what_the_linear_model_says_at_every_place():
     """Motors in rad, a point in m/s^2 with and without gravity, an angle of the tool: all within 0.3 %."""
-    path = tmp_path / "study.yml"
-    noise = "noise: {angle_std: 1e-7, acceleration_std: 0.01, torque_std: 0.05}"
-    quiet = STUDY.replace(noise, "noise: {}").replace("torque_rms: 30", "torque_rms: 3")
-    path.write_text(quiet.replace("realisations: 2", "realisations: 1"))
-    study = load(path).study
-    plan = make_plan(study.excitation, study.experiment, study.robot, study.seed)
-    rig = SimulatedRig(study.robot, study.experiment, plan, 1)
-    records = [rig.measure(e) for e in rig.experiments if e.configuration.name == "a"]
+    experiment = ExperimentSpec({"a": (0.2, -0.5)}, 1, simulated=SimulatedSpec(outputs=OUTPUTS))
+    plan = make_plan(MultisineSpec(1000.0, 2.0, (1.0, 60.0), 3.0), experiment, AXES, 3)
+    rig = SimulatedRig(AXES, experiment, plan, 1)
+    records = [rig.measure(each) for each in rig.experiments]
     assert records[0].quantities == ("position", "position", "acceleration", "acceleration", "position")
-    measured = estimate(records, study.estimator)
-    model = serial(study.robot.with_parameters({"k_1": 1.6e5, "k_1x": 3.3e5, "k_2": 7e4}))
+    measured = estimate(records, EstimatorSpec(band_hz=(1.0, 60.0)))
+    model = serial(AXES)
     linear = linearise(model, measured.configuration, model.theta, measured.outputs, "acceleration")
     G = frequency_response(linear, linear.theta_ref, measured.freq_hz)
     for row in range(len(measured.outputs)):
@@ -159,5 +96,5 @@ def test_the_rig_measures_what_the_linear_model_says_at_every_place(tmp_path: Pa
 def test_channels_of_points_have_units_of_length(channel, says):
     """And g is never guessed."""
     with pytest.raises(ValueError, match=says):
-        ChannelSpec("y", channel="c", **channel).unit_factor(two_axes().slides(channel["at"]))
+        ChannelSpec("y", channel="c", **channel).unit_factor(AXES.slides(channel["at"]))
     assert ChannelSpec("y", "frame tool z", "c", quantity="velocity", unit="mm/s").unit_factor(True) == 1e-3

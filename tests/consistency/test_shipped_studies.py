@@ -23,7 +23,6 @@ from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
-from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.response import Covariance, Response
 from elastid.robot import Robot
@@ -181,10 +180,10 @@ def exact_responses(angles: tuple[tuple[float, float], ...], highest: float) -> 
     return responses
 
 
-def fitted(angles, seed: int = 0, spec: ModelSpec = EXACT, highest: float = 30.0, free: Sequence[str] = FREE) -> Result:
+def fitted(angles, free: Sequence[str] = FREE) -> Result:
     """A fit of the planar arm's springs from responses of the exact model with 3 % noise, from a start 40 % off."""
-    robot, random, responses = planar(), np.random.default_rng(seed), []
-    for exact in exact_responses(angles, highest):
+    robot, random, responses = planar(), np.random.default_rng(0), []
+    for exact in exact_responses(angles, 30.0):
         level = 0.03 * np.abs(exact.G)
         noise = random.standard_normal((2, *level.shape)) / np.sqrt(2)
         total = Covariance(level**2, 100.0)
@@ -192,7 +191,7 @@ def fitted(angles, seed: int = 0, spec: ModelSpec = EXACT, highest: float = 30.0
     start = robot.with_parameters({name: 1.4 * dict(robot.parameters())[name][0] for name in free})
     parameters = {name: ParameterSpec() for name in free}
     weights = WeightSpec(floor=0.01)  # of noise alone a single posture would know more
-    return identify(responses, start, FitSpec(parameters=parameters, starts=1, weights=weights), model=spec)
+    return identify(responses, start, FitSpec(parameters=parameters, starts=1, weights=weights), model=EXACT)
 
 
 def relative(result: Result, name: str) -> float:

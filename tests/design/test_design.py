@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.notes import said
-from plants.planar_arm import TWO
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
@@ -31,11 +30,35 @@ from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.response import Response
-from elastid.robot import Tolerances
+from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring, Tolerances
 from elastid.robot.simplified import with_joints
 from elastid.store.measured import read_forecast, read_plan
 from elastid.study import load
 
+# A planar arm without gravity.
+LIMITS = Limits((-2.0, 2.0))
+TWO = Robot(
+    "two axes",
+    (
+        Body(
+            "upper",
+            joints=(Joint("1", "z", Spring(2000, 2), Motor(1e-3, 30, 1e-3), limits=LIMITS),),
+            mass=5.0,
+            center_of_mass=(0.2, 0, 0),
+            inertia=0.1,
+        ),
+        Body(
+            "fore",
+            "upper",
+            Placement((0.4, 0, 0)),
+            (Joint("2", "z", Spring(800, 1), Motor(4e-4, 30, 1e-3), limits=LIMITS),),
+            3.0,
+            (0.2, 0, 0),
+            0.05,
+        ),
+    ),
+    gravity=(0, 0, 0),
+)
 NOISE = NoiseSpec(torque_std=0.3, angle_std=1e-5)
 PROBLEM = DesignProblem(
     robot=TWO,

@@ -76,12 +76,12 @@ def test_what_is_known_already_is_not_measured_again() -> None:
 Groups = list[list[list[PowerSource]]]
 
 
-def drawn(seed: int, groups: int, guesses: int = 1, lines: int = 12, n_u: int = 2, n_x: int = 4) -> Groups:
+def drawn(seed: int, groups: int, guesses: int = 1, lines: int = 12, n_u: int = 2) -> Groups:
     """Random sources with coupled inputs, outputs of unlike noise, and a floor that power does not lower."""
     rng = np.random.default_rng(seed)
 
     def source() -> PowerSource:
-        J = rng.standard_normal((2, n_x, lines, n_u, n_u)) * np.exp(rng.standard_normal((lines, 1, 1)))
+        J = rng.standard_normal((2, 4, lines, n_u, n_u)) * np.exp(rng.standard_normal((lines, 1, 1)))
         T = np.eye(n_u) + 0.4 * rng.random((lines, n_u, n_u))
         return PowerSource(
             J[0] + 1j * J[1],

@@ -103,17 +103,15 @@ B = data_sheet_arm.arm().with_parameters({"k_1": 3.6e4, "fm_1": 3e-2, "fm_2": 5e
 ROBOTS = {"A": ("a1", "a2", "a3"), "B": ("b1", "b2", "b3")}
 
 
-def measure_one(
-    robot: Robot, name: str, seed: int, postures: tuple[tuple[float, float], ...] = data_sheet_arm.POSTURES
-) -> list[Response]:
+def measure_one(robot: Robot, name: str, seed: int) -> list[Response]:
     """Responses in each posture with 2 % noise of known variance."""
-    named = {f"{name}{i + 1}": angles for i, angles in enumerate(postures)}
+    named = {f"{name}{i + 1}": angles for i, angles in enumerate(data_sheet_arm.POSTURES)}
     return responses_of(robot, named, np.random.default_rng(seed), data_sheet_arm.FREQ)
 
 
-def both(seed: int, one: Robot = A, other: Robot = B) -> list[Response]:
+def both(seed: int) -> list[Response]:
     """Two robots, measured in the same postures."""
-    return [*measure_one(one, "a", 2 * seed), *measure_one(other, "b", 2 * seed + 1)]
+    return [*measure_one(A, "a", 2 * seed), *measure_one(B, "b", 2 * seed + 1)]
 
 
 SPEC = FitSpec(

@@ -63,11 +63,7 @@ def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
     assert not unexplained_error(parameters, [replace(unexplained, notes=())]).any()
 
 
-NOISE = noise_of("relative", plant())
-
-
-def noisy(seed: int):
-    return measured(plant(), NOISE, np.random.default_rng(seed))
+NOISE = noise_of(plant())
 
 
 def test_profiles_of_a_nearly_linear_problem_are_the_intervals():
@@ -145,7 +141,7 @@ def test_an_end_is_found_beyond_a_place_without_a_model():
 @pytest.mark.parametrize("criterion", ["complex", "log"])
 def test_bootstraps_scatter_as_the_covariance_says(criterion):
     """60 repetitions: standard deviations within what 60 draws allow."""
-    response = noisy(1)
+    response = measured(plant(), NOISE, np.random.default_rng(1))
     end, sure = estimate(response, plant(), criterion=criterion)
     fit = fit_of(response, plant(), criterion=criterion)
     draws = bootstrap(fit, [weigh(response, NO_FLOOR)], end.x, 60, seed=4)

@@ -32,8 +32,8 @@ def measured(robot: Robot, seed: int | None = 3) -> list[Response]:
     return measure(robot, rng=None if seed is None else np.random.default_rng(seed), outputs=OUTPUTS)
 
 
-def spec_of(changes: dict[str, ParameterSpec], starts: int = 2) -> FitSpec:
-    return FitSpec(parameters=SPRINGS | changes, starts=starts, start_factor=1.5, seed=1, profile=())
+def spec_of(changes: dict[str, ParameterSpec]) -> FitSpec:
+    return FitSpec(parameters=SPRINGS | changes, starts=2, start_factor=1.5, seed=1, profile=())
 
 
 def test_the_gain_of_a_sensor_is_found_where_the_inertias_are_known() -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.linkages import linkage
 from plants.marks import SEEDS, slow
 from plants.measured_robots import deviations, responses_of
 from plants.refusals import refused
@@ -24,7 +25,6 @@ from elastid.robot import (
     Compensator,
     Frame,
     Joint,
-    Loop,
     Motor,
     Placement,
     Robot,
@@ -53,23 +53,7 @@ def bending_arm() -> Robot:
     )
 
 
-def linkage() -> Robot:
-    """A lower arm of 0.89 m that bends at 0.4 m, a crank and an elastic rod to the rear lever of the upper arm."""
-    bend = Joint("b2", "y", Spring(2e6, 500), point=(0.0, 0.0, 0.4))
-    gear, lever = Joint("2", "y", Spring(8e5, 400), MOTOR), Joint("3", "y", Spring(5e5, 250), MOTOR)
-    ends = Anchor("crank", (-0.33, 0, 0)), Anchor("upper", (-0.3, 0, 0))
-    return Robot(
-        "linkage",
-        (
-            Body("lower", joints=(gear,), mass=16, center_of_mass=(0, 0, 0.2), inertia=0.4),
-            Body("end", "lower", joints=(bend,), mass=15, center_of_mass=(0, 0, 0.6), inertia=0.4),
-            Body("crank", joints=(lever,), mass=19, center_of_mass=(-0.45, 0, 0.03), inertia=0.7),
-            Body("upper", "end", Placement((0, 0, 0.89)), (Joint("elbow", "y"),), 50, (0.35, 0, 0.14), 5.0),
-        ),
-        loops=(Loop("rod", ends, rod=Rod(0.86, 6.2, 0.4, 0.5, 2e7, 3000)),),
-    )
-
-
+LINKAGE = linkage(Rod(0.86, 6.2, 0.4, 0.5, 2e7, 3000), crank=0.33, bends=True)
 POSTURES = ((0.4, -0.3), (-0.5, 0.8), (0.9, 1.0), (0.0, 0.1))
 APART = ((0.0, 0.0), (0.5, -0.1), (-0.4, 0.4), (0.2, 0.9), (0.6, -0.2))
 GYROSCOPES = ("body end y", "body upper y")
@@ -116,7 +100,7 @@ def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed: int) -> None:
 @pytest.mark.slow
 def test_the_ends_of_a_rod_and_its_stiffness(formulation: str, seed: int) -> None:
     """The crank's length to a tenth of a millimetre, with the stiffness of rod, gears and bending, from 30 mm off."""
-    truth, spec = linkage(), ModelSpec(formulation)  # type: ignore[arg-type]
+    truth, spec = LINKAGE, ModelSpec(formulation)  # type: ignore[arg-type]
     wanted = {name: ParameterSpec() for name in ("k_*", "d_*")}
     wanted["p1_rod_x"] = ParameterSpec(start=-0.30, bounds=(-0.4, -0.2))
     responses = measure(truth, APART, seed, GYROSCOPES, spec)
@@ -158,7 +142,7 @@ def test_what_nothing_depends_on_is_named() -> None:
     with refused("fit/undetermined", holds=("p_root_x, pj_1b_y: ", "2 frequency responses")):
         fit_of_two(robot, {"k_1": ParameterSpec(), "pj_1b_y": ParameterSpec(), "p_root_x": ParameterSpec()})
     with refused("fit/undetermined", holds="p2_rod_y: "):
-        fit_of_two(linkage(), {"p2_rod_y": ParameterSpec()})
+        fit_of_two(LINKAGE, {"p2_rod_y": ParameterSpec()})
 
 
 @pytest.mark.parametrize(
@@ -172,10 +156,10 @@ def test_what_nothing_depends_on_is_named() -> None:
 def test_a_robot_that_cannot_stand_at_its_start_is_named(name, asked, code, place):
     """Loops that do not close, a rod without length."""
     with refused(code, place=place):
-        fit_of_two(linkage(), {name: asked})
+        fit_of_two(LINKAGE, {name: asked})
 
 
 def test_equations_without_geometry_refuse_it() -> None:
     """They name the coordinate, and the variants that have it."""
     with pytest.raises(StudyError, match="p1_rod_x"):
-        fit_of_two(linkage(), {"p1_rod_x": ParameterSpec()}, ModelSpec("minimal", "constant_stiffness"))
+        fit_of_two(LINKAGE, {"p1_rod_x": ParameterSpec()}, ModelSpec("minimal", "constant_stiffness"))

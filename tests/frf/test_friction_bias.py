@@ -19,9 +19,9 @@ J, VISCOUS, STIFFNESS = 2.0, 10.0, 300.0
 
 
 @cache
-def rubbing(coulomb: float, n: int, seed: int = 0, noise: float = 0.0) -> list[Record]:
+def rubbing(coulomb: float, n: int, noise: float = 0.0) -> list[Record]:
     """n records of a mass on a spring, J v' + d v + k q + F tanh(v / v_s) = u, u a held multisine of RMS 10."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     R = np.sqrt(2 / len(LINES)) * 10 * np.exp(2j * np.pi * rng.random((len(LINES), n)))
     u = synthesise(LINES, R, N)
     q, v, h = np.zeros(n), np.zeros(n), 1 / RATE

@@ -94,9 +94,9 @@ def test_correlated_torque_noise_keeps_its_variance() -> None:
     assert driving / (1 - fade**2) == pytest.approx(0.3**2)
 
 
-def followed(run: WarmRun, joint: FollowedJoint = FOLLOWED, noise: FilterNoise = NOISE) -> FollowedFriction:
+def followed(run: WarmRun, joint: FollowedJoint = FOLLOWED) -> FollowedFriction:
     """A run, judged after 5 s."""
-    return follow("1", False, joint, [run.samples], RATE_HZ, noise, 5.0, find_noise=False)
+    return follow("1", False, joint, [run.samples], RATE_HZ, NOISE, 5.0, find_noise=False)
 
 
 def codes(found: FollowedFriction) -> set[str]:

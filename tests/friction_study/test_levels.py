@@ -51,29 +51,27 @@ def passes(
     noise: float = 0.05,
     memory: float = 0.0,
     uneven: float = 0.0,
-    repeat: int = 1,
 ) -> list[Pass]:
     """There and back over 1 rad of the joint (at most 10 s), still settling; noise correlated over memory s."""
     rng, rate, found = np.random.default_rng(seed), 250.0, []
-    for number in range(repeat):
-        for v in speeds:
-            n = int(min(10.0, 1.0 * RATIO / v) * rate)
-            t = np.arange(n) / rate
-            for s in (1.0, -1.0):
-                velocity = s * v * (1 - 0.04 * np.exp(-t / 0.1))
-                q = 0.3 + np.cumsum(velocity) / rate
-                white = rng.standard_normal(n + 500)
-                coloured = white[500:]
-                if memory:
-                    kernel = np.exp(-np.arange(500) / (memory * rate))
-                    coloured = np.convolve(white, kernel / np.linalg.norm(kernel))[500 : 500 + n]
-                acceleration = np.gradient(velocity, 1 / rate)
-                u = (
-                    s * level(np.abs(velocity)) + uneven * np.abs(velocity) + OFFSET + INERTIA * acceleration
-                    + GRAVITY * np.cos(q / RATIO) + RIPPLE[0] * np.cos(q) + RIPPLE[1] * np.sin(2 * q) + noise * coloured
-                )  # fmt: skip
-                angle = q / RATIO
-                found.append(Pass("motor 2", f"{v:.4g}/{number}", angle, velocity, acceleration, u, slides=False))
+    for v in speeds:
+        n = int(min(10.0, 1.0 * RATIO / v) * rate)
+        t = np.arange(n) / rate
+        for s in (1.0, -1.0):
+            velocity = s * v * (1 - 0.04 * np.exp(-t / 0.1))
+            q = 0.3 + np.cumsum(velocity) / rate
+            white = rng.standard_normal(n + 500)
+            coloured = white[500:]
+            if memory:
+                kernel = np.exp(-np.arange(500) / (memory * rate))
+                coloured = np.convolve(white, kernel / np.linalg.norm(kernel))[500 : 500 + n]
+            acceleration = np.gradient(velocity, 1 / rate)
+            u = (
+                s * level(np.abs(velocity)) + uneven * np.abs(velocity) + OFFSET + INERTIA * acceleration
+                + GRAVITY * np.cos(q / RATIO) + RIPPLE[0] * np.cos(q) + RIPPLE[1] * np.sin(2 * q) + noise * coloured
+            )  # fmt: skip
+            angle = q / RATIO
+            found.append(Pass("motor 2", f"{v:.4g}", angle, velocity, acceleration, u, slides=False))
     return found
 
 

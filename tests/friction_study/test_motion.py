@@ -24,16 +24,14 @@ def three_sines(t: FloatArray, rng: np.random.Generator) -> FloatArray:
     return np.array([a * w**k @ np.sin(np.outer(w, t) + (phase + k * np.pi / 2)[:, None]) for k in range(3)])
 
 
-def swing(
-    seed: int = 0, uneven: float = 0.0, noise: float = 1.0, gravity: float = 1.0, seconds: float = 40.0
-) -> Motion:
+def swing(seed: int = 0, uneven: float = 0.0, noise: float = 1.0) -> Motion:
     """An axis under gravity in a motion of three sines, with torque noise that is correlated over 0.1 s."""
     rng, rate = np.random.default_rng(seed), 500.0
-    t = np.arange(round(seconds * rate)) / rate
+    t = np.arange(round(40.0 * rate)) / rate
     q, v, acceleration = three_sines(t, rng)
     slow = np.convolve(rng.standard_normal(len(t)), np.exp(-np.arange(200) / 50), "same") / 5
     friction = (F_C + VISCOUS * np.abs(v)) * np.sign(v) + uneven * np.abs(v)
-    u = J * acceleration + friction + gravity * (COS * np.cos(q) + SIN * np.sin(q)) + noise * slow
+    u = J * acceleration + friction + COS * np.cos(q) + SIN * np.sin(q) + noise * slow
     q = np.round(q / 2e-5) * 2e-5
     return Motion("joint 1", rate, q, u, turns_against_gravity=True)
 
@@ -203,15 +201,15 @@ def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none() -
 RATE = 500.0
 
 
-def warming(seed: int = 0, slope: float = 0.0, decay: float = 20.0, share: float = 0.0, degc: float = 25.0) -> Motion:
+def warming(seed: int = 0, slope: float = 0.0, share: float = 0.0) -> Motion:
     """An axis at 25 to 45 degC in 60 s: F_c + slope (T - 35), f (1 + share (e^{-(T - 35) / decay} - 1))."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(60 * RATE)) / RATE
     q, v, acceleration = three_sines(t, rng)
-    warmth = 45 - (45 - degc) * np.exp(-t / 25)
+    warmth = 45 - 20 * np.exp(-t / 25)
     theta = warmth - 35
     u = J * acceleration + (F_C + slope * theta) * np.sign(v)
-    u = u + VISCOUS * (1 + share * np.expm1(-theta / decay)) * v + 0.3 * rng.standard_normal(len(t))
+    u = u + VISCOUS * (1 + share * np.expm1(-theta / 20.0)) * v + 0.3 * rng.standard_normal(len(t))
     return Motion("joint 1", RATE, np.round(q / 2e-5) * 2e-5, u, temperature=warmth)
 
 

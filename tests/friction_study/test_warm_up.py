@@ -30,10 +30,10 @@ def power_at(t: float) -> float:
     return 240.0 if minutes < 90 else 0.0 if minutes < 120 else 160.0 if minutes < 180 else 300.0
 
 
-def campaign(seed: int, second_share: float = 0.0, thermometer: bool = True, hours: float = 4.0) -> WarmUp:
+def campaign(seed: int, second_share: float = 0.0, thermometer: bool = True) -> WarmUp:
     """Tests at three speeds every 5 minutes, 0.02 Nm a level, thermometer 0.5 K; temperatures by another integrator."""
     rng = np.random.default_rng(seed)
-    time_s = np.arange(0, hours * 3600 + 1, 60.0)
+    time_s = np.arange(0, 4.0 * 3600 + 1, 60.0)
     constants = np.array([TIME_CONSTANT, 5 * 60.0])
     shares = np.array([1 - second_share, second_share])
 

@@ -28,10 +28,10 @@ from elastid.targets.mujoco import write_mujoco
 seeds = st.integers(0, 2**31)
 
 
-def random_arm(seed: int, n: int = 4, coupled: bool = True) -> Robot:
+def random_arm(seed: int, coupled: bool = True) -> Robot:
     """A chain of n driven axes, elastic and rigid, whose motors ride on any body along it, with a branch beside it."""
     rng = np.random.default_rng(seed)
-    names = [f"b{i}" for i in range(n)]
+    names = [f"b{i}" for i in range(4)]
     bodies = []
     for i, name in enumerate(names):
         carrier = rng.choice(["", BASE, *names])
@@ -135,17 +135,13 @@ def linear(robot: Robot):
     return linearise(model, Configuration("c", (0.3, 0.5, -0.2)), model.theta, robot.motor_locations, "acceleration")
 
 
-def links_inertia(robot: Robot) -> np.ndarray:
-    return linear(robot).M[:3, :3]
-
-
 def test_responses_change_side_by_the_gear_matrix():
     """G^m = eta G^a eta^T, against the response of motor angles to motor torques set up by hand."""
     robot = wrist()
     model, eta = linear(robot), robot.eta
     freq_hz = np.array([3.0, 11.0, 40.0])
     Z = np.hstack([-eta, np.eye(3)])
-    M = scipy.linalg.block_diag(links_inertia(robot), np.diag(J))
+    M = scipy.linalg.block_diag(linear(robot).M[:3, :3], np.diag(J))
     K = Z.T @ np.diag(K_SHAFT) @ Z
     D = Z.T @ np.diag(D_SHAFT) @ Z + np.diag(np.r_[np.zeros(3), np.full(3, 1e-4)])
     s = 2j * np.pi * freq_hz[:, None, None]

@@ -101,18 +101,13 @@ CASES = {
 }
 
 
-def measured(robot: Robot, body: str) -> tuple[str, ...]:
-    """The motors, and places that the geometry moves."""
-    return (*robot.motor_locations, *(place.format(body) for place in TOOL))
-
-
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.slow
 def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -> None:
     """dG/dtheta of all parameters at once, geometry and what it deflects, against differences of fourth order."""
     robot, spec, angles, body = CASES[case]
     model = formulate(robot, spec, robot.geometry)
-    outputs, at = measured(robot, body), Configuration("c", angles)
+    outputs, at = (*robot.motor_locations, *(place.format(body) for place in TOOL)), Configuration("c", angles)
     linearisation = Linearisation.of(model)
     linear = linearisation.at(at, model.theta, outputs, "acceleration")
     kernel = Kernel(linear, LINES, linear.parameters)

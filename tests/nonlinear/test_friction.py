@@ -15,11 +15,11 @@ RATE, N = 200.0, 400
 SIGN = Shape("motor 1", "sign")
 
 
-def swinging(line: int, amplitude: float, quantity: Motion = "position", periods: int = 2) -> Record:
+def swinging(line: int, amplitude: float, quantity: Motion = "position") -> Record:
     """A motor that swings as a cosine, given as the quantity asked for."""
     omega = 2 * np.pi * line * RATE / N
     order = {"position": 0, "velocity": 1, "acceleration": 2}[quantity]
-    phase = omega * np.arange(periods * N) / RATE + order * np.pi / 2
+    phase = omega * np.arange(2 * N) / RATE + order * np.pi / 2
     y = (amplitude * omega**order * np.cos(phase))[:, None]
     configuration = Configuration("c", np.zeros(1))
     return Record("c", configuration, 0, 0, RATE, N, ("motor 1",), ("motor 1",), (quantity,), 0 * y, y)

@@ -33,7 +33,7 @@ def found(gear: Gear, substeps: int = 6) -> tuple[Levels, dict[str, float]]:
     """What is chosen, and the numbers of the model beside it."""
     measured = records(gear, substeps=substeps)
     response, linear = linear_fit(gear, measured)
-    levels = find_gear_effects([measured], [response], linear, robot(gear), SPEC, LINES)
+    levels = find_gear_effects([measured], [response], linear, robot(gear))
     return levels, linear.parameters.as_dict(levels.x)
 
 
@@ -161,7 +161,7 @@ def test_friction_on_both_sides_is_found_on_a_parallel_linkage() -> None:
     response = estimate(measured, SPEC, LINES)
     free = {key: ParameterSpec() for key in ("k_*", "d_*", "fm_*")}
     linear = identify([response], arm, FitSpec(parameters=free, weights=WeightSpec(floor=0.0), starts=1))
-    found = find_gear_effects([measured], [response], linear, arm, SPEC, LINES)
+    found = find_gear_effects([measured], [response], linear, arm)
     numbers, true = linear.parameters.as_dict(found.x), arm.parameters()
     for joint in ("2", "3"):
         assert numbers[f"k_{joint}"] == pytest.approx(true[f"k_{joint}"][0], rel=3e-3)

@@ -128,9 +128,9 @@ def test_effects_of_gears_explain_no_contradiction_by_load_tests() -> None:
     assert with_gears(misfit, opened(0.02)).status == "misfit"
 
 
-def laid_open(gear: Gear, seed: int = 1, experiments: int = 4) -> tuple[Result, GearResult]:
+def laid_open(gear: Gear) -> tuple[Result, GearResult]:
     """The linear fit of the plant's records, and its gear."""
-    measured = records(gear, seed=seed, experiments=experiments)
+    measured = records(gear)
     response, linear = linear_fit(gear, measured)
     return linear, open_gears([measured], [response], linear, robot(gear), SPEC, GearsSpec(), planned=LINES)
 

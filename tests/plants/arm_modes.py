@@ -10,7 +10,7 @@ from elastid.linear.modes import modes, shapes_of_all
 from elastid.model.formulation import formulate
 from elastid.model.kinematics import StickFigure, stick_figure
 from elastid.record import Configuration
-from elastid.report.modes import ModeDrawing, ModeRow, mode_drawing
+from elastid.report.modes import ModeRow, mode_drawing
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
 
 MOTOR = Motor(1e-3, 100.0, 2e-3)
@@ -32,24 +32,15 @@ ANGLES = (0.4, 0.3, -0.2)
 
 
 @cache
-def swinging(
-    robot: Robot = ARM, angles: tuple[float, ...] = ANGLES
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, StickFigure]:
+def swinging(robot: Robot = ARM) -> tuple[np.ndarray, np.ndarray, np.ndarray, StickFigure]:
     """Joints at rest (n_l,), frequencies, the joints' part of the shapes, and the sticks."""
     model = formulate(robot)
-    at = Configuration("c1", np.array(angles))
+    at = Configuration("c1", np.array(ANGLES))
     linear = linearise(model, at, model.theta, model.inputs, "position")
     found = modes(linear, linear.theta_ref)
     n_l = len(robot.joints)
     q = equilibrium(model, model.theta, at).q[:n_l]
     return q, found.freq_hz, shapes_of_all(linear, found.shapes)[:n_l], stick_figure(robot, q)
-
-
-def drawn(robot: Robot = ARM, angles: tuple[float, ...] = ANGLES) -> ModeDrawing:
-    _, _, shapes, figure = swinging(robot, angles)
-    drawing = mode_drawing(figure, shapes, robot.gravity)
-    assert drawing is not None
-    return drawing
 
 
 @cache

@@ -14,7 +14,6 @@ from elastid.base.arrays import FloatArray
 from elastid.record import FrictionRecord
 
 RATE, RATIO, COUNTS = 500.0, 100.0, 65536
-SPEEDS = tuple(np.geomspace(0.024, 1.2, 12).tolist())
 
 
 @dataclass(frozen=True)

@@ -17,31 +17,18 @@ from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.warm_up import ThermalModel
 from elastid.report.friction_content import FrictionContent
 
-# Of the elbow: level, slope by direction, gravity, offset, ripple over a turn, inertia, speed of the pass.
-F_C, VISCOUS, UNEVEN, GRAVITY, OFFSET, RIPPLE, TURN, INERTIA, SPEED = 9.0, 6.0, 0.8, 40.0, 0.5, 0.3, 0.06, 2.0, 0.1
-RATE, NOISE, MASS = 250.0, 0.1, 95.0
+RATE, MASS = 250.0, 95.0
 
 
-def levels(uneven: float = UNEVEN, loads: tuple[float, ...] = (0.0,)) -> Levels:
-    """Ten speeds in both directions, 1 % of noise, 2 % more for each Nm of load."""
-    v, s, load = (x.ravel() for x in np.meshgrid(np.geomspace(0.02, 2, 10), (1.0, -1.0), loads, indexing="ij"))
-    exact = F_C + 0.02 * F_C * load + (VISCOUS + uneven * s) * v
+def levels() -> Levels:
+    """Ten speeds in both directions, 1 % of noise, and what all passes share."""
+    v, s = (x.ravel() for x in np.meshgrid(np.geomspace(0.02, 2, 10), (1.0, -1.0), indexing="ij"))
+    exact = 9.0 + (6.0 + 0.8 * s) * v
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(v))
-    return Levels("joint elbow", v, s, exact * (1 + noise), 0.01 * exact, load, np.full(len(v), np.nan))
-
-
-def law(uneven: float = UNEVEN, loads: tuple[float, ...] = (0.0,)) -> StaticLaw:
-    """Through the levels, without a Stribeck curve."""
-    return StaticLaw.of(levels(uneven, loads), LawSpec(stribeck="no"))
-
-
-def pass_levels() -> Levels:
-    """Levels, and what all passes share."""
-    one = Levels("joint elbow", np.array([SPEED]), np.zeros(1), np.array([F_C + VISCOUS * SPEED]), np.array([0.1]),
-                 np.zeros(1), np.full(1, np.nan))  # fmt: skip
-    shared = {"inertia": INERTIA, "slope": VISCOUS, "gravity.cos": GRAVITY, "gravity.sin": 0.0, "offset": OFFSET}
-    shared |= {"ripple.1c": 0.0, "ripple.1s": RIPPLE, "ripple.2c": 0.0, "ripple.2s": 0.0}
-    return replace(one, shared={name: (value, 0.01) for name, value in shared.items()})
+    found = Levels("joint elbow", v, s, exact * (1 + noise), 0.01 * exact, 0 * v, np.full(len(v), np.nan))
+    shared = {"inertia": 2.0, "slope": 6.0, "gravity.cos": 40.0, "gravity.sin": 0.0, "offset": 0.5}
+    shared |= {"ripple.1c": 0.0, "ripple.1s": 0.3, "ripple.2c": 0.0, "ripple.2s": 0.0}
+    return replace(found, shared={name: (value, 0.01) for name, value in shared.items()})
 
 
 def motion() -> MotionFriction:
@@ -54,21 +41,6 @@ def motion() -> MotionFriction:
     return regress_motion(Motion("joint lift", RATE, np.asarray(q), u, slides=True))
 
 
-def presliding() -> Elements:
-    """Two elements."""
-    return Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1)
-
-
-def thermal() -> ThermalModel:
-    """One time constant."""
-    return ThermalModel(np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20)
-
-
-def at_rest() -> AtRest:
-    """Two amplitudes."""
-    return AtRest(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, 2)
-
-
 def number(name: str, symbol: str, value: float, std: float, truth: float | None) -> FrictionNumber:
     """A row of the table."""
     return FrictionNumber(
@@ -79,7 +51,10 @@ def number(name: str, symbol: str, value: float, std: float, truth: float | None
 def friction_result() -> FrictionResult:
     """Both joints."""
     elbow = JointFriction(
-        "elbow", False, pass_levels(), None, law(), presliding(), at_rest(), thermal(),
+        "elbow", False, levels(), None, StaticLaw.of(levels(), LawSpec(stribeck="no")),
+        Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1),
+        AtRest(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, 2),
+        ThermalModel(np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20),
         numbers=(number("Fc_melbow", "F_c", 9.02, 0.03, 9.0), number("f_melbow", "f", 6.3, 0.1, 6.0)),
         held=(Held("stribeck", "no speed below nu_s / 3"), Held("quadratic", "not asked for")),
         notes=(Note("friction/passes", "it sticks", "pass 1"),),
@@ -88,14 +63,9 @@ def friction_result() -> FrictionResult:
     return FrictionResult((elbow, lift), (Note("a-note", "a note on the study"),), "partly", "2 joints are identified.")
 
 
-def friction_plan() -> FrictionPlan:
-    """Twelve passes of the elbow at three speeds."""
-    limits = PassLimits("joint elbow", (-1.0, 1.0), 2.5, 10.0, TURN, 8.0)
-    design = JointPassDesign("elbow", limits, np.array([0.01, 0.3, 2.0]), np.array([4.0, 3, 5]), 0.987)
-    return FrictionPlan(1000.0, (), (design,), 141.0, known=("Coulomb friction to 1 %",))
-
-
 def friction_content() -> FrictionContent:
-    """The page of both joints."""
-    provenance = {"elastid": "1.0"}
-    return FrictionContent("friction of <an arm>", friction_result(), "name: <arm>", provenance, friction_plan())
+    """The page of both joints, with a plan of twelve passes of the elbow at three speeds."""
+    limits = PassLimits("joint elbow", (-1.0, 1.0), 2.5, 10.0, 0.06, 8.0)
+    design = JointPassDesign("elbow", limits, np.array([0.01, 0.3, 2.0]), np.array([4.0, 3, 5]), 0.987)
+    plan = FrictionPlan(1000.0, (), (design,), 141.0, known=("Coulomb friction to 1 %",))
+    return FrictionContent("friction of <an arm>", friction_result(), "name: <arm>", {"elastid": "1.0"}, plan)

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from elastid.base.arrays import IntArray
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
@@ -32,12 +31,11 @@ def linear_fit(gear: Gear, measured: Sequence[Record]) -> tuple[Response, Result
 
 
 def find_gear_effects(
-    measured: Sequence[Iterable[Record]], responses: Sequence[Response], result: Result, robot: Robot,
-    spec: EstimatorSpec, planned: IntArray | None = None,
-) -> Levels:  # fmt: skip
+    measured: Sequence[Iterable[Record]], responses: Sequence[Response], result: Result, robot: Robot
+) -> Levels:
     """Of the records of all configurations, friction still in both."""
     linearisation = Linearisation.of_robot(robot, EXACT, result.parameters.names)
-    data = GearData([gather_lines(tuple(each), spec, planned) for each in measured], responses, linearisation)
+    data = GearData([gather_lines(tuple(each), SPEC, LINES) for each in measured], responses, linearisation)
     pairs = zip(data.lines, data.drives(result.parameters, result.x), strict=True)
     net = replace(data, lines=[without_arm(lines, drive, robot) for lines, drive in pairs])
     return choose_effects(net, result.parameters, result.x, (1.0, 2.0))

@@ -14,9 +14,7 @@ COUPLINGS = (("5", "4", 12.0), ("6", "4", -8.0), ("6", "5", 25.0))
 LINKS = ("4", "5", "6")
 
 
-def wrist(
-    springs: str = "after", shafts: bool = True, links: bool = False, couplings=COUPLINGS, before: tuple[str, ...] = ()
-) -> Robot:
+def wrist(springs: str = "after", shafts: bool = True, links: bool = False, before: tuple[str, ...] = ()) -> Robot:
     """Three coupled axes. shafts: springs of the motors; links: of the joints; before: whose couplings follow these."""
     bodies, parent = [], "base"
     for i, (name, axis) in enumerate(zip(LINKS, "xyx", strict=True)):
@@ -27,5 +25,5 @@ def wrist(
             Body(name, parent, Placement((0.1, 0, 0.05)), (joint,), 5.0, (0.05, 0.02, 0.03), (0.2, 0.3, 0.25))
         )
         parent = name
-    gears = [GearCoupling(m, j, r, "before" if m in before else springs) for m, j, r in couplings]
+    gears = [GearCoupling(m, j, r, "before" if m in before else springs) for m, j, r in COUPLINGS]
     return Robot("wrist", tuple(bodies), (0.0, 0.0, 0.0), gears=tuple(gears))

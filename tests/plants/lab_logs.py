@@ -92,14 +92,3 @@ def write_csv(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
 
 
 U, Y = CHANNELS[1], CHANNELS[2]
-
-
-def write_hdf5(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
-    table = np.zeros(len(log["i1"]), dtype=[("i1", "f8"), ("i2", "f8")])
-    table["i1"], table["i2"] = log["i1"], log["i2"]
-    with h5py.File(base / "log.h5", "w") as file:
-        file["drive/currents"], file["drive/phi"], file["w2"] = table, log["phi"], log["w2"]
-    return study_of(
-        "log.h5",
-        with_names({"i1": "drive/currents.i1", "i2": "drive/currents.i2", "phi": "/drive/phi", "w2": "w2"}),
-    )

@@ -1,15 +1,17 @@
-"""Static load tests of the arm in its closed form, and responses of it."""
+"""Static load tests and taps at the tool of the arm in its closed form, and responses of its motors."""
 
 from collections.abc import Callable
 from itertools import cycle
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.fit.load_tests import LoadTest
 from elastid.record import Configuration
 from elastid.response import Response
-from plants.arm import STIFFNESS, rest, robot, tool
+from plants.arm import STIFFNESS, closed_form, rest, robot, tool
 from plants.measured_robots import responses_of
+from plants.two_mass import drawn
 
 POSTURES = ((0.3, 0.2), (0.9, -0.6), (-0.5, 1.0))
 NAMED = {f"c{i + 1}": Configuration(f"c{i + 1}", angles) for i, angles in enumerate(POSTURES)}
@@ -41,3 +43,23 @@ def load_tests(
 def measure(rng: np.random.Generator, noise: float = 0.01) -> list[Response]:
     """Responses in each posture with noise of known variance."""
     return responses_of(robot(), POSTURES, rng, np.linspace(2, 50, 40), noise, 0.0)
+
+
+def tapped(
+    where: Configuration, freq_hz: FloatArray, noise: float, rng: np.random.Generator,
+    sign: float = 1.0, softer: float = 0.0,
+) -> Response:  # fmt: skip
+    """Acceleration of the tool by forces on it, along its own axes, motors held; noise: relative.
+
+    softer: a part of the stiffness of the second gear.
+    """
+    M, D, K, J = closed_form(where.angles)
+    turn = rest(where.angles).sum()
+    J = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ J
+    s = 2j * np.pi * freq_hz[:, None, None]
+    K = K - np.diag([0.0, softer * STIFFNESS[1]])
+    G = sign * s**2 * J @ np.linalg.solve(s**2 * M + s * D + K, J.T.astype(complex))
+    G, covariance = drawn(G, noise * np.abs(G), rng)
+    inputs, outputs = (tuple(f"{place} {axis}" for axis in "xz") for place in ("force tool", "frame tool"))
+    known = covariance if noise else None
+    return Response(freq_hz, G, inputs, outputs, "acceleration", where, noise=known, motors="held")

@@ -67,11 +67,17 @@ def simulate(reference: FloatArray, seed: int, offset: float = 0.1, stiction_rat
     return WarmRun(JointSamples(torque, np.zeros(n), angle), coulomb, viscous, states[1:, 1])
 
 
+def moved(torque: FloatArray) -> FloatArray:
+    """The motor's angle (n,) at the instant at which each torque begins to act, from rest."""
+    level = np.ones(len(torque))
+    states, _ = _simulated(0 * torque, torque, (0.0, 0.0, 0.0), COULOMB * level, VISCOUS * level, STICTION_RATIO, 0.0)
+    return np.asarray(states[:-1, 0])
+
+
 def write_rest_log(path: Path, torque: FloatArray, rng: np.random.Generator) -> None:
     """A CSV of torque as commanded and angle in counts at its instants; noise of the torque acts and is not logged."""
-    acting, level = torque + 0.3 * TORQUE_STD * rng.standard_normal(len(torque)), np.ones(len(torque))
-    states, _ = _simulated(0 * torque, acting, (0.0, 0.0, 0.0), COULOMB * level, VISCOUS * level, STICTION_RATIO, 0.0)
-    table = np.column_stack([torque, np.round(states[:-1, 0] / FINE_COUNT) * FINE_COUNT])
+    angle = moved(torque + 0.3 * TORQUE_STD * rng.standard_normal(len(torque)))
+    table = np.column_stack([torque, np.round(angle / FINE_COUNT) * FINE_COUNT])
     np.savetxt(path, table, "%.9g", ",", header="torque,angle", comments="")
 
 

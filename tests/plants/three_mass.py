@@ -64,9 +64,9 @@ def measured(model: LinearModel, std: FloatArray, rng=None, dof: float = np.inf)
     return Response(FREQ, G, model.inputs, model.outputs, "velocity", model.configuration, noise=noise)
 
 
-def noise_of(kind: str, model: LinearModel) -> FloatArray:
-    G = np.abs(frequency_response(model, model.theta_ref, FREQ))
-    return 0.05 * (G if kind == "relative" else np.full_like(G, np.median(G)))
+def noise_of(model: LinearModel) -> FloatArray:
+    """5 % of each element."""
+    return 0.05 * np.abs(frequency_response(model, model.theta_ref, FREQ))
 
 
 def fit_of(response, model, spec=NO_FLOOR, criterion="complex") -> ElasticFit:

@@ -8,27 +8,22 @@ from elastid.record import Configuration
 from elastid.response import Covariance, Response
 
 FREQ_HZ = np.arange(11.0, 251.0)
-J_MOTOR, J_LOAD, STIFFNESS = 8e-4, 6e-4, 95.0
+BENCH = (FREQ_HZ, 8e-4, 6e-4, 95.0)  # with inertias of motor and load and the stiffness between them
 
 
-def two_mass(freq_hz, stiffness=STIFFNESS, damping=0.002):
-    """Motor and load acceleration per motor torque (F, 2, 1), and the closed-form resonance and antiresonance."""
+def two_inertias(freq_hz, motor, load, stiffness, damping, friction=0.0):
+    """Motor and load acceleration per motor torque (F, 2, 1) of two inertias on a spring, viscous friction of one."""
     s = 2j * np.pi * freq_hz
     spring = damping * s + stiffness
-    det = (J_MOTOR * s**2 + spring) * (J_LOAD * s**2 + spring) - spring**2
-    G = s[:, None, None] ** 2 * np.stack([J_LOAD * s**2 + spring, spring], axis=1)[:, :, None] / det[:, None, None]
-    return (
-        G,
-        math.sqrt(stiffness * (1 / J_MOTOR + 1 / J_LOAD)) / (2 * np.pi),
-        math.sqrt(stiffness / J_LOAD) / (2 * np.pi),
-    )
+    det = (motor * s**2 + friction * s + spring) * (load * s**2 + spring) - spring**2
+    return s[:, None, None] ** 2 * np.stack([load * s**2 + spring, spring], axis=1)[:, :, None] / det[:, None, None]
 
 
-def response(G, std=None, dof=math.inf, name="c1", freq_hz=FREQ_HZ):
+def response(G, std=None, dof=math.inf, freq_hz=FREQ_HZ):
     _, n_y, n_u = G.shape
     covariance = None if std is None else Covariance(np.broadcast_to(std, G.shape) ** 2, dof)
     names = [f"motor {i + 1}" for i in range(max(n_y, n_u))]
-    where = Configuration(name, np.zeros(n_u))
+    where = Configuration("c1", np.zeros(n_u))
     return Response(freq_hz, G, tuple(names[:n_u]), tuple(names[:n_y]), "acceleration", where, total=covariance)
 
 

@@ -111,9 +111,7 @@ def _simulated(torque, reference, rate, numbers, ends, substeps):  # type: ignor
     return u, q
 
 
-def records(
-    gear: Gear, *, experiments: int = 4, rms: float = 200.0, seed: int = 1, substeps: int = 6
-) -> tuple[Record, ...]:
+def records(gear: Gear, *, experiments: int = 4, seed: int = 1, substeps: int = 6) -> tuple[Record, ...]:
     """Two settled periods of each experiment, on a slow carrier, with noise of 2e-7 rad and 0.2 Nm.
 
     substeps: of a sample; a step over a reversal of friction is a wrong one.
@@ -121,7 +119,7 @@ def records(
     rng = np.random.default_rng(seed)
     spectrum = np.zeros((experiments, LINES[-1] + 1), complex)
     phases = rng.uniform(0, 2 * np.pi, (experiments, len(LINES)))
-    spectrum[:, LINES] = rms * np.sqrt(2 / len(LINES)) * np.exp(1j * phases)
+    spectrum[:, LINES] = 200.0 * np.sqrt(2 / len(LINES)) * np.exp(1j * phases)
     n = SAMPLES * substeps * 2  # of half steps
     torque = _periodic(spectrum, n)
     carrier = np.zeros((experiments, 2), complex)

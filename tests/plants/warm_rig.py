@@ -35,11 +35,9 @@ def friction(speed: FloatArray | float, degc: FloatArray | float) -> FloatArray:
     return np.asarray(COULOMB * (0.7 + 0.3 * fade) + VISCOUS * (0.3 + 0.7 * fade) * np.abs(speed))
 
 
-def warm_log(
-    hours: float = 2.0, rate_hz: float = 100.0, thermometer_std: float = 0.3, count: float = 0.0
-) -> WarmLog:  # fmt: skip
+def warm_log(hours: float, thermometer_std: float = 0.3, count: float = 0.0) -> WarmLog:
     """Half an hour of work at two speeds, a pause of ten minutes, and again; torque noise of 1 Nm."""
-    rng = np.random.default_rng(0)
+    rng, rate_hz = np.random.default_rng(0), 25.0
     n = round(hours * 3600 * rate_hz)
     time_s = np.arange(n) / rate_hz
     # To and fro at 1.2 and 0.4 rad/s.

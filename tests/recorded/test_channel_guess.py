@@ -184,6 +184,12 @@ def test_a_ratio_of_another_gear_is_named() -> None:
     assert "check motor.ratio of joint 1 in the robot's file (50)" in doubt.text
 
 
+def test_signals_before_the_gear_show_less_inertia_than_the_rotor_has() -> None:
+    """The torque alone, or the angle as well."""
+    for factors in ((1 / RATIO, 1), (1 / RATIO, RATIO)):
+        assert doubts((U, Q), signals()[:, :2] * factors) == [(0, "side")]
+
+
 def test_a_joint_does_not_leave_its_limits() -> None:
     joint = replace(ROBOT.bodies[0].joints[0], limits=Limits(angle=(-2.0, 2.0)))
     robot = replace(ROBOT, bodies=(replace(ROBOT.bodies[0], joints=(joint,)),))

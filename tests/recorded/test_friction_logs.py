@@ -80,7 +80,7 @@ def write_warm(path: Path, log: WarmLog) -> None:
 
 @pytest.fixture(scope="module")
 def log() -> WarmLog:
-    return warm_log(2.0, 25.0, thermometer_std=0.3)
+    return warm_log(2.0)
 
 
 @pytest.fixture(scope="module")
@@ -111,15 +111,12 @@ def test_the_second_half_of_another_thermal_structure_is_predicted_to_one_percen
     half = read_warm_up(folder, log, FileSpec("warm.csv", purpose="warm_up", samples=(0, len(log.torque) // 2)))
     model = fit_warm_up(half)
     late = warm_up.log.time_s > warm_up.log.time_s[-1] / 2
-    housing = np.interp(warm_up.log.time_s, np.arange(len(log.gear)) / log.rate_hz, without_noise(log))
+    quiet = warm_log(2.0, thermometer_std=0.0).thermometer
+    housing = np.interp(warm_up.log.time_s, np.arange(len(quiet)) / log.rate_hz, quiet)
     error = temperature(warm_up.log, model.time_constants, model.shares, model.h, warm_up.log.start_degc) - housing
     assert np.sqrt(np.mean(error[late] ** 2)) < 0.01 * np.ptp(housing)
     error = temperature(warm_up.log, model.time_constants[:1], np.ones(1), model.h, warm_up.log.start_degc) - housing
     assert np.sqrt(np.mean(error[late] ** 2)) > 0.03 * np.ptp(housing)
-
-
-def without_noise(log: WarmLog) -> np.ndarray:
-    return warm_log(len(log.torque) / log.rate_hz / 3600, log.rate_hz, thermometer_std=0.0).thermometer
 
 
 def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(
@@ -140,7 +137,7 @@ def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(
 @pytest.mark.slow
 def test_a_coarse_thermometer_counts_no_reading_twice(tmp_path: Path, log: WarmLog) -> None:
     """Whole degrees without noise: two readings for each of nine."""
-    write_warm(tmp_path / "warm.csv", warm_log(2.0, 25.0, thermometer_std=0.0, count=1.0))
+    write_warm(tmp_path / "warm.csv", warm_log(2.0, thermometer_std=0.0, count=1.0))
     warm_up = read_warm_up(tmp_path, log, FileSpec("warm.csv", purpose="warm_up"))
     assert np.isfinite(warm_up.log.temperature).sum() < 25
     assert warm_up.log.temperature_std == pytest.approx(1 / np.sqrt(12), rel=0.01)

@@ -74,9 +74,9 @@ AXIS = Robot("axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-
 LINES = np.arange(3, 60)
 
 
-def _log_of_period(T: float, n: int, seed: int = 0) -> dict[str, np.ndarray]:
+def _log_of_period(T: float, n: int) -> dict[str, np.ndarray]:
     """n samples of four multisines with a period of T samples."""
-    U = orthogonal_set(np.ones((len(LINES), 4)), np.random.default_rng(seed))[0]
+    U = orthogonal_set(np.ones((len(LINES), 4)), np.random.default_rng(0))[0]
     x = (np.exp(2j * np.pi * np.outer(np.arange(n) / T, LINES)) @ U).real
     return dict(zip(("i1", "i2", "phi", "w2"), x.T, strict=True))
 

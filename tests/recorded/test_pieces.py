@@ -34,10 +34,10 @@ def large(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rig, "MIN_VALUES", 8000)
 
 
-def _write(base: Path, log: dict[str, np.ndarray], periods: int = PERIODS, extra: int = 0) -> ExperimentSpec:
+def _write(base: Path, log: dict[str, np.ndarray], extra: int = 0) -> ExperimentSpec:
     """Currents as columns of one matrix, motions of their own, in single precision; noise in all of them."""
     rng = np.random.default_rng(3)
-    long = {name: np.resize(x[-2 * N :], periods * N + extra) for name, x in log.items()}
+    long = {name: np.resize(x[-2 * N :], PERIODS * N + extra) for name, x in log.items()}
     noisy = {name: x + 1e-3 * np.std(x) * rng.standard_normal(len(x)) for name, x in long.items()}
     with h5py.File(base / "log.h5", "w") as file:
         file["drive"] = np.stack([noisy["i1"], noisy["i2"]], axis=1).astype(np.float32)

@@ -10,7 +10,6 @@ from plants.limited_arm import arm, experiment
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Record
 from elastid.recorded.planned_run import contradiction
@@ -36,8 +35,8 @@ def clean(plan: Plan) -> Record:
     return measured(robot(), plan)
 
 
-def measured(truth: Robot, plan: Plan, spec: ExperimentSpec = EXPERIMENT) -> Record:
-    return SimulatedRig(truth, spec.with_truth(dict(TRUTH)), plan, 3).measure(plan.experiments[0])
+def measured(truth: Robot, plan: Plan) -> Record:
+    return SimulatedRig(truth, EXPERIMENT.with_truth(dict(TRUTH)), plan, 3).measure(plan.experiments[0])
 
 
 def said(plan: Plan, record: Record) -> str:
@@ -56,10 +55,8 @@ FAULTS: dict[str, tuple[Callable[[Record], dict[str, np.ndarray]], str]] = {
     "injected exchanged": (lambda log: {"r": log.r[:, ::-1]}, "(r) of motor 1"),
     "injected motor side": (lambda log: {"r": log.r / [100, 90]}, "0.0100 times"),
     "injected nothing like it": (lambda log: {"r": np.cumsum(log.r, axis=0)}, "(r) of motor 1"),
-    "torques exchanged": (lambda log: {"u": log.u[:, ::-1]}, "(u) of motor"),
     "torque mirrored": (lambda log: {"u": log.u * [1, -1]}, "(u) of motor 2"),
     "torque motor side": (lambda log: {"u": log.u / [100, 1]}, "(u) of motor 1"),
-    "positions exchanged": (lambda log: {"y": log.y[:, ::-1]}, "(y) of motor 1"),
     "position mirrored": (lambda log: {"y": 0.4 - log.y * [1, 1] + [0, 0.4]}, "(y) of motor 1"),
     "degrees": (lambda log: {"y": np.degrees(log.y)}, "(y) of motor 1"),
 }

@@ -38,9 +38,9 @@ def plant(freq_hz: FloatArray) -> ComplexArray:
     return np.asarray(10 * (s**2 + 0.06 * a * s + a**2) / (s**2 * (s**2 + 0.08 * w * s + w**2)))
 
 
-def log(t: FloatArray, seed: int = 0, noise: float = 0.0) -> dict[str, FloatArray]:
+def log(t: FloatArray, noise: float = 0.0) -> dict[str, FloatArray]:
     """r, u (the loop turns and damps r) and y at times t, in samples of the generator's clock."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     R = np.exp(2j * np.pi * rng.random(len(LINES))) / np.sqrt(len(LINES))
     f = LINES * RATE / N
     U = R * (2j * np.pi * f) / (2j * np.pi * f + 2 * np.pi * 2)
@@ -52,9 +52,9 @@ def log(t: FloatArray, seed: int = 0, noise: float = 0.0) -> dict[str, FloatArra
 CLEAN = log(np.arange(P * N), noise=1e-4)
 
 
-def spec_of(path: str = "log.h5", **changes: Any) -> ExperimentSpec:
+def spec_of(**changes: Any) -> ExperimentSpec:
     keys: dict[str, Any] = {"rate_hz": RATE, "period_samples": N, "channels": CHANNELS}
-    keys["files"] = (FileSpec(path, "home"),)
+    keys["files"] = (FileSpec("log.h5", "home"),)
     return ExperimentSpec({"home": (0.0,)}, recorded=RecordedSpec(**(keys | changes)))
 
 

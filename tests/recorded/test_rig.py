@@ -12,10 +12,8 @@ from plants.friction_logs import COULOMB, VISCOUS, logs, sliding_torque, trapezo
 from plants.lab_logs import (
     CHANNELS,
     RATE,
-    RATIO,
     ROBOT,
     N,
-    P,
     U,
     Y,
     measured,
@@ -23,9 +21,6 @@ from plants.lab_logs import (
     study_of,
     with_names,
     write_csv,
-    write_hdf5,
-    write_matlab,
-    write_matlab_73,
 )
 from plants.notes import said
 from plants.refusals import refused
@@ -35,7 +30,7 @@ from elastid.base.errors import StudyError
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.specs.channels import ChannelSpec, Structure
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, TextFormatSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.joint_levels import find_joint_levels
@@ -44,61 +39,6 @@ from elastid.recorded.link_side import UNWRAPPED, drive_notes
 from elastid.recorded.rig import RecordedRig
 from elastid.study import Study, load
 from elastid.study.checks import check_study
-
-
-def _write_csv_with_a_delimiter_at_every_end(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
-    save_csv(base / "log.csv", log)
-    lines = (base / "log.csv").read_text().splitlines()
-    (base / "log.csv").write_text("\r\n".join([lines[0], "", *(f"{line}," for line in lines[1:])]))
-    return study_of("log.csv")
-
-
-def _write_german_csv(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
-    save_csv(base / "log.txt", log, ";", comma=True, head="Messung 7\n3 Achsen\n")
-    return study_of("log.txt", text=TextFormatSpec(";", ",", header_lines=3))
-
-
-def _write_commented_table(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
-    np.savetxt(base / "log.dat", np.stack(list(log.values()), axis=1), fmt="%.17g", header="a b c d")
-    columns = {"i1": 1, "i2": 2, "phi": 3, "w2": 4}
-    channels = tuple(replace(c, channel="", column=columns[c.channel]) for c in CHANNELS)
-    return study_of("log.dat", channels, text=TextFormatSpec("whitespace"))
-
-
-def _write_tab_table_with_units(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
-    stamped = ["\t".join(["12:30:01", *(f"{v:.17g}" for v in row), "ok"]) for row in zip(*log.values(), strict=True)]
-    (base / "log.tsv").write_text("\n".join(["time\ti1\ti2\tphi\tw2\tstate", "\tmA\tmA\tdeg\trad/s\t", *stamped]))
-    return study_of("log.tsv", text=TextFormatSpec("tab"))
-
-
-WRITERS = [
-    write_matlab,
-    write_matlab_73,
-    write_hdf5,
-    write_csv,
-    _write_csv_with_a_delimiter_at_every_end,
-    _write_german_csv,
-    _write_commented_table,
-    _write_tab_table_with_units,
-]
-
-
-@pytest.mark.parametrize("write", WRITERS)
-def test_every_format_gives_the_same_record_in_si_on_the_link_side(
-    write: Callable[[Path, dict[str, np.ndarray]], ExperimentSpec], tmp_path: Path, log: dict[str, np.ndarray]
-) -> None:
-    """Current * constant * ratio, motor angle / ratio (which is negative), signs, scales, units, order of channels."""
-    record = measured(tmp_path, write(tmp_path, log))
-    assert record.inputs == ("motor 2", "motor 1")
-    assert record.outputs == ("motor 1", "joint 2")
-    assert record.quantities == ("position", "velocity")
-    expected_u = np.stack([-log["i2"] * 1e-3 * 0.5, log["i1"] * 1e-3 * 0.5 * RATIO], axis=1)
-    expected_y = np.stack([np.radians(log["phi"]) / RATIO, 0.1 * log["w2"]], axis=1)
-    np.testing.assert_allclose(record.u, expected_u, rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(record.y, expected_y, rtol=1e-12, atol=1e-15)
-    assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
-    assert record.rate_is_known
-    assert said(record.notes) == ()
 
 
 def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(tmp_path: Path, log: dict[str, np.ndarray]) -> None:

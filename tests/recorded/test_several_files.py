@@ -44,13 +44,13 @@ def multisine(phases: int = 0) -> np.ndarray:
     return np.asarray(x / x.std())
 
 
-def run(samples: int, seed: int, first: int = 0, at_rest: bool = False, noise: float = 0.05) -> np.ndarray:
+def run(samples: int, seed: int, first: int = 0, at_rest: bool = False) -> np.ndarray:
     """Force and acceleration (samples, 2) from a sample of the excitation on; at_rest: the structure is before."""
     force = np.take(multisine(), np.arange(first - 40 * N, first + samples), mode="wrap")
     if at_rest:
         force[: 40 * N] = 0.0
     moved = lfilter(B, A, force)[40 * N :]
-    noisy = moved + noise * np.random.default_rng(seed).standard_normal(samples)
+    noisy = moved + 0.05 * np.random.default_rng(seed).standard_normal(samples)
     return np.stack([force[40 * N :], noisy], axis=1)
 
 

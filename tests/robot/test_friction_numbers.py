@@ -17,8 +17,8 @@ LAW = Friction(
 )  # fmt: skip
 
 
-def robot(law: Friction, ratio: float = -100.0) -> Robot:
-    motor = Motor(1e-3, ratio, viscous=2e-3, friction=law)
+def robot(law: Friction) -> Robot:
+    motor = Motor(1e-3, -100.0, viscous=2e-3, friction=law)
     return Robot("axis", (Body("arm", joints=(Joint("1", spring=Spring(1e4), motor=motor),), mass=3.0, inertia=1.0),))
 
 

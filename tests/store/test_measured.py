@@ -34,16 +34,11 @@ def some_reference():
     return Reference(AWAY, 8.0, 2, *columns, np.linspace(0, 1, 10))
 
 
-def rows(path):
-    with path.open() as file:
-        heading, *numbers = csv.reader(file)
-    return heading, np.array(numbers, float)
-
-
 def test_a_movement_is_a_table_with_a_row_for_each_sample(tmp_path):
     """Time 0 where the periods begin; newtons and metres for an input that translates."""
     write_run(tmp_path / "a.csv", some_reference(), ("motor 1", "motor 2"), ("motor 2",))
-    heading, numbers = rows(tmp_path / "a.csv")
+    heading, *lines = csv.reader((tmp_path / "a.csv").read_text().splitlines())
+    numbers = np.array(lines, float)
     assert heading[:4] == [
         "time_s",
         "torque scale",
@@ -126,7 +121,7 @@ def test_time_and_frequency_are_in_samples_where_the_rate_is_not_known(tmp_path)
 def test_covariances_of_a_large_file_stay_in_it_and_go_to_workers_by_their_place(tmp_path, monkeypatch):
     """A task of one configuration is smaller by its covariances, a search takes none along, and bits are the same."""
     rng, model = np.random.default_rng(0), plant((0, 1, 2))
-    bare = measured(model, noise_of("relative", model), rng)
+    bare = measured(model, noise_of(model), rng)
     root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
     matrix = root @ root.swapaxes(1, 2) + 0j
     known = Covariance(np.einsum("faa->fa", matrix).real[:, :, None], np.inf, matrix=matrix)

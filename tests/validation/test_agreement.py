@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.two_mass import FREQ_HZ, circular, response, two_mass
+from plants.two_mass import BENCH, FREQ_HZ, circular, response, two_inertias
 
 from elastid.validation.agreement import (
     agreement,
@@ -72,7 +72,7 @@ def test_an_element_that_the_model_decouples_has_a_finite_error():
 
 def test_without_an_uncertainty_the_errors_are_there_and_the_statistics_are_not():
     """A response measured elsewhere, without covariance: dB and degrees, NaN for what needs sigma."""
-    G = two_mass(FREQ_HZ)[0]
+    G = two_inertias(*BENCH, 0.002)
     judged = agreement(response(G), response(1.1 * G))
     assert judged.overall_rms_log_db == pytest.approx(20 * math.log10(1.1))
     assert math.isnan(judged.overall_rms_sigma)
@@ -82,7 +82,7 @@ def test_without_an_uncertainty_the_errors_are_there_and_the_statistics_are_not(
 @pytest.mark.parametrize(("sigmas", "says"), [(0.5, "less"), (1.0, "no more"), (2.0, "more")])
 def test_the_verdict_compares_white_residuals_with_the_noise(sigmas, says):
     """Twice the noise is white, and yet more than it."""
-    G = two_mass(FREQ_HZ, damping=0.05)[0]
+    G = two_inertias(*BENCH, 0.05)
     std = 0.02 * np.abs(G)
     measured = response(G + sigmas * std * circular(np.random.default_rng(9), G.shape), std)
     assert f", {says} than the noise" in validate([measured], [response(G)], []).verdict

@@ -69,9 +69,9 @@ BAND_HZ = (2.0, 45.0)
 PERIOD, RATE_HZ = 1000, 500.0
 
 
-def arm(stiffness: float = 3e4, friction: Friction = Friction(0.08)) -> Robot:  # noqa: B008
+def arm(friction: Friction = Friction(0.08)) -> Robot:  # noqa: B008
     """A pendulum on an elastic joint, with friction at its motor: 8 Nm on the link side."""
-    joint = Joint("1", "y", Spring(stiffness, 15.0), Motor(2e-4, 100.0, viscous=1e-3, friction=friction))
+    joint = Joint("1", "y", Spring(3e4, 15.0), Motor(2e-4, 100.0, viscous=1e-3, friction=friction))
     body = Body("link", joints=(joint,), mass=12, center_of_mass=(0, 0, -0.4), inertia=0.5)
     return Robot("arm", (body,), gravity=(0.0, 0.0, -9.81))
 

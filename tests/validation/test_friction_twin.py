@@ -11,7 +11,7 @@ from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import true_plant
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.friction_study.motion import MotionFriction, regress_motion
+from elastid.friction_study.motion import regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, JointLoop
@@ -68,15 +68,10 @@ def recorded(pulse: float = 0.0) -> FrictionRecord:
     )  # fmt: skip
 
 
-def regressed(record: FrictionRecord) -> MotionFriction:
-    return regress_motion(
-        Motion("joint 1", RATE_HZ, record.position, record.torque, turns_against_gravity=True), passband_hz=10.0
-    )
-
-
 def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[TwinRun, ...]:
     """Of the robot's file with the friction that the motion shows, 5 kg too light."""
-    found = regressed(record)
+    motion = Motion("joint 1", RATE_HZ, record.position, record.torque, turns_against_gravity=True)
+    found = regress_motion(motion, passband_hz=10.0)
     law = Friction(found.chosen["coulomb"])
     joint = JointFriction("1", False, motion=found, friction=law, viscous=found.chosen["viscous"])
     robot = with_laws(swing(), {"1": (law, found.chosen["viscous"])})

@@ -27,13 +27,7 @@ from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Response, in_quantity
 from elastid.robot import Robot
 from elastid.store.artefacts import kind_of
-from elastid.store.measured import (
-    read_configurations,
-    read_plan,
-    read_records,
-    read_responses,
-    write_responses,
-)
+from elastid.store.measured import read_configurations, read_plan, read_records, read_responses, write_responses
 from elastid.study import Study
 
 

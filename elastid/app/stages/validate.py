@@ -27,13 +27,7 @@ from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.study import Study
 from elastid.validation.agreement import Validation, predict_response
 from elastid.validation.agreement import validate as validate_responses
-from elastid.validation.torque_balance import (
-    Part,
-    TorqueBalance,
-    elastic_balances,
-    model_parts,
-    rigid_linearisation,
-)
+from elastid.validation.torque_balance import Part, TorqueBalance, elastic_balances, model_parts, rigid_linearisation
 from elastid.validation.twin import NO_TWIN, TwinFindings, TwinRun, elastic_runs
 
 

@@ -77,16 +77,7 @@ def reach(carrier: CarrierSpec, n_u: int, period_s: float, before_s: float) -> F
 def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
     """StudyError for a carrier of other motors, among the analysed lines, or beyond the joints' limits, with ramps."""
     lowest, spacing_hz = int(min(*plan.lines, *plan.detection)), plan.rate_hz / plan.period_samples
-    given, n_u = carrier.amplitude if carrier.velocity is None else carrier.velocity, len(plan.inputs)
-    refused = ""
-    if isinstance(given, tuple) and len(given) not in (1, n_u):
-        refused = f"{len(given)} numbers for {n_u} motors; give one for all or one for each"
-    if carrier.kind != "offset" and carrier.cycles >= lowest:
-        refused = (
-            f"{carrier.cycles} cycles a period are {carrier.cycles * spacing_hz:g} Hz, not below the lowest excited "
-            f"frequency of {lowest * spacing_hz:g} Hz; take fewer, or raise excitation.band_hz"
-        )
-    if refused:
+    if refused := carrier.refusal(len(plan.inputs), lowest, spacing_hz):
         raise StudyError("experiment/simulated", refused, "experiment.simulated.carrier")
     low, high = np.array([end(movement(carrier, plan).position, axis=0) for end in (np.min, np.max)])
     for configuration in plan.configurations:

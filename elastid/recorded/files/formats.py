@@ -122,7 +122,7 @@ def size_in_pieces(
 ) -> tuple[int, np.dtype[np.floating[Any]]]:
     """Samples of the channels in a file, and the precision that holds them; none of a file that has no pieces."""
     with opened_log(path, text) as log:
-        arrays = [log.stored(name) for name in channels] if isinstance(log, ArrayLog) else []
+        arrays = [log.array_of(channel)[1] for channel in channels] if isinstance(log, ArrayLog) else []
     n = min((array.shape[0] if array.has_pieces else 0 for array in arrays), default=0)
     return n, np.dtype(np.float32 if all(np.can_cast(array.dtype, np.float32) for array in arrays) else np.float64)
 

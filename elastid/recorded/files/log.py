@@ -115,11 +115,8 @@ class ArrayLog:
             raise self._refusal(f"the channels differ in length: {table} samples; all must come from one recording")
         return np.stack(signals, axis=1)
 
-    def stored(self, channel: ChannelSpec) -> StoredArray:
-        """The array that holds a channel; DataError where it is missing or no signal."""
-        return self._array(channel)[1]
-
-    def _array(self, channel: ChannelSpec) -> tuple[str, StoredArray]:
+    def array_of(self, channel: ChannelSpec) -> tuple[str, StoredArray]:
+        """Name and array that hold a channel; DataError where it is missing or no signal."""
         name, shapes = channel.channel.strip("/"), self.shapes()
         name = next(iter(shapes)) if not name and len(shapes) == 1 else name
         if name not in self.arrays:
@@ -130,7 +127,7 @@ class ArrayLog:
         return name, self.arrays[name]
 
     def _signal(self, channel: ChannelSpec, part: slice, stored: dict[str, FloatArray]) -> FloatArray:
-        name, array = self._array(channel)
+        name, array = self.array_of(channel)
         is_part = part != slice(None) and array.rows is not None and array.has_pieces
         if name not in stored:
             values = array.rows(part) if is_part and array.rows is not None else np.squeeze(np.asarray(array))

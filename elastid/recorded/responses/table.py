@@ -116,18 +116,13 @@ def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
         return _columns(path, log, names).reshape(-1, len(outputs), len(inputs))
 
     first, second = (elements(pattern) for pattern in patterns)
-    freq, G = _columns(path, log, [columns.frequency])[:, 0], _phasors(first, second, spec)
+    if columns.magnitude:
+        size = 10 ** (first / 20) if columns.magnitude_unit == "dB" else first
+        angle = np.radians(second) if columns.phase_unit == "deg" else second
+        first, second = size * np.cos(angle), size * np.sin(angle)
+    freq = _columns(path, log, [columns.frequency])[:, 0]
     variance = elements(columns.std) ** 2 if columns.std else None
-    return ResponseTable(path, freq, "Hz", G, outputs, inputs, variance)
-
-
-def _phasors(magnitude: FloatArray, phase: FloatArray, spec: ResponsesSpec) -> ComplexArray:
-    if not spec.columns.magnitude:
-        return magnitude + 1j * phase
-    if spec.columns.magnitude_unit == "dB":
-        magnitude = 10 ** (magnitude / 20)
-    angle = np.radians(phase) if spec.columns.phase_unit == "deg" else phase
-    return (magnitude * np.exp(1j * angle)).astype(np.complex128)
+    return ResponseTable(path, freq, "Hz", first + 1j * second, outputs, inputs, variance)
 
 
 def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:

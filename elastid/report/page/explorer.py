@@ -17,7 +17,7 @@ from elastid.base.display import number, percent
 from elastid.base.escape import embedded_json
 from elastid.report.figures import style
 from elastid.report.figures.fit import configuration_title
-from elastid.report.modes import ModeDrawing, ModeRow
+from elastid.report.modes import ModeRow
 from elastid.response import Covariance, Response
 from elastid.validation.residual_tests import sigma_of
 
@@ -141,17 +141,14 @@ def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
     if drawing is None:
         return None
     step = float(f"{np.ptp(drawing.points, axis=0).max() / 5000:.4g}")
-    modes = [_mode_content(row, drawing, mode, step, unit) for mode in range(len(row.frequency_hz))]
+    modes: list[Mapping[str, Any]] = []
+    for mode, (freq, zeta) in enumerate(zip(row.frequency_hz, row.damping_ratio, strict=True)):
+        title = f"{row.configuration}, mode {mode + 1}: {number(freq)} {unit}, " + f"{percent(zeta)} damping"
+        moved = drawing.moved[:, :, mode]
+        shape = {"re": _whole(moved.real, step), "im": _whole(moved.imag, step)}
+        modes.append({"title": title, "energy": row.energy_text[mode], "views": drawing.views(mode), **shape})
     sticks = {"points": _whole(drawing.points, step), "links": drawing.links, "joints": drawing.joints}
     return {"step": step, **sticks, "down": drawing.up if drawing.hanging else -1, "modes": modes}
-
-
-def _mode_content(row: ModeRow, drawing: ModeDrawing, mode: int, step: float, unit: str) -> Mapping[str, Any]:
-    title = f"{row.configuration}, mode {mode + 1}: {number(row.frequency_hz[mode])} {unit}, "
-    title += f"{percent(row.damping_ratio[mode])} damping"
-    moved = drawing.moved[:, :, mode]
-    parts = {"re": _whole(moved.real, step), "im": _whole(moved.imag, step)}
-    return {"title": title, "energy": row.energy_text[mode], "views": drawing.views(mode), **parts}
 
 
 def _whole(values: FloatArray, step: float) -> list[int]:

@@ -122,10 +122,15 @@ def check_excitation(study: Study) -> Iterator[Problem]:
         path: KeyPath = ("excitation", "torque_rms", *((i,) if len(excitation.levels) > 1 else ()))
         yield from check_units(path, torque_rms, study.as_robot())
     try:
-        freq_hz = planned_lines(excitation, study.seed).excited / excitation.period
+        lines = planned_lines(excitation, study.seed)
     except StudyError as error:
         yield Problem(("excitation", "lines" if excitation.grid == "lines" else "band_hz"), str(error))
         return
+    freq_hz, carrier = lines.excited / excitation.period, study.experiment.simulated.carrier
+    if carrier is not None:
+        lowest, n_u = int(min(*lines.excited, *lines.detection)), len(study.as_robot().driven)
+        if refused := carrier.refusal(n_u, lowest, 1 / excitation.period):
+            yield Problem((*_SIMULATED, "carrier"), refused)
     for key, band in (("estimator", study.estimator.band_hz), ("fit", study.fit.band_hz)):
         if band is not None and not any(band[0] <= f <= band[1] for f in freq_hz):
             yield Problem(

@@ -5,6 +5,7 @@ The section `experiment.recorded` against its logs, opened: channels, rate, peri
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -96,36 +97,33 @@ def check_files(
     study: Study, files: Sequence[FileSpec | ResponseFileSpec], path: KeyPath, base: Path
 ) -> Iterator[Problem]:
     """Files exist and are of configurations that exist, each of which has one; studies of friction need none."""
-    configurations, is_friction = study.experiment.configurations, study.friction is not None
     for i, file in enumerate(files):
-        yield from _check_exists(base / file.path, (*path, "files", i, "path"))
-        if not file.configuration and not is_friction:
-            yield Problem((*path, "files", i, "configuration"), "this key is required", at_key=True)
-        elif file.configuration and file.configuration not in configurations:
-            yield unknown((*path, "files", i, "configuration"), "configuration", file.configuration, configurations)
+        yield from _check_file(study, file, (*path, "files", i), base)
     tools = filter(None, (study.tool, study.validation.tool))
     tapped = {file.configuration for tool in tools for file in tool.responses.files}
-    for name in configurations:
-        if name not in {file.configuration for file in files} | tapped and not is_friction:
+    for name in study.experiment.configurations if study.friction is None else ():
+        if name not in {file.configuration for file in files} | tapped:
             message = f"no file holds configuration {name}; list one in {'.'.join(map(str, path))}.files"
             yield Problem(("experiment", "configurations", name), message, at_key=True)
 
 
-def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
+def _check_file(study: Study, file: FileSpec | ResponseFileSpec, path: KeyPath, base: Path) -> Iterator[Problem]:
+    known, name, place = study.experiment.configurations, file.configuration, base / file.path
     if not is_log(place):
-        neighbours = _neighbours(place)
+        neighbours = sorted(os.listdir(place.parent)) if os.path.isdir(place.parent) else []
         hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
-        yield Problem(path, f"no such file (looked for {place}){hint}")
+        yield Problem((*path, "path"), f"no such file (looked for {place}){hint}")
+    if not name and study.friction is None:
+        yield Problem((*path, "configuration"), "this key is required", at_key=True)
+    elif name and name not in known:
+        yield unknown((*path, "configuration"), "configuration", name, known)
 
 
 def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
     """Files exist, in configurations of the study, with inputs that its frames take."""
     path: KeyPath = (*section, "responses")
     for i, file in enumerate(tool.responses.files):
-        yield from _check_exists(base / file.path, (*path, "files", i, "path"))
-        if file.configuration not in study.experiment.configurations:
-            names = study.experiment.configurations
-            yield unknown((*path, "files", i, "configuration"), "configuration", file.configuration, names)
+        yield from _check_file(study, file, (*path, "files", i), base)
     robot = study.as_robot()
     inputs = robot.load_locations
     if tool.stiffness and len(tool.stiffness) != len(robot.driven):
@@ -148,13 +146,6 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
                 f"a {kind} acts at {channel.at}, and the channel holds a {channel.quantity}; it must hold a {kind}"
             )
             yield Problem((*place, "quantity"), message)
-
-
-def _neighbours(place: Path) -> list[str]:
-    try:
-        return sorted(entry.name for entry in place.parent.iterdir() if entry.is_file())
-    except (OSError, ValueError):
-        return []
 
 
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:

@@ -10,15 +10,8 @@ from plants.two_axes import measured
 
 from elastid.app import cli
 from elastid.fit.result import MEANING
-from elastid.robot import Robot
 from elastid.store.results import read_fit
 from elastid.study import load_robot
-
-
-def heavier(study: Path, factor: float) -> Robot:
-    """The robot of the study with a fore arm of another mass."""
-    robot: Robot = load_robot(study.parent / "robot.yml")
-    return robot.with_parameters({"m_fore": factor * robot.parameters()["m_fore"][0]})
 
 
 @pytest.mark.parametrize(
@@ -29,7 +22,9 @@ def test_a_fit_ends_with_the_meaning_of_its_status(
 ) -> None:
     """In its last line; a misfit is written whole, validated and reported like any fit, and its exit code is 3."""
     overrides = ("fit.starts=1", "fit.profile=[]", "fit.weights.floor=0")
-    run = measured(study, heavier(study, factor), *overrides, noise=0.005)
+    robot = load_robot(study.parent / "robot.yml")
+    heavier = robot.with_parameters({"m_fore": factor * robot.parameters()["m_fore"][0]})
+    run = measured(study, heavier, *overrides, noise=0.005)
     options = [part for override in overrides for part in ("--set", override)]
 
     def ended(command: str) -> int:

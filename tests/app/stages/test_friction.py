@@ -31,15 +31,11 @@ def run_of(folder: Path, *overrides: str, jobs: int = 1) -> Run:
     return Run(load(folder / "study.yml", overrides), folder / "run", jobs, Console(-1))
 
 
-def copied(folder: Path) -> Path:
-    shutil.copytree(TEMPLATE, folder, dirs_exist_ok=True)
-    return folder
-
-
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a small study that was run."""
-    folder = copied(tmp_path_factory.mktemp("friction"))
+    folder = tmp_path_factory.mktemp("friction")
+    shutil.copytree(TEMPLATE, folder, dirs_exist_ok=True)
     run_all(run_of(folder, *SMALL))
     return folder
 

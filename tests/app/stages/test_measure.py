@@ -114,11 +114,11 @@ tool:
 CSV = "configuration,fx,fy [N],fz,along_x,along_y,along_z,deflection [mm],std [um]\nb,10,0,0,1,0,0,,1\n"
 
 
-def write(tiny: Path, further: str = LISTED + TOOL, csv: str = CSV) -> Path:
+def write(tiny: Path, further: str = LISTED + TOOL) -> Path:
     robot = tiny.parent / "robot.yml"
     robot.write_text(robot.read_text() + FRAME)
     tiny.write_text(tiny.read_text() + further)
-    (tiny.parent / "loads.csv").write_text(csv)
+    (tiny.parent / "loads.csv").write_text(CSV)
     f = np.linspace(5, 80, 60)
     s = 2j * np.pi * f
     G = s**2 * 0.4**2 / (1e-3 * s**2 + 0.01 * s + 60)

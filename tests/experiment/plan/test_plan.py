@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -17,22 +16,13 @@ from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.robot import Body, Joint, Limits, Motor, Robot, Spring
 
-LIMITS = Limits(angle=(-math.pi / 2, math.pi / 2))
-ROBOT = Robot(
-    "two axes",
-    (
-        Body("turret", joints=(Joint("1", motor=Motor(1e-3, 100), spring=Spring(1e5)),), inertia=1.0),
-        Body("arm", "turret", joints=(Joint("2", "y", Spring(1e5), Motor(1e-3, -80), limits=LIMITS),), inertia=1.0),
-    ),
-)
 EXCITATION = MultisineSpec(rate_hz=500.0, period=2.0, band_hz=(1.0, 60.0), torque_rms=(20.0, 5.0))
 
 
 def _plan(configurations: dict[str, tuple[float, ...]], realisations: int = 2, seed: int = 1) -> Plan:
     experiment = ExperimentSpec(configurations, realisations, periods=3, simulated=SimulatedSpec())
-    return make_plan(EXCITATION, experiment, ROBOT, seed)
+    return make_plan(EXCITATION, experiment, arm(), seed)
 
 
 def test_plan_has_as_many_experiments_per_realisation_as_motors_and_knows_its_time() -> None:
@@ -83,11 +73,11 @@ def test_a_plan_of_two_amplitudes_has_each_configuration_at_both() -> None:
     """The lines at the second amplitude are a part of those at the first, with phases of their own."""
     excitation = replace(EXCITATION, torque_rms=((20.0, 5.0), (8.0, 1.0)))
     experiment = ExperimentSpec({"a": (0.0, 0.0), "b": (0.1, 0.2)}, 2, simulated=SimulatedSpec(), without_payload=())
-    plan = make_plan(excitation, experiment, ROBOT, 1)
+    plan = make_plan(excitation, experiment, arm(), 1)
     assert [c.name for c in plan.configurations] == ["a", "a level 2", "b", "b level 2"]
     assert plan.configurations[1].angles == pytest.approx(plan.configurations[0].angles)
     rms = np.sqrt(np.sum(np.abs(plan.R) ** 2, axis=3) / 2)
     np.testing.assert_allclose(rms[1] / rms[0], np.broadcast_to([0.4, 0.2], (2, 2, 2)), rtol=1e-12)
     assert np.abs(np.angle(plan.R[1] / plan.R[0])).max() > 0.1
-    one = make_plan(replace(EXCITATION, torque_rms=((20.0, 5.0),)), experiment, ROBOT, 1)
-    np.testing.assert_array_equal(one.R, make_plan(EXCITATION, experiment, ROBOT, 1).R)
+    one = make_plan(replace(EXCITATION, torque_rms=((20.0, 5.0),)), experiment, arm(), 1)
+    np.testing.assert_array_equal(one.R, make_plan(EXCITATION, experiment, arm(), 1).R)

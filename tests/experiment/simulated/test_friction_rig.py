@@ -22,11 +22,6 @@ PASSES = PassesSpec((0.02, 1.2), count=6, spacing="logarithmic", repeat=1)
 SHORT = FrictionSpec(rate_hz=500.0, passes=PASSES)
 
 
-def exact(v: float) -> float:
-    """Nm, link side."""
-    return 25.0 + 9.0 * math.exp(-((v / 0.08) ** 2)) + 15.0 * v
-
-
 def test_levels_of_the_rig_are_those_of_the_law() -> None:
     """Within 0.4 % under gravity of three times the friction, ripple of 2 % of it, an offset of 5 %, 16-bit encoder."""
     noise = NoiseSpec(encoder_counts=65536)
@@ -37,7 +32,8 @@ def test_levels_of_the_rig_are_those_of_the_law() -> None:
     found = find_levels(passes, True, simulated.plan.designs[0].limits.turn)
     levels = found
     assert levels.n_levels == 8
-    np.testing.assert_allclose(levels.torque, [exact(v) for v in levels.speed], rtol=4e-3)
+    exact = 25.0 + 9.0 * np.exp(-((levels.speed / 0.08) ** 2)) + 15.0 * levels.speed  # Nm, link side
+    np.testing.assert_allclose(levels.torque, exact, rtol=4e-3)
     assert found.shared["gravity.sin"][0] == pytest.approx(-20 * 9.81 * 0.4, rel=0.02)
     assert not {note for record in records for note in record.notes}
     # In another order, alone: the same bytes.

@@ -44,10 +44,9 @@ def arm(
     limits: Limits = Limits(),  # noqa: B008
     chain: Chain = Chain(),  # noqa: B008
     friction: Friction | None = None,
-    ratio: float = 80.0,
 ) -> Robot:
     """One link in a vertical plane on an elastic gear: a mode at 11 Hz."""
-    joint = Joint("1", "y", Spring(4e4, 20.0), Motor(2e-3, ratio, 1e-3, friction=friction), limits=limits)
+    joint = Joint("1", "y", Spring(4e4, 20.0), Motor(2e-3, 80.0, 1e-3, friction=friction), limits=limits)
     body = Body("upper", joints=(joint,), mass=30.0, center_of_mass=(0.4, 0, 0), inertia=1.5)
     return Robot("arm", (body,), chain=chain)
 

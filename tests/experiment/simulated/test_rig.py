@@ -37,31 +37,19 @@ def robot(gravity: tuple[float, float, float] = WEIGHT, limits: Limits = Limits(
     return with_joints(smooth, lambda joint: joint if joint.motor is None else replace(joint, limits=limits))
 
 
-def plan(
-    motors: tuple[str, ...],
-    angles: tuple[float, ...],
-    rms: float,
-    transient: int = 1,
-    period: int = 2,
-    shape: float = 0.0,
-) -> Plan:
-    """One configuration, one realisation, as many orthogonal experiments as motors; odd lines from 1.5 to 60 Hz.
-
-    period: in s.  shape: the amplitude goes with frequency to this power.
-    """
-    n_u, lines, random = len(motors), np.arange(2 * period - 1, 60 * period, 2), np.random.default_rng(7)
+def plan(motors: tuple[str, ...], angles: tuple[float, ...], rms: float, transient: int = 1) -> Plan:
+    """One configuration, one realisation, as many orthogonal experiments as motors; odd lines from 1.5 to 60 Hz."""
+    n_u, lines, random = len(motors), np.arange(3, 120, 2), np.random.default_rng(7)
     F = len(lines)
-    amplitude = (lines / lines.max()) ** shape
-    amplitude *= rms * math.sqrt(2) / np.linalg.norm(amplitude)
     dft = np.exp(2j * np.pi * np.outer(np.arange(n_u), np.arange(n_u)) / n_u)
     phases = np.exp(2j * np.pi * random.random((2, F, n_u)))
-    R = np.einsum("f,fu,ue,fe->efu", amplitude, phases[0], dft, phases[1])[None, None]
-    return Plan((Configuration("c1", np.array(angles)),), motors, 1000.0, 1000 * period, 2, transient, lines, R)
+    R = np.einsum("fu,ue,fe->efu", rms * math.sqrt(2 / F) * phases[0], dft, phases[1])[None, None]
+    return Plan((Configuration("c1", np.array(angles)),), motors, 1000.0, 2000, 2, transient, lines, R)
 
 
-def rig(machine: Robot, spec: SimulatedSpec, design: Plan, seed: int = 1) -> SimulatedRig:
+def rig(machine: Robot, spec: SimulatedSpec, design: Plan) -> SimulatedRig:
     study = ExperimentSpec({c.name: tuple(c.angles) for c in design.configurations}, simulated=spec)
-    return SimulatedRig(machine, study, design, seed)
+    return SimulatedRig(machine, study, design, 1)
 
 
 def three_axes(spec: SimulatedSpec = SimulatedSpec(), rms: float = 50.0, **changes: object) -> SimulatedRig:  # noqa: B008

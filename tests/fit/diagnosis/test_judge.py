@@ -137,10 +137,6 @@ CROSSTALK = Hypothesis(
 )
 
 
-def fitted_hypotheses(case: Case, hypotheses: tuple[Hypothesis, ...] = (CROSSTALK, *HYPOTHESES)) -> Result:
-    return identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC, hypotheses=hypotheses)
-
-
 def with_crosstalk(case: Case) -> Case:
     mixed = np.linalg.inv(np.eye(2) + SHARE * FIRST_ON_SECOND)
     return replace(case, responses=tuple(replace(response, G=response.G @ mixed) for response in case.responses))
@@ -148,7 +144,8 @@ def with_crosstalk(case: Case) -> Case:
 
 def test_an_invented_hypothesis_is_found_first_where_it_is_true() -> None:
     """With its size to 5 %, nearly all of the excess, and its own words."""
-    result = fitted_hypotheses(with_crosstalk(true_case()))
+    case, hypotheses = with_crosstalk(true_case()), (CROSSTALK, *HYPOTHESES)
+    result = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC, hypotheses=hypotheses)
     first = result.indices[0]
     assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)
     assert first.share > 0.95

@@ -13,7 +13,6 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.fit.identify import identify
-from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -62,11 +61,11 @@ def positions(robot: Robot, u: np.ndarray, acts: Hold) -> np.ndarray:
     return np.fft.irfft(Y, n=N, axis=0)
 
 
-def measured(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order", noise: float = 3e-3) -> Response:
+def measured(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order") -> Response:
     """The response that a study with `hold` gets from a log of noisy encoders, of a torque that acts as `acts`."""
     rng = np.random.default_rng(seed)
     u = commanded(rng)
-    y = np.tile(positions(plant(), u, acts), (PERIODS, 1)) + noise * rng.standard_normal((PERIODS * N, 2))
+    y = np.tile(positions(plant(), u, acts), (PERIODS, 1)) + 3e-3 * rng.standard_normal((PERIODS * N, 2))
     save_csv(folder / "log.csv", {"u": np.tile(u[:, 0], PERIODS), "motor": y[:, 0], "load": y[:, 1]})
     rig = RecordedRig(plant(), study(hold), folder)
     return estimate([rig.measure(rig.experiments[0])], EstimatorSpec(quantity="acceleration"), LINES)
@@ -86,10 +85,6 @@ def study(hold: Hold) -> ExperimentSpec:
 
 FREE = {name: ParameterSpec() for name in ("k_1", "d_1", "fm_1")}
 SPEC = FitSpec(parameters=FREE, starts=2, start_factor=1.3, seed=1, weights=WeightSpec(floor=0.0), profile=())
-
-
-def fitted(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order") -> Result:
-    return identify([measured(folder, seed, hold, acts)], plant(80.0), SPEC)
 
 
 @pytest.mark.parametrize("late", [0.0, 7e-4])
@@ -122,7 +117,7 @@ def test_a_fit_is_exact_with_the_right_hold_and_hints_at_it_with_another(
     """
     deviations = []
     for seed in range(3 if late else 8):
-        result = fitted(tmp_path, seed, taken, acts)
+        result = identify([measured(tmp_path, seed, taken, acts)], plant(80.0), SPEC)
         assert ("fit/likely-cause" in [note.code for note in result.notes]) == bool(late)
         if late:
             assert (result.indices[0].group, np.sign(result.indices[0].steps[0])) == ("time", np.sign(late))

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants import arm as planar
-from plants.load_tests import NAMED, load_tests, measure
+from plants.load_tests import NAMED, load_tests, measure, tapped
 from plants.measured_robots import responses_of
 from plants.refusals import refused
-from plants.two_mass import circular
+from plants.two_mass import two_inertias
 
 import elastid as ei
 from elastid.fit.identify import check_responses, identify
@@ -76,26 +76,10 @@ def test_true_tests_agree():
 POSTURES = {"p0": (0.3, 0.5), "p1": (-0.4, 1.0), "p2": (0.8, -0.6)}
 
 
-def taps(rng: np.random.Generator, sign: float = 1.0, softer: float = 0.0) -> list[ei.Response]:
-    """Accelerations of the tool by forces on it, along its own axes, 1 % of noise, by the closed form of the arm.
-
-    softer: a part of the stiffness of the second gear, which those that were measured at the motors have.
-    """
-    f, found = np.linspace(3, 40, 60), []
-    for name, angles in POSTURES.items():
-        M, D, K, J = planar.closed_form(np.array(angles))
-        turn = planar.rest(np.array(angles)).sum()
-        J = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ J
-        s = 2j * np.pi * f[:, None, None]
-        K = K - np.diag([0.0, softer * planar.STIFFNESS[1]])
-        G = sign * s**2 * J @ np.linalg.solve(s**2 * M + s * D + K, np.broadcast_to(J.T.astype(complex), (60, 2, 2)))
-        std = 0.01 * np.broadcast_to(np.abs(G).max(axis=2, keepdims=True), G.shape)
-        where, places = ei.Configuration(f"{name} at the tool", np.array(angles)), ("force tool", "frame tool")
-        inputs, outputs = (tuple(f"{place} {axis}" for axis in "xz") for place in places)
-        noise = Covariance(std**2, 1e4)
-        G = G + std * circular(rng, G.shape)
-        found.append(ei.Response(f, G, inputs, outputs, "acceleration", where, noise=noise, motors="held"))
-    return found
+def taps(rng: np.random.Generator, **fault: float) -> list[ei.Response]:
+    """At the tool in each posture, 1 % of noise."""
+    named = [ei.Configuration(f"{name} at the tool", np.array(angles)) for name, angles in POSTURES.items()]
+    return [tapped(where, np.linspace(3, 40, 60), 0.01, rng, **fault) for where in named]
 
 
 def fitted_with_taps(noise: float, **fault: float) -> tuple[ei.Result, ei.Result]:
@@ -135,9 +119,7 @@ def test_a_sensor_that_was_not_plugged_in_says_nothing(tiny: Path) -> None:
     file.write_text(file.read_text() + "frames: [{name: tool, body: load, placement: {xyz: [0.4, 0, 0]}}]\n")
     robot = load_robot(file)
     f = np.linspace(5, 80, 30)
-    s = (2j * np.pi * f)[:, None, None]
-    inertia, spring = 1e-3 * s**2, 0.01 * s + 60
-    G = s**2 * (inertia + spring) / ((inertia + 1e-3 * s + spring) * (inertia + spring) - spring**2)
+    G = two_inertias(f, 1e-3, 1e-3, 60.0, 0.01, 1e-3)[:, :1]
     of_motor = ei.Response(
         f, G, ("motor 1",), ("motor 1",), "acceleration", where, noise=Covariance(1e-4 * np.abs(G) ** 2, 1e4)
     )

@@ -16,8 +16,8 @@ from elastid.fit.result import Result
 from elastid.robot import Body, Joint, Robot, Spring
 
 
-def fitted(case: Case, noise: float = 0.005, seed: int = 0) -> Result:
-    return identify(drawn(case, np.random.default_rng(seed), noise), case.robot, SPEC)
+def fitted(case: Case) -> Result:
+    return identify(drawn(case, np.random.default_rng(0), 0.005), case.robot, SPEC)
 
 
 def test_a_held_number_moves_a_parameter_as_predicted_and_nothing_warns(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -173,7 +173,7 @@ def responses(tmp_path, monkeypatch):
     rng, model = np.random.default_rng(0), plant((0, 1, 2))
     every = []
     for i in range(Q):
-        bare = measured(model, noise_of("relative", model), rng)
+        bare = measured(model, noise_of(model), rng)
         root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
         matrix = root @ root.swapaxes(1, 2) + 0j
         noise = Covariance(np.einsum("faa->fa", matrix).real[:, :, None], np.inf if i else 30.0, matrix=matrix)

@@ -37,9 +37,7 @@ from elastid.parameters import Parameter, Prior
 
 def test_the_cramer_rao_bound_is_the_published_one():
     """5 % relative noise per line: .0015, .0100, .0011, .0347."""
-    np.testing.assert_allclose(
-        cramer_rao(plant(), noise_of("relative", plant())), [0.0015, 0.0100, 0.0011, 0.0347], rtol=0.05
-    )
+    np.testing.assert_allclose(cramer_rao(plant(), noise_of(plant())), [0.0015, 0.0100, 0.0011, 0.0347], rtol=0.05)
 
 
 def test_inputs_and_outputs_are_matched_by_name():
@@ -54,7 +52,7 @@ def test_inputs_and_outputs_are_matched_by_name():
 def test_both_criteria_converge_from_far_starts():
     """30 starts up to a factor 7.4 off in all four parameters, three outputs, exact data: 27 or more hit the truth."""
     model = plant((0, 1, 2))
-    response = measured(model, noise_of("relative", model))
+    response = measured(model, noise_of(model))
     starts = parameters().x + np.log(7.4) * np.random.default_rng(8).uniform(-1, 1, (30, 4))
 
     def hits(criterion) -> int:
@@ -68,7 +66,7 @@ def test_both_criteria_converge_from_far_starts():
 def test_a_floor_far_above_the_residuals_is_held_down():
     """0.05 % of noise contradicts a floor of 5 %: the intervals stay within four times those of the noise."""
     model = plant((0, 2))
-    std, rng = 0.01 * noise_of("relative", model), np.random.default_rng(10)
+    std, rng = 0.01 * noise_of(model), np.random.default_rng(10)
     _, sure = estimate(measured(model, std, rng), model, FitSpec(weights=WeightSpec(floor=0.05)))
     assert np.all(np.sqrt(np.diag(sure.covariance)) < 4 * cramer_rao(model, std))
 
@@ -84,7 +82,7 @@ def test_intervals_widen_where_the_model_is_wrong(wrong):
         "mode": 1 + 0.1 * s**2 / (1 + s**2 + 0.1 * s),
         "gain": np.full_like(s, 1.02),
     }[wrong][:, None, None]
-    std = 0.2 * noise_of("relative", model)
+    std = 0.2 * noise_of(model)
     exact = measured(model, std, np.random.default_rng(6))
     response = replace(exact, G=exact.G * factor)
     end, sure = estimate(response, model)
@@ -105,8 +103,8 @@ def test_the_correlation_length_of_white_residuals_is_one():
 def test_a_prior_takes_part_like_a_measurement():
     """A prior as sure as the data halves the variance and draws the estimate half way."""
     model = plant()
-    response = measured(model, noise_of("relative", model))
-    bound = cramer_rao(model, noise_of("relative", model))[3]
+    response = measured(model, noise_of(model))
+    bound = cramer_rao(model, noise_of(model))[3]
     alone = {name: Parameter(name, v, log=True, free=False) for name, v in TRUTH.items() if name != "d_a"}
     weights = weigh(response, NO_FLOOR)
 

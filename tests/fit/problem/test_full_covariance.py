@@ -122,7 +122,7 @@ def test_factors_multiply_the_weights_where_all_that_is_given_matches():
 def test_unequal_factors_keep_honest_intervals():
     """Weights that are not inverse variances cost efficiency, which the sandwich states: 95 % within 1.96."""
     model, rng = plant((0, 2)), np.random.default_rng(6)
-    std = noise_of("relative", model)
+    std = noise_of(model)
     spec = FitSpec(weights=WeightSpec(floor=0.0, factors=(FactorSpec(30.0, band_hz=(2.0, 6.0)),)))
     inside = []
     for _ in range(60):
@@ -138,7 +138,7 @@ def test_unequal_factors_keep_honest_intervals():
 def test_a_robust_loss_shrugs_off_outliers():
     """One line in twenty is off by half of G: least squares goes astray, the robust estimate stays ten times nearer."""
     model, rng = plant((0, 2)), np.random.default_rng(7)
-    response = measured(model, noise_of("relative", model) / 5, rng)
+    response = measured(model, noise_of(model) / 5, rng)
     spoilt = rng.random(response.G.shape) < 0.05
     response = replace(response, G=response.G * np.where(spoilt, 1.5 * np.exp(0.5j), 1.0))
     spec = WeightSpec(floor=0.0, loss="huber")

@@ -18,7 +18,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.response import Response
 
 X = parameters().x
-NOISE = noise_of("relative", plant())
+NOISE = noise_of(plant())
 
 
 def by_a_mass(size: float) -> np.ndarray:

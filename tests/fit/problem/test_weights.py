@@ -24,13 +24,9 @@ G = 1.0 / (1 - (FREQ / 20) ** 2 + 0.01j * FREQ / 20)
 NO_FLOOR = FitSpec(weights=WeightSpec(floor=0.0))
 
 
-def leaving_out(factor, **keys) -> FitSpec:
-    return FitSpec(weights=WeightSpec(factors=(factor,)), **keys)
-
-
-def response(variance, dof=np.inf, outputs=("motor 1",), values=G, **known) -> Response:
-    G_matrix = np.broadcast_to(values[:, None, None], (F, len(outputs), 1))
-    covariance = Covariance(np.broadcast_to(np.reshape(variance, (-1, 1, 1)), G_matrix.shape), dof)
+def response(variance, outputs=("motor 1",), **known) -> Response:
+    G_matrix = np.broadcast_to(G[:, None, None], (F, len(outputs), 1))
+    covariance = Covariance(np.broadcast_to(np.reshape(variance, (-1, 1, 1)), G_matrix.shape), np.inf)
     response = Response(
         FREQ, G_matrix, ("motor 1",), outputs, "acceleration", Configuration("c1", [0.0]), noise=covariance
     )
@@ -109,7 +105,7 @@ def test_exact_data_without_a_floor_leave_nothing():
 def test_a_mask_of_what_was_not_measured_is_refused(mask):
     """A misspelt name would mask nothing, without a word."""
     with refused("fit/weights", place="fit.weights.factors[0]"):
-        check_factors([response(1.0)], leaving_out(mask))
+        check_factors([response(1.0)], FitSpec(weights=WeightSpec(factors=(mask,))))
 
 
 MODEL = plant((0, 2), (0, 2))

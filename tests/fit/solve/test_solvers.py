@@ -20,8 +20,8 @@ T = np.linspace(0, 1, 50)
 DATA = 2 * np.exp(-3 * T) + 0.01 * np.random.default_rng(1).standard_normal(50)
 
 
-def amplitude(lower=0.1, upper=100.0) -> Parameter:
-    return Parameter("a", 1.0, lower=lower, upper=upper, log=True)
+def amplitude(upper=100.0) -> Parameter:
+    return Parameter("a", 1.0, lower=0.1, upper=upper, log=True)
 
 
 RATE = Parameter("b", 10.0, lower=0.1, upper=100.0, log=True)

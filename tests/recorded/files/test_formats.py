@@ -3,20 +3,28 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from plants.lab_logs import (
+    CHANNELS,
     RATE,
+    RATIO,
+    N,
+    P,
     measured,
+    save_csv,
     study_of,
     with_names,
     write_csv,
     write_matlab,
     write_matlab_73,
 )
+from plants.notes import said
 from plants.refusals import refused
 from plants.ros_bag import LogArrays, write_bag
 
@@ -66,6 +74,42 @@ def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
 TEXT = TextFormatSpec()
 
 
+def write_hdf5(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    table = np.zeros(len(log["i1"]), dtype=[("i1", "f8"), ("i2", "f8")])
+    table["i1"], table["i2"] = log["i1"], log["i2"]
+    with h5py.File(base / "log.h5", "w") as file:
+        file["drive/currents"], file["drive/phi"], file["w2"] = table, log["phi"], log["w2"]
+    return study_of(
+        "log.h5",
+        with_names({"i1": "drive/currents.i1", "i2": "drive/currents.i2", "phi": "/drive/phi", "w2": "w2"}),
+    )
+
+
+def _write_csv_with_a_delimiter_at_every_end(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    save_csv(base / "log.csv", log)
+    lines = (base / "log.csv").read_text().splitlines()
+    (base / "log.csv").write_text("\r\n".join([lines[0], "", *(f"{line}," for line in lines[1:])]))
+    return study_of("log.csv")
+
+
+def _write_german_csv(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    save_csv(base / "log.txt", log, ";", comma=True, head="Messung 7\n3 Achsen\n")
+    return study_of("log.txt", text=TextFormatSpec(";", ",", header_lines=3))
+
+
+def _write_commented_table(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    np.savetxt(base / "log.dat", np.stack(list(log.values()), axis=1), fmt="%.17g", header="a b c d")
+    columns = {"i1": 1, "i2": 2, "phi": 3, "w2": 4}
+    channels = tuple(replace(c, channel="", column=columns[c.channel]) for c in CHANNELS)
+    return study_of("log.dat", channels, text=TextFormatSpec("whitespace"))
+
+
+def _write_tab_table_with_units(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    stamped = ["\t".join(["12:30:01", *(f"{v:.17g}" for v in row), "ok"]) for row in zip(*log.values(), strict=True)]
+    (base / "log.tsv").write_text("\n".join(["time\ti1\ti2\tphi\tw2\tstate", "\tmA\tmA\tdeg\trad/s\t", *stamped]))
+    return study_of("log.tsv", text=TextFormatSpec("tab"))
+
+
 def write_tdms(base: Path, log: LogArrays) -> ExperimentSpec:
     from nptdms import ChannelObject, TdmsWriter
 
@@ -107,16 +151,39 @@ def write_mcap_file(base: Path, log: LogArrays) -> ExperimentSpec:
     return study_of(str(file.relative_to(base)), with_names(BAG_NAMES), time="joint_states.time")
 
 
-@pytest.mark.parametrize("write", [write_tdms, write_parquet, write_bag_folder, write_mcap_file])
-def test_a_log_is_the_same_record_in_every_format(
-    write: Callable[[Path, LogArrays], ExperimentSpec], tmp_path: Path, log: LogArrays
+WRITERS = [
+    write_matlab,
+    write_matlab_73,
+    write_hdf5,
+    write_csv,
+    _write_csv_with_a_delimiter_at_every_end,
+    _write_german_csv,
+    _write_commented_table,
+    _write_tab_table_with_units,
+    write_tdms,
+    write_parquet,
+]
+BAGS = [write_bag_folder, write_mcap_file]
+
+
+@pytest.mark.parametrize("write", [*WRITERS, *BAGS])
+def test_every_format_gives_the_same_record_in_si_on_the_link_side(
+    write: Callable[[Path, dict[str, np.ndarray]], ExperimentSpec], tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
-    """As from the CSV file: the numbers are read, not interpreted."""
-    expected, found = (measured(tmp_path, each(tmp_path, log)) for each in (write_csv, write))
-    # Time stamps in ns put samples at 1e-7 of their distance.
-    tolerance = {"rtol": 1e-6, "atol": 1e-6}
-    np.testing.assert_allclose(found.u, expected.u, **tolerance)
-    np.testing.assert_allclose(found.y, expected.y, **tolerance)
+    """Current * constant * ratio, motor angle / ratio (which is negative), signs, scales, units, order of channels."""
+    record = measured(tmp_path, write(tmp_path, log))
+    assert record.inputs == ("motor 2", "motor 1")
+    assert record.outputs == ("motor 1", "joint 2")
+    assert record.quantities == ("position", "velocity")
+    expected_u = np.stack([-log["i2"] * 1e-3 * 0.5, log["i1"] * 1e-3 * 0.5 * RATIO], axis=1)
+    expected_y = np.stack([np.radians(log["phi"]) / RATIO, 0.1 * log["w2"]], axis=1)
+    # Time stamps of bags in ns put samples at 1e-7 of their distance.
+    tolerance = {"rtol": 1e-6, "atol": 1e-6} if write in BAGS else {"rtol": 1e-12, "atol": 1e-15}
+    np.testing.assert_allclose(record.u, expected_u, **tolerance)
+    np.testing.assert_allclose(record.y, expected_y, **tolerance)
+    assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
+    assert record.rate_is_known
+    assert said(record.notes) == ()
 
 
 @pytest.mark.parametrize(
@@ -176,10 +243,6 @@ def test_an_entry_point_that_holds_no_format_is_named(
         contents(tmp_path / "log.csv", TEXT)
 
 
-def _read(path: Path, *names: str, column: int | None = None) -> np.ndarray:
-    return read_channels(path, [ChannelSpec("u", "motor 1", name, column) for name in names], TEXT)
-
-
 def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> None:
     """Time stamps of Parquet, its null, and whole numbers and floats of 32 bits as they are."""
     import pyarrow as pa
@@ -191,9 +254,8 @@ def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> Non
     )
     pq.write_table(table, tmp_path / "log.dat")
     assert contents(tmp_path / "log.dat", TEXT) == dict.fromkeys(("t", "x", "f"), (4,))
-    np.testing.assert_array_equal(
-        _read(tmp_path / "log.dat", "t", "x", "f"), [[0, 1, 0], [0.0025, np.nan, 1], [0.005, 3, 2], [0.0075, 4, 3]]
-    )
+    read = read_channels(tmp_path / "log.dat", [ChannelSpec("u", "motor 1", name) for name in ("t", "x", "f")], TEXT)
+    np.testing.assert_array_equal(read, [[0, 1, 0], [0.0025, np.nan, 1], [0.005, 3, 2], [0.0075, 4, 3]])
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from elastid.recorded.repair import Log
 from elastid.recorded.repair.masks import without_stops
 
 
-def _log(periods: int, seed: int = 0, N: int = N) -> dict[str, np.ndarray]:
+def _log(periods: int) -> dict[str, np.ndarray]:
     lines = np.arange(2, 60)
-    spectra = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(seed))[0]
+    spectra = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(0))[0]
     x = np.tile(synthesise(lines, spectra, N), (periods, 1))
     x += 1e-3 * x.std() * np.random.default_rng(1).normal(size=x.shape)
     return dict(zip(("i1", "i2", "phi", "w2"), x.T, strict=True))

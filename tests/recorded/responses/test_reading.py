@@ -13,6 +13,7 @@ import pytest
 from plants.lab_logs import RATIO, ROBOT
 from plants.notes import said
 from plants.refusals import refused
+from plants.two_mass import two_inertias
 from scipy.io import savemat
 
 from elastid.app.console import Console
@@ -299,14 +300,7 @@ fit:
 def elsewhere(tmp_path: Path, tiny_texts: tuple[str, str]) -> Path:
     """A study of the robot of one elastic joint: stiffness 60, damping 0.01, from velocity responses with 1 % noise."""
     freq_hz, rng = np.linspace(5, 100, 60), np.random.default_rng(4)
-    s = 2j * np.pi * freq_hz
-    k, d, J, load_inertia, friction = 60.0, 0.01, 1e-3, 1e-3, 1e-3
-    through = k + d * s
-    G = (
-        s
-        * (load_inertia * s**2 + through)
-        / ((J * s**2 + friction * s + through) * (load_inertia * s**2 + through) - through**2)
-    )
+    G = two_inertias(freq_hz, 1e-3, 1e-3, 60.0, 0.01, 1e-3)[:, 0, 0] / (2j * np.pi * freq_hz)
     for name in ("a", "b"):
         noise = 0.01 * np.abs(G) * (rng.normal(size=60) + 1j * rng.normal(size=60)) / np.sqrt(2)
         s_ = {"ResponseData": (G + noise)[None, None], "Frequency": freq_hz, "Units": "Hz"}
@@ -432,11 +426,10 @@ def written(path: Path, units: int) -> Path:
     return path
 
 
-def channels(unit: str) -> tuple[ChannelSpec, ...]:
-    return (
-        ChannelSpec("u", "hammer", channel="1z", quantity="force", unit="N"),
-        ChannelSpec("y", "tip", channel="2z", quantity="acceleration", unit=unit, sign=-1),
-    )
+TAPPED = (
+    ChannelSpec("u", "hammer", channel="1z", quantity="force", unit="N"),
+    ChannelSpec("y", "tip", channel="2z", quantity="acceleration", unit="m/s^2", sign=-1),
+)
 
 
 @pytest.mark.parametrize(
@@ -444,14 +437,14 @@ def channels(unit: str) -> tuple[ChannelSpec, ...]:
 )
 def test_units_of_a_file_are_believed(tmp_path: Path, code: int, metre: float, newton: float) -> None:
     """Metres, millimetres with millinewton, inches with pounds, and factors of the file's own."""
-    table = uff_table(written(tmp_path / "a.uff", code), channels("m/s^2"))
+    table = uff_table(written(tmp_path / "a.uff", code), TAPPED)
     np.testing.assert_allclose(table.G[:, 0, 0], -G * metre / newton, rtol=1e-6)
     assert [note.code for note in table.notes] == ([] if code == 1 else ["responses/units"])
 
 
 def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path: Path) -> None:
     """Millimetres in m; a trace line is interrupted at 0; a place with the other sign moves the other way."""
-    geometry = uff_geometry(written(tmp_path / "a.uff", 10), channels("m/s^2"))
+    geometry = uff_geometry(written(tmp_path / "a.uff", 10), TAPPED)
     np.testing.assert_allclose([geometry.points[name] for name in "123"], [[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0.05]])
     assert geometry.lines == (("1", "2"), ("2", "3"))
     assert geometry.motion == {"hammer": ("1", "z"), "tip": ("2", "-z")}

@@ -1,7 +1,6 @@
 """Levels, law and what it leaves of them, over speed, load and temperature; a motion with its regression."""
 
 import numpy as np
-import pytest
 from plants import friction_study as study
 from plants.dry_friction import robot
 from plants.published_friction import drawn, published_levels
@@ -14,13 +13,10 @@ from elastid.report.figures.friction import Condition, curve_of, friction_curve,
 from elastid.report.figures.friction_records import friction_motion
 
 
-@pytest.fixture(scope="module")
-def published() -> StaticLaw:
-    return StaticLaw.of(drawn(published_levels(loads=(0.0, 0.5, 1.0), temperatures=(33.0, 62.0, 80.0)), 1), LawSpec())
-
-
-def test_levels_of_other_conditions_are_grey_and_counted(published: StaticLaw) -> None:
+def test_levels_of_other_conditions_are_grey_and_counted() -> None:
     """12 speeds at 3 loads and 3 temperatures: 12 levels are the curve's."""
+    levels = drawn(published_levels(loads=(0.0, 0.5, 1.0), temperatures=(33.0, 62.0, 80.0)), 1)
+    published = StaticLaw.of(levels, LawSpec())
     axes = friction_curve(published).axes[0]
     points = {name: len(x) for name, (x, _) in bars_of(axes).items()}
     assert points == {"levels at other loads and temperatures": 96, "levels, both directions": 12}

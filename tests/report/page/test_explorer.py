@@ -129,9 +129,9 @@ def table(visit, written):
     return partial(visit, path)
 
 
-def sticks(page, view=0):
+def sticks(page):
     """Where the swinging sticks are drawn."""
-    return page.locator("#mode-viewer svg").nth(view).locator(".moving path").evaluate_all(
+    return page.locator("#mode-viewer svg").first.locator(".moving path").evaluate_all(
         "paths => paths.map(path => path.getAttribute('d')).join('')"
     )  # fmt: skip
 

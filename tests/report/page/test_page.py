@@ -167,12 +167,8 @@ def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
     assert "friction" in {drawing.name for drawing in drawings(report_content(friction=friction))}
 
 
-@pytest.fixture(scope="module")
-def friction_page() -> str:
-    return html_of_friction(study.friction_content(), [])
-
-
-def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth(friction_page: str) -> None:
+def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth() -> None:
+    friction_page = html_of_friction(study.friction_content(), [])
     rows = re.findall(r"<tr( class=\"marked\")?>(<td>F.*?|<td>f_.*?)</tr>", friction_page)
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for _, row in rows]
     assert cells[0] == [

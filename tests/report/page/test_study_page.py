@@ -8,28 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants.planar_arm import TWO_FILE
+from plants.two_axes import ROBOT, STUDY
 
 from elastid.app.cli import run_command
 from elastid.store.measured import read_responses
 from elastid.store.results import read_fit
 
-STUDY = """\
-name: two joints
-robot: robot.yml
-seed: 1
-excitation: {rate_hz: 500, period: 1 s, band_hz: [5, 100], torque_rms: [10, 5]}
-experiment:
-  configurations:
-    folded: [0, 60 deg]
-    stretched: [30 deg, 0]
-  realisations: 2
-  simulated:
-    truth: {k_1: 2400, k_2: 700}
-    noise: {torque_std: 0.1, angle_std: 1e-6}
-fit: {starts: 1, parameters: {k_*: {}, d_*: {}}}
-report: {formats: []}
-"""
+CHANGES = (
+    "experiment={configurations: {folded: [0, 60 deg], stretched: [30 deg, 0]}, realisations: 2}",
+    "experiment.simulated={truth: {k_1: 36e3, k_2: 12e3}, noise: {torque_std: 0.1, angle_std: 1e-6}}",
+    "report.formats=[]",
+)
 # Keeps each plot that is drawn, with what it is drawn from.
 RECORD_PLOTS = """
     window.plots = [];
@@ -57,11 +46,12 @@ DRAWN = """
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """All results of the study, and its parameters as CSV."""
     where = tmp_path_factory.mktemp("study")
-    (where / "robot.yml").write_text(TWO_FILE)
+    (where / "robot.yml").write_text(ROBOT)
     (where / "study.yml").write_text(STUDY)
     study, run = str(where / "study.yml"), str(where / "run")
-    assert run_command(["run", study, "--run", run, "--jobs", "1", "-q"]) == 0
-    assert run_command(["export", study, "--run", run, "--to", "csv", "-q"]) == 0
+    options = ["--run", run, "-q", *(word for change in CHANGES for word in ("--set", change))]
+    assert run_command(["run", study, "--jobs", "1", *options]) == 0
+    assert run_command(["export", study, "--to", "csv", *options]) == 0
     return where / "run"
 
 
