@@ -370,9 +370,9 @@ def first_duration(commanded: CommandedRobot, move: Move, limits: MotionLimits) 
     times = [
         float((part / bound).max() ** (1 / (i + 1))) for i, (part, bound) in enumerate(zip(parts, bounds, strict=True))
     ]
-    q, v, a = commanded.rigid(unit, t)
-    slow = commanded.torque(q, 0 * v, 0 * a)
-    moving = commanded.torque(q, 0 * v, a) - slow
+    way, a, start = unit.at(t) - unit.ends[0], unit.at(t, 2), commanded.rigid_posture(unit.ends[0])
+    slow, quick = (feed_forward(commanded.model, start, way, 0 * way, x) for x in (0 * a, a))
+    moving = quick - slow
     room = np.maximum(limits.torque - np.abs(slow), 0.05 * limits.torque)
     times.append(float(np.sqrt((np.abs(moving) / room).max())))
     return 1.1 * max(times)

@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.friction_axis import LIMITS, axis, experiment, planned
+from plants.friction_axis import LIMITS, axis, planned
 from plants.refusals import refused
-from plants.units import factor, in_other_units
 
 from elastid.design.friction import (
     StribeckGuess,
     _information,
     axis_of,
     default_window,
-    design_friction,
     optimal_speeds,
 )
 from elastid.experiment.plan.friction import pass_reference
@@ -32,7 +30,7 @@ from elastid.friction_study.spec import (
     WarmUpSpec,
 )
 from elastid.record import Configuration
-from elastid.robot import Joint, Limits, Robot
+from elastid.robot import Joint, Limits
 
 
 def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() -> None:
@@ -152,17 +150,3 @@ def test_friction_that_is_planned_for_falls_from_stiction_by_its_slope(speed: fl
     h = 1e-5 * speed
     assert GUESS.torque(0.0) == pytest.approx(GUESS.stiction)
     assert GUESS.slope(speed) == pytest.approx((GUESS.torque(speed + h) - GUESS.torque(speed - h)) / (2 * h), abs=1e-6)
-
-
-@pytest.mark.parametrize("robot", [axis(), axis(law=None)])
-def test_speeds_and_torques_are_the_same_in_other_units(robot: Robot) -> None:
-    """Of passes and of loops and holds at rest; friction of the file, and guessed. Seconds to settle stay seconds."""
-    spec = FrictionSpec(presliding=PreslidingSpec(), at_rest=AtRestSpec(), warm_up=None)
-    here = design_friction(spec, robot.driven, experiment(), robot, 3)
-    other = in_other_units(robot)
-    there = design_friction(in_other_units(spec), other.driven, in_other_units(experiment()), other, 3)
-    (a,), (b,) = here.designs, there.designs
-    np.testing.assert_allclose(b.speed, a.speed * factor("rad/s"), rtol=1e-9)
-    assert b.efficiency == pytest.approx(a.efficiency)
-    peaks = [[np.abs(m.torque).max() for m in p.motions if m.torque is not None] for p in (here, there)]
-    np.testing.assert_allclose(peaks[1], np.array(peaks[0]) * factor("N*m"), rtol=1e-9)

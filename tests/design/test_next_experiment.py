@@ -124,11 +124,8 @@ def test_a_design_is_the_same_in_other_units(flat: str) -> None:
     other, goal = in_other_units(asked), Goal({"k_1": 1e-3, "d_2": 0.02})
     here, there = design(asked), design(other)
     np.testing.assert_allclose(there.plan.R, here.plan.R * factor("N*m"), rtol=1e-6)
-    for name in ("std", "std_by_noise"):
-        sizes = np.array([factor(unit) for unit in here.forecast.units])
-        np.testing.assert_allclose(
-            getattr(there.forecast, name), getattr(here.forecast, name) * sizes, rtol=1e-6, err_msg=name
-        )
+    sizes = np.array([factor(unit) for unit in here.forecast.units])
+    np.testing.assert_allclose(there.forecast.std, here.forecast.std * sizes, rtol=1e-6)
     one, same = proposed(asked, goal), proposed(other, goal)
     np.testing.assert_allclose(same.plan.R, one.plan.R * factor("N*m"), rtol=1e-6)
     assert same.option.more_s == pytest.approx(one.option.more_s * factor("s"))

@@ -18,7 +18,6 @@ def modal_response(
     n_u: int = 1,
     noise: float = 0.0,
     seed: int = 0,
-    stated: bool = True,
 ) -> Response:
     """Acceleration per force of shapes (n_y, n), driven at the first n_u outputs; noise: over the rms of G."""
     omega, natural = 2 * np.pi * freq_hz[:, None], 2 * np.pi * natural_hz
@@ -26,6 +25,6 @@ def modal_response(
     G = np.einsum("ir,fr,jr->fij", shapes, modal, shapes[:n_u])
     rng, std = np.random.default_rng(seed), noise * float(np.sqrt(np.mean(np.abs(G) ** 2)))
     G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
-    covariance = Covariance(np.full(G.shape, std**2), np.inf) if noise and stated else None
+    covariance = Covariance(np.full(G.shape, std**2), np.inf) if noise else None
     names = tuple(f"u{j}" for j in range(n_u)), tuple(f"y{i}" for i in range(len(shapes)))
     return Response(freq_hz, G, *names, "acceleration", BENCH, noise=covariance)

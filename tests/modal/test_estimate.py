@@ -3,10 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 from plants.refusals import refused
-from plants.units import factor, response_in_other_units
 from scipy.signal import lfilter
 
 from elastid.base.errors import Note
@@ -106,21 +104,3 @@ def test_a_roving_hammer_shows_shapes_where_it_hits() -> None:
     np.testing.assert_allclose(modes.freq_hz, expected.freq_hz, rtol=1e-5)
     np.testing.assert_allclose(modes.place_shapes[0], expected.shapes, atol=1e-2)
     np.testing.assert_allclose(modes.place_shapes[1], expected.shape_std, rtol=0.1)
-
-
-@pytest.mark.parametrize("stated", [True, False])
-def test_modes_are_the_same_in_other_units(stated: bool) -> None:
-    """Two inputs, a heavily damped mode, outputs of sizes that differ by thousands; intervals and poles with them."""
-    natural, zeta = np.array([12.0, 25.0, 41.0, 66.0, 90.0]), np.array([0.01, 0.015, 0.06, 0.012, 0.01])
-    shapes = np.random.default_rng(3).normal(size=(3, 5))
-    response = modal_response(FREQ_HZ, natural, zeta, shapes, 2, noise=0.01, stated=stated)
-    here, there = estimate_modes(response), estimate_modes(response_in_other_units(response))
-    assert here.n_modes == 5
-    np.testing.assert_allclose(here.poles.imag, 2 * np.pi * natural * np.sqrt(1 - zeta**2), rtol=1e-2)
-    np.testing.assert_allclose(here.freq95.mean(axis=1), here.freq_hz)
-    np.testing.assert_allclose(np.diff(here.zeta95)[:, 0], 2 * 1.96 * here.zeta_std, rtol=1e-4)
-    np.testing.assert_allclose(there.poles, here.poles * factor("1/s"), rtol=1e-6)
-    np.testing.assert_allclose(there.freq_std, here.freq_std * factor("Hz"), rtol=1e-4)
-    np.testing.assert_allclose(there.zeta_std, here.zeta_std, rtol=1e-4)
-    np.testing.assert_allclose(there.shapes, here.shapes, rtol=1e-4)
-    np.testing.assert_allclose(there.shape_std, here.shape_std, rtol=1e-4, atol=1e-9)

@@ -1,24 +1,18 @@
-"""Robots, sections of studies, records and responses in other units: of a result nothing but its units may change.
+"""Robots, sections of studies and records in other units: of a result nothing but its units may change.
 
 The other units are powers of two of those of SI, so that numbers differ by no more than sums in another order do.
 """
 
 import re
-from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar, get_args, get_type_hints
 
-import numpy as np
-
 from elastid.base.units import InUnit
-from elastid.covariance import scaled
-from elastid.record import Motion, Record
-from elastid.response import Response
+from elastid.record import Record
 
 T = TypeVar("T")
 MASS, LENGTH, TIME = 2.0**-5, 2.0**3, 2.0**-4
 SIZES = {"kg": MASS, "m": LENGTH, "s": TIME, "N": MASS * LENGTH / TIME**2, "Hz": 1 / TIME}
-ANGLES: dict[Motion, str] = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
 
 
 def factor(unit: str) -> float:
@@ -46,22 +40,11 @@ def unit_of(hint: Any) -> str:
 def _converted(value: Any, unit: str) -> Any:
     if is_dataclass(value):
         return in_other_units(value)
-    if isinstance(value, Mapping):
-        return {name: _converted(each, unit) for name, each in value.items()}
     if isinstance(value, tuple):
         return tuple(_converted(each, unit) for each in value)
     return value * factor(unit) if isinstance(value, float | int) and unit != "1" else value
 
 
 def record_in_other_units(record: Record) -> Record:
-    """Of motors that turn."""
-    u, r = (None if x is None else x * factor("N*m") for x in (record.u, record.r))
-    y = record.y * [factor(ANGLES[quantity]) for quantity in record.quantities]
-    return replace(record, rate_hz=record.rate_hz * factor("Hz"), u=u, r=r, y=y)
-
-
-def response_in_other_units(response: Response) -> Response:
-    """Of motors that turn; the response with its covariances."""
-    gain = factor(ANGLES[response.quantity]) / factor("N*m")
-    noise, total = (scaled(each, np.full(response.G.shape, gain**2)) for each in (response.noise, response.total))
-    return replace(response, freq_hz=response.freq_hz * factor("Hz"), G=response.G * gain, noise=noise, total=total)
+    """Of the angles of motors."""
+    return replace(record, rate_hz=record.rate_hz * factor("Hz"), u=record.u * factor("N*m"))

@@ -72,6 +72,19 @@ def test_extremes_of_the_response_are_found_between_the_lines() -> None:
     assert workspace["depth_of_cut"].std[0] / 100 == pytest.approx(float(spread.std), rel=0.02)
     assert workspace["depth_of_cut"].value[0] == pytest.approx(-1 / (1.4e9 * (n @ G @ n).real.min()), rel=1e-3)
 
+    def deflection(x: np.ndarray) -> np.ndarray:
+        at_rest = frequency_response(model.linear, model.estimated.theta(x), 1e-3)[0].real
+        return np.asarray(np.linalg.norm(at_rest @ CUT.load))
+
+    spread = propagate(deflection, model.estimated.x, model.estimated.covariance / 1e4)
+    assert workspace["deflection"].std[0] / 100 == pytest.approx(float(spread.std), rel=0.02)
+
+
+@pytest.mark.parametrize("wrong", [{"normal": (0.0, 0.0, 0.0)}, {"load": (np.nan, 0.0, 0.0)}])
+def test_a_direction_of_no_length_and_a_load_of_no_size_are_refused(wrong: dict[str, tuple[float, ...]]) -> None:
+    with pytest.raises(ValueError, match="finite"):
+        Cut(**wrong)
+
 
 @pytest.mark.parametrize("name", ["manutec", "linkage_arm constrained"])
 def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name: str) -> None:

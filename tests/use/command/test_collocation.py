@@ -11,18 +11,29 @@ from plants.commanded_arm import arm, move, rigid_gears
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.robot.simplified import with_joints
 from elastid.use.moves import MotionLimits, point_to_point
-from elastid.use.plans import CommandedRobot, best_plan, plan, planned_error, sampled
+from elastid.use.plans import CommandedRobot, best_plan, first_duration, plan, planned_error, sampled
+
+J_l, J_m, k, f_m = 2.0, 1.0, 2e3, 5.0
+TOOL = Frame("tool", "arm", Placement((1.0, 0, 0)))
+AXIS = Joint("1", "z", Spring(k, 0.0), Motor(J_m / 100, 10.0, f_m / 100))
+ELASTIC = Robot("axis", (Body("arm", joints=(AXIS,), inertia=J_l),), frames=(TOOL,))
+
+
+@pytest.mark.parametrize(("kind", "order", "load"), [
+    ("velocity", 1, 1.0), ("acceleration", 2, 1.0), ("jerk", 3, 1.0), ("torque", 2, J_l + J_m),
+])  # fmt: skip
+def test_the_first_duration_is_a_tenth_more_than_a_rigid_axis_needs(kind: str, order: int, load: float) -> None:
+    own = point_to_point(np.array([0.0]), np.array([0.6]), 1.0)
+    limits = replace(MotionLimits.of(ELASTIC), **{kind: np.array([2.0])})
+    T = first_duration(CommandedRobot.of(ELASTIC, "tool", own.ends[0]), own, limits) / 1.1
+    assert load * np.abs(own.in_time(T).at(np.linspace(0, T, 201), order)).max() == pytest.approx(2.0, rel=1e-6)
 
 
 def test_an_elastic_axis_is_commanded_by_its_closed_form() -> None:
     """u = J_m q_m'' + f_m q_m' + J_l q_l'', q_m = q_l + J_l q_l'' / k of a flat output without damping."""
-    J_l, J_m, k, f_m = 2.0, 1.0, 2e3, 5.0
-    axis = Joint("1", "z", Spring(k, 0.0), Motor(J_m / 100, 10.0, f_m / 100))
-    robot = Robot("axis", (Body("arm", joints=(axis,), inertia=J_l),), frames=(
-        Frame("tool", "arm", Placement((1.0, 0, 0))),))  # fmt: skip
     own = point_to_point(np.array([0.0]), np.array([0.6]), 1.0)
-    commanded = CommandedRobot.of(robot, "tool", own.ends[0])
-    planned = plan(commanded, own, MotionLimits.of(robot), 0.05)
+    commanded = CommandedRobot.of(ELASTIC, "tool", own.ends[0])
+    planned = plan(commanded, own, MotionLimits.of(ELASTIC), 0.05)
     t = np.linspace(0.0, 1.0, 101)
     link, rate, a, snap = (own.at(t, order)[:, 0] for order in (0, 1, 2, 4))
     motor_v, motor_a = rate + J_l * own.at(t, 3)[:, 0] / k, a + J_l * snap / k
