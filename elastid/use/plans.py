@@ -365,16 +365,12 @@ def first_duration(commanded: CommandedRobot, move: Move, limits: MotionLimits) 
     """A duration, s, in which the rigid robot keeps the limits; 0 for a robot without any."""
     t = np.linspace(0, 1, 201)
     unit = move.in_time(1.0)
-    parts = [np.abs(unit.at(t, order)).max(axis=0) for order in (1, 2, 3)]
-    bounds = limits.velocity, limits.acceleration, limits.jerk
-    times = [
-        float((part / bound).max() ** (1 / (i + 1))) for i, (part, bound) in enumerate(zip(parts, bounds, strict=True))
-    ]
+    bounds = enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1)
+    times = [float((np.abs(unit.at(t, order)) / bound).max() ** (1 / order)) for order, bound in bounds]
     way, a, start = unit.at(t) - unit.ends[0], unit.at(t, 2), commanded.rigid_posture(unit.ends[0])
     slow, quick = (feed_forward(commanded.model, start, way, 0 * way, x) for x in (0 * a, a))
-    moving = quick - slow
     room = np.maximum(limits.torque - np.abs(slow), 0.05 * limits.torque)
-    times.append(float(np.sqrt((np.abs(moving) / room).max())))
+    times.append(float(np.sqrt((np.abs(quick - slow) / room).max())))
     return 1.1 * max(times)
 
 
