@@ -116,10 +116,10 @@ def _unused(
     used = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
     used |= set() if guess.is_motion else {channel.key for channel in guess.further}
     known, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
-    for name in [name for name, shape in shapes.items() if shape and name not in known]:
-        reasons.setdefault("times, or no numbers that change", []).append(one_line(name))
+    if other := [one_line(name) for name in shapes if name not in known]:
+        reasons["times, or no numbers that change"] = other
     for signal in [signal for signal in signals if signal.key not in used]:
-        name = signal.name if signal.column is None else f"{signal.name} column {signal.column}"
+        name = f"{signal.name} column {signal.column}".removesuffix(" column None")
         reasons.setdefault(f"{signal.quantity or 'unknown quantity'}: {signal.why}", []).append(one_line(name))
     yield from (f"# Not used ({one_line(reason)}): {', '.join(names)}" for reason, names in reasons.items())
 

@@ -190,11 +190,11 @@ class Session:
                 )
             plan = read_plan(path)
         else:
-            problem, known = replace(problem, design=self._design(plans)), Known.before(problem)
+            design, known = self._design(plans), Known.before(problem)
             if result is not None:
                 known = Known(result.parameters, result.x, result.covariance)
-            assert problem.design is not None
-            candidates, robots = problem.candidates(problem.design), self._robots(result, step)
+            problem = replace(problem, design=design)
+            candidates, robots = problem.candidates(design), self._robots(result, step)
             with self._execution(f"plan of x{step}") as execution:
                 left_s = self.budget_s * (1 + 1e-9) - sum(plan.robot_time_s for plan in plans)
                 proposal = next_experiment(

@@ -322,11 +322,11 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
 def carry_out(run: Run, name: str) -> None:
     """Hand a stage its values, write its files, and report; its error, if it failed, once all are written."""
     stage, names = run.stages[name], [*run.stages]
-    before, later = names[: names.index(name)], names[names.index(name) + 1 :]
-    outdated = [name, *(after for after in later if not run.is_current(after))]
+    first = names.index(name)
+    outdated = [after for after in names[first:] if after == name or not run.is_current(after)]
     texts = {text for after in outdated for text in run.stages[after].texts}
     # Else they would be read as results where this stage fails.
-    remove_texts(run.folder, texts - {text for earlier in before for text in run.stages[earlier].texts})
+    remove_texts(run.folder, texts - {text for earlier in names[:first] for text in run.stages[earlier].texts})
     artefacts = resolve_name(stage.function)(stage.sees(run.study), run.work(name))
     artefact = run.path(name)
     replaced = list(run.overwritten(name).values())

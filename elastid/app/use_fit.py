@@ -270,11 +270,11 @@ def predict(run: Run, source: Path) -> None:
             if name in run.stages and not run.is_current(name):
                 carry_out(run, name)
         judged, content, words = (_friction if of_friction else _elasticity)(run, path)
-        write_json(run.folder / "prediction.json", content | {"with": str(path)})
+        write_json(summary := run.folder / "prediction.json", content | {"with": str(path)})
         if judged.balances:
             octaves_figure(judged.balances).savefig(run.folder / "prediction.png")
-        keep_checksums(run.folder, ["prediction.json"])
-        for sentence in (*words, str(run.folder / "prediction.json")):
+        keep_checksums(run.folder, [summary.name])
+        for sentence in (*words, str(summary)):
             run.console.say(f"predict: {sentence}")
 
 
