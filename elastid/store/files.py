@@ -132,10 +132,9 @@ def keep_checksums(folder: Path, names: Iterable[str]) -> None:
 
 
 def remove_texts(folder: Path, names: Iterable[str]) -> None:
-    """Remove the files that `keep_checksums` knows; names: as those of `changed_texts`."""
-    known = _known(folder)
-    for name in [name for name in _files(folder, names) if name in known]:
-        (folder / name).unlink()
+    """Remove the files that are as they were at `keep_checksums`; names: as those of `changed_texts`."""
+    for path in [folder / name for name in _files(folder, names) if is_as_written(folder / name)]:
+        path.unlink()
 
 
 def _known(folder: Path) -> dict[str, str]:
