@@ -48,7 +48,6 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
-from elastid.record import Configuration
 from elastid.robot import Body, Joint, Robot, Spring, gain_name
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -112,15 +111,10 @@ class HeldModel:
 
 
 def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
-    linearisation, configurations = assembly.linearisation, [G.configuration for G in assembly.responses]
-    theta = assembly.parameters.theta[: len(linearisation.model.parameters)]
-    loads = each_at_home(partial(_loads_at, linearisation, theta), configurations, assembly.home)
-    return {configuration.name: load for configuration, load in zip(configurations, loads, strict=True)}
-
-
-def _loads_at(linearisation: Linearisation, theta: FloatArray, configuration: Configuration) -> dict[str, float]:
-    torques = equilibrium(linearisation.model, theta, configuration).u
-    return dict(zip((joint.name for joint in linearisation.model.robot.driven), torques.tolist(), strict=True))
+    model, configurations = assembly.linearisation.model, [G.configuration for G in assembly.responses]
+    at_rest = partial(equilibrium, model, assembly.parameters.theta[: len(model.parameters)])
+    points, joints = each_at_home(at_rest, configurations, assembly.home), [joint.name for joint in model.robot.driven]
+    return {point.configuration.name: dict(zip(joints, point.u.tolist(), strict=True)) for point in points}
 
 
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
