@@ -9,14 +9,7 @@ import pytest
 from plants.taken_friction import taken_friction
 from plants.two_mass_gear import RATIO, Gear, robot
 
-from elastid.app.identified_robot import (
-    SLOPE,
-    WITH_COULOMB,
-    contents,
-    truth,
-    with_effects,
-    with_linear_springs,
-)
+from elastid.app.identified_robot import SLOPE, WITH_COULOMB, contents, truth, with_effects, with_linear_springs
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear_result import GearResult

@@ -12,23 +12,10 @@ from hypothesis import strategies as st
 from plants.friction_axis import LIMITS, axis, planned
 from plants.refusals import refused
 
-from elastid.design.friction import (
-    StribeckGuess,
-    _information,
-    axis_of,
-    default_window,
-    optimal_speeds,
-)
+from elastid.design.friction import StribeckGuess, _information, axis_of, default_window, optimal_speeds
 from elastid.experiment.plan.friction import pass_reference
 from elastid.experiment.specs.simulated import ControllerSpec
-from elastid.friction_study.spec import (
-    AtRestSpec,
-    FrictionSpec,
-    LoadSpec,
-    PassesSpec,
-    PreslidingSpec,
-    WarmUpSpec,
-)
+from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
 from elastid.record import Configuration
 from elastid.robot import Joint, Limits
 

@@ -11,14 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import LinearConstraint, minimize
 
 from elastid.base.arrays import FloatArray
-from elastid.design.optimal import (
-    DesignCriterion,
-    PowerSource,
-    best_experiments,
-    best_powers,
-    best_shares,
-    even_powers,
-)
+from elastid.design.optimal import DesignCriterion, PowerSource, best_experiments, best_powers, best_shares, even_powers
 
 
 def random_information(seed: int, S: int = 1, Q: int = 30, d: int = 4, rank: int = 2) -> FloatArray:

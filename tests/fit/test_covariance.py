@@ -11,14 +11,7 @@ from elastid.base.errors import Note
 from elastid.covariance import Covariance
 from elastid.fit.covariance import noise_dof, unexplained_error
 from elastid.fit.intervals import bootstrap, profile_ends
-from elastid.fit.line_sums import (
-    LineSums,
-    autocovariance,
-    block_variance,
-    disagreement,
-    jackknife_variance,
-    sum_blocks,
-)
+from elastid.fit.line_sums import LineSums, autocovariance, block_variance, disagreement, jackknife_variance, sum_blocks
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import weigh
 from elastid.fit.result import is_in_error, largest_by_chance

@@ -18,19 +18,7 @@ from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
 from elastid.response import Response
-from elastid.robot import (
-    Anchor,
-    Body,
-    CoilSpring,
-    Compensator,
-    Frame,
-    Joint,
-    Motor,
-    Placement,
-    Robot,
-    Rod,
-    Spring,
-)
+from elastid.robot import Anchor, Body, CoilSpring, Compensator, Frame, Joint, Motor, Placement, Robot, Rod, Spring
 
 FREQ = np.linspace(1, 50, 50)
 MOTOR = Motor(2e-3, 60, 1e-3)

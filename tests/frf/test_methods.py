@@ -17,13 +17,7 @@ from elastid.app.overview import overview
 from elastid.app.run import Run, run_all
 from elastid.excitation.multisine import orthogonal_set
 from elastid.frf.estimate import estimate
-from elastid.frf.estimators import (
-    METHODS,
-    arithmetic,
-    errors_in_variables,
-    h1,
-    joint,
-)
+from elastid.frf.estimators import METHODS, arithmetic, errors_in_variables, h1, joint
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Record
 from elastid.store.measured import read_forecast, read_plan, read_responses

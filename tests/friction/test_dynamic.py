@@ -15,10 +15,7 @@ from scipy.integrate import solve_ivp
 
 from elastid.friction.dynamic import Bristle, MaxwellElements
 from elastid.friction.static import SLIDING_VELOCITY, Curve, Law, Tustin
-from elastid.robot import (
-    Friction,
-    LuGre,
-)
+from elastid.robot import Friction, LuGre
 
 F_C, F_S, NU_S = 1.0, 1.5, 1e-2
 

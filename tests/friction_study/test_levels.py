@@ -18,17 +18,8 @@ from elastid.base.arrays import FloatArray
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels, Pass, find_levels, passes_of
-from elastid.friction_study.result import (
-    FrictionResult,
-    JointLevels,
-    identify_friction,
-    numbers_of_law,
-    true_numbers,
-)
-from elastid.friction_study.spec import (
-    FilterSpec,
-    LawSpec,
-)
+from elastid.friction_study.result import FrictionResult, JointLevels, identify_friction, numbers_of_law, true_numbers
+from elastid.friction_study.spec import FilterSpec, LawSpec
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Body, Friction, Joint, LoadDependence, Motor, Robot, TemperatureDependence
 from elastid.robot.friction_numbers import friction_numbers

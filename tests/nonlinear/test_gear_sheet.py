@@ -11,14 +11,7 @@ from elastid.fit.load_tests import StaticAgreement
 from elastid.fit.result import Result
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_levels import Levels
-from elastid.nonlinear.gear_result import (
-    ARCMIN,
-    NOT_EXPLAINED,
-    NOT_OPENED,
-    GearResult,
-    GearSheet,
-    with_gears,
-)
+from elastid.nonlinear.gear_result import ARCMIN, NOT_EXPLAINED, NOT_OPENED, GearResult, GearSheet, with_gears
 from elastid.nonlinear.gear_sheet import JointLevels, open_gears, sheet_of
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, Parameters

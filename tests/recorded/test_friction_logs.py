@@ -5,15 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.friction_logs import (
-    CHANNELS,
-    ROBOT,
-    THERMOMETER,
-    logs,
-    sliding_torque,
-    trapezoids,
-    write_log,
-)
+from plants.friction_logs import CHANNELS, ROBOT, THERMOMETER, logs, sliding_torque, trapezoids, write_log
 from plants.refusals import refused
 from plants.warm_rig import WarmLog, friction, warm_log
 

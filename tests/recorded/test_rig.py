@@ -9,19 +9,7 @@ import numpy as np
 import pytest
 from plants import friction_logs
 from plants.friction_logs import COULOMB, VISCOUS, logs, sliding_torque, trapezoids
-from plants.lab_logs import (
-    CHANNELS,
-    RATE,
-    ROBOT,
-    N,
-    U,
-    Y,
-    measured,
-    save_csv,
-    study_of,
-    with_names,
-    write_csv,
-)
+from plants.lab_logs import CHANNELS, RATE, ROBOT, N, U, Y, measured, save_csv, study_of, with_names, write_csv
 from plants.notes import said
 from plants.refusals import refused
 from scipy.signal import lfilter

@@ -5,13 +5,7 @@ from __future__ import annotations
 import pytest
 
 from elastid.base.errors import StudyError
-from elastid.robot import (
-    Friction,
-    Joint,
-    LuGre,
-    MaxwellSlip,
-    Motor,
-)
+from elastid.robot import Friction, Joint, LuGre, MaxwellSlip, Motor
 
 
 @pytest.mark.parametrize(

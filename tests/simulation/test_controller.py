@@ -6,14 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from plants.two_links import (
-    FREE,
-    arm,
-    loop,
-    motor,
-    quiet,
-    rough,
-)
+from plants.two_links import FREE, arm, loop, motor, quiet, rough
 from scipy import signal
 
 from elastid.linear.equilibrium import equilibrium

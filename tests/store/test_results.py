@@ -6,20 +6,11 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from plants.artefacts import (
-    STAMP,
-    same,
-    some_fit,
-)
+from plants.artefacts import STAMP, same, some_fit
 
 from elastid.linear.linear_model import DifferenceElement, LagElement, LinearModel, Slope
 from elastid.record import Configuration, HeldTorque
-from elastid.store.results import (
-    read_comparison,
-    read_fit,
-    write_comparison,
-    write_fit,
-)
+from elastid.store.results import read_comparison, read_fit, write_comparison, write_fit
 from elastid.validation.comparison import ComparedModel, Comparison
 
 

@@ -10,15 +10,7 @@ import pytest
 from elastid.app import cli
 from elastid.base.errors import StudyError
 from elastid.study import load, make_schema
-from elastid.study.reference import (
-    explain,
-    keys_below,
-    keys_of,
-    list_keys,
-    list_sections,
-    names_in,
-    overview,
-)
+from elastid.study.reference import explain, keys_below, keys_of, list_keys, list_sections, names_in, overview
 from elastid.study.sections import FleetSpec, MemberSpec, Study
 
 ROOT = Path(__file__).parents[2]

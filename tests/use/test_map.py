@@ -80,12 +80,6 @@ def test_extremes_of_the_response_are_found_between_the_lines() -> None:
     assert workspace["deflection"].std[0] / 100 == pytest.approx(float(spread.std), rel=0.02)
 
 
-@pytest.mark.parametrize("wrong", [{"normal": (0.0, 0.0, 0.0)}, {"load": (np.nan, 0.0, 0.0)}])
-def test_a_direction_of_no_length_and_a_load_of_no_size_are_refused(wrong: dict[str, tuple[float, ...]]) -> None:
-    with pytest.raises(ValueError, match="finite"):
-        Cut(**wrong)
-
-
 @pytest.mark.parametrize("name", ["manutec", "linkage_arm constrained"])
 def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name: str) -> None:
     """Masses, centres, lengths and zeros of axes within their tolerances; lengths of a loop move its joints."""

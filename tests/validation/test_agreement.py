@@ -9,12 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.two_mass import BENCH, FREQ_HZ, circular, response, two_inertias
 
-from elastid.validation.agreement import (
-    agreement,
-    are_white,
-    noise_p,
-    validate,
-)
+from elastid.record import Configuration
+from elastid.validation.agreement import agreement, are_white, noise_p, validate
 from elastid.validation.residual_tests import above_2sigma
 
 
@@ -76,7 +72,15 @@ def test_without_an_uncertainty_the_errors_are_there_and_the_statistics_are_not(
     judged = agreement(response(G), response(1.1 * G))
     assert judged.overall_rms_log_db == pytest.approx(20 * math.log10(1.1))
     assert math.isnan(judged.overall_rms_sigma)
-    assert validate([response(G)], [response(G)], []).verdict.endswith(".")
+
+
+def test_a_configuration_is_judged_as_left_out_where_others_were_fitted():
+    """Its name is in the verdict then alone."""
+    fitted, G = response(two_inertias(*BENCH, 0.002)), 1.1 * two_inertias(*BENCH, 0.002)
+    both = fitted, replace(response(G), configuration=Configuration("c2", np.zeros(1)))
+    none, one = (validate(both, [fitted, fitted], names) for names in ((), ("c2",)))
+    assert [a.left_out for a in (*none.configurations, *one.configurations)] == [False, False, False, True]
+    assert ("c2" in none.verdict, "c2" in one.verdict) == (False, True)
 
 
 @pytest.mark.parametrize(("sigmas", "says"), [(0.5, "less"), (1.0, "no more"), (2.0, "more")])

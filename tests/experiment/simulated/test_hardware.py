@@ -23,17 +23,7 @@ from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.robot import (
-    Body,
-    Chain,
-    Friction,
-    Joint,
-    Limits,
-    LuGre,
-    Motor,
-    Robot,
-    Spring,
-)
+from elastid.robot import Body, Chain, Friction, Joint, Limits, LuGre, Motor, Robot, Spring
 from elastid.simulation.dynamics import contacts
 from elastid.simulation.spec import ControllerSpec
 

@@ -5,30 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.refusals import refused
-from plants.three_mass import (
-    FREQ,
-    NO_FLOOR,
-    TRUTH,
-    cramer_rao,
-    estimate,
-    fit_of,
-    measured,
-    noise_of,
-    parameters,
-    plant,
-)
+from plants.three_mass import FREQ, NO_FLOOR, TRUTH, cramer_rao, estimate, fit_of, measured, noise_of, parameters, plant
 from plants.two_mass import circular
 
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.line_sums import autocovariance, correlation_length
 from elastid.fit.problem.elastic import elastic_fit
-from elastid.fit.problem.least_squares import (
-    Evaluation,
-    ResidualKind,
-    difference,
-    distance_to_optimum,
-    error_gain,
-)
+from elastid.fit.problem.least_squares import Evaluation, ResidualKind, difference, distance_to_optimum, error_gain
 from elastid.fit.problem.weights import weigh
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec

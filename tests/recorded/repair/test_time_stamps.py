@@ -11,15 +11,7 @@ from plants.waves import CLEAN, DRIFT, LOG, N, P, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import counts
-from elastid.recorded.repair.time_stamps import (
-    GAPS,
-    clock_drift,
-    delay,
-    even_grid,
-    on_grid,
-    resampled,
-    steps_in_words,
-)
+from elastid.recorded.repair.time_stamps import GAPS, clock_drift, delay, even_grid, on_grid, resampled, steps_in_words
 
 RNG = np.random.default_rng(5)
 

@@ -20,10 +20,7 @@ from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.report.content import ResponsesContent, parameter_rows
 from elastid.report.figures.drawings import drawings
 from elastid.report.figures.fit import fleet_parameter
-from elastid.report.page.page import (
-    html,
-    html_of_responses,
-)
+from elastid.report.page.page import html, html_of_responses
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.validation.agreement import validate
 from elastid.validation.fleet import FleetValue
