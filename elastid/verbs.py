@@ -104,8 +104,8 @@ def estimate(records: Iterable[Record], robot: Robot | None = None, **estimator:
     groups: dict[str, list[Record]] = {}
     for record in records:
         groups.setdefault(record.configuration.name, []).append(record)
-    for group in groups.values() or [[]]:
-        refuse_mismatch(group)
+    if not groups:
+        refuse_mismatch([])
     E = shaft_couplings(robot)
     shafts = [[on_shafts(record, E) for record in group] for group in groups.values()]
     friction = None if spec.friction == "none" else find_friction(shafts, spec)

@@ -291,7 +291,7 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
     moved, is_settled = math.inf, False
     for i in range(rounds):
         try:
-            if i == 1 or (i == 2 and moved > 3):  # near enough to the optimum for most effects of a motion
+            if i == 1 or (i == 2 and moved > 3):  # std: most effects of a motion do not move the optimum so far
                 rested = assembly.at_rest(end.x)
             current = rested.reweighted(end.x)
             if len(c):

@@ -147,8 +147,8 @@ def with_gears(result: Result, gears: GearResult | None) -> Result:
         return result if is_told else replace(result, message=f"{result.message}; {NOT_OPENED}")
     n, none = len(gears.x), np.zeros((0, 2))
     final = replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
-    is_misfit, is_contradicted = result.status == "misfit", result.static is not None and result.static.disagrees
-    if is_contradicted or not gears.explains_misfit:
+    is_misfit = result.status == "misfit"
+    if (result.static is not None and result.static.disagrees) or not gears.explains_misfit:
         return replace(final, message=f"{result.message}; {NOT_EXPLAINED}") if is_misfit else final
     if not is_misfit and DISTORTED not in result.verdicts and not result.exceeds_noise:
         return final

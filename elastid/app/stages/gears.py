@@ -49,9 +49,8 @@ def gears(study: Study, work: Work) -> Artefacts:
         start = on_straight_springs(robot, responses, result, model, study.seeded_fit, execution)
         spec = study.gears or GearsSpec()
         opened = open_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
-    final = with_gears(result, opened)
-    rows = fitted_rows(study, final, friction)
-    content = with_gear_section(_summary(files_of["fit"].with_name("summary.json")), result, rows, opened)
+    final, summary = with_gears(result, opened), _summary(files_of["fit"].with_name("summary.json"))
+    content = with_gear_section(summary, result, fitted_rows(study, final, friction), opened)
     names = [response.configuration.name for response in every]
     files: dict[str, Write] = {"summary.json": as_json(content)}
     files |= {file: text(spec) for file, spec in robot_files(study.name, robot, final, friction, names, opened)}
@@ -121,8 +120,9 @@ def with_gear_section(
         "notes": listed(gears.notes),
     }
     final = with_gears(result, gears)
-    content = {**content, "status": final.status, "message": final.message}
-    return {**content, "parameters": json_value(parameters), "gears": json_value(numbers)}
+    told = section(final, "status message")
+    told |= {} if final.indices else {"modification_indices": []}  # the gears explain what these would
+    return {**content, **told, "parameters": json_value(parameters), "gears": json_value(numbers)}
 
 
 def _number(joint: str, row: GearNumber) -> dict[str, Any]:
