@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +13,14 @@ from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import DISTORTED, Result, Status
 from elastid.nonlinear.effects import GearEffect
+from elastid.response import UNEXPLAINED
 
 # Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit: 5 right models leave
 # at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
 EXPLAINED = 0.25
 NOT_EXPLAINED = "the effects found in its gears do not explain that"
+# Codes of notes on a fit and its responses that ask for what effects of gears have explained.
+ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
 NOT_OPENED = "its gears were not laid open, as the line `gears` says"
 # Makers' units over SI.
 ARCMIN, ARCSEC = 180 * 60 / math.pi, 180 * 3600 / math.pi
@@ -125,6 +129,10 @@ class GearResult:
         """True where the effects take most of what the linear fit leaves, by whose misfit they are not to be judged."""
         return bool(self.effects) and self.after < EXPLAINED * self.before
 
+    def left_open(self, notes: Iterable[Note]) -> tuple[Note, ...]:
+        """Notes of a fit and its responses without those that the effects answer."""
+        return tuple(note for note in notes if not (self.explains_misfit and note.code in ANSWERED))
+
     def level(self, kind: str, joint: str) -> float:
         """The sum of levels of a kind at a joint, 0 without any."""
         mask = [(effect.kind, effect.joint) == (kind, joint) for effect in self.effects]
@@ -161,4 +169,5 @@ def with_gears(result: Result, gears: GearResult | None) -> Result:
             f"{100 * gears.after:.2g} %, the linear fit {100 * gears.before:.2g} %"
         )
     excess = max(result.cost - result.cost_expected, 0.0) * (gears.after / gears.before) ** 2
-    return replace(final, message=message, cost=result.cost_expected + excess, indices=(), verdicts=())
+    notes, cost = gears.left_open(result.notes), result.cost_expected + excess
+    return replace(final, message=message, cost=cost, indices=(), verdicts=(), notes=notes)

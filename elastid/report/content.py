@@ -74,7 +74,8 @@ class ReportContent:
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
         """Notes of the fit, its missing modes, then of the measured responses; the same from many places once."""
-        notes = (note for measured, _ in self.frf for note in measured.notes)
+        notes = tuple(note for measured, _ in self.frf for note in measured.notes)
+        notes = notes if self.gears is None else self.gears.left_open(notes)
         return grouped((*self.result.notes, *self.missing_modes, *notes))
 
     @property

@@ -25,7 +25,7 @@ from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
+from elastid.nonlinear.gear_result import ANSWERED, GearNumber, GearResult, with_gears
 from elastid.nonlinear.gear_sheet import open_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.report.content import ParameterRow, gear_line
@@ -121,7 +121,12 @@ def with_gear_section(
     }
     final = with_gears(result, gears)
     told = section(final, "status message")
-    told |= {} if final.indices else {"modification_indices": []}  # the gears explain what these would
+    if not final.indices:  # the gears explain what these would
+        told["modification_indices"] = []
+    if gears.explains_misfit and not final.indices:
+        pairs = zip(content["warnings"], content["notes"], strict=True)
+        kept = [(words, note) for words, note in pairs if note["code"] not in ANSWERED]
+        told["warnings"], told["notes"] = [words for words, _ in kept], [note for _, note in kept]
     return {**content, **told, "parameters": json_value(parameters), "gears": json_value(numbers)}
 
 

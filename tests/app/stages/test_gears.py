@@ -66,6 +66,7 @@ def test_every_effect_of_the_robot_is_found_and_no_other(folder: Path) -> None:
     """Intervals, of 40 % at most, hold the levels simulated; what the robot has not is below its bound."""
     content = summary(folder)
     assert content["modification_indices"] == []  # the gears explain what the linear fit has beyond the noise
+    assert "warning" not in {note["severity"] for note in content["notes"]}
     found = {name: n["interval95"] for name, n in content["gears"]["numbers"].items() if n["value"] is not None}
     truth = {"Fc_m1": 20.0, "Fc_m2": 6.0, "Fb_1": 12.0, "Fb_2": 3.0, "Fcl_m1": 0.02, "H_2": 4.0}
     truth |= {"e1_1": 2e-5, "e2_2": 4e-5}
