@@ -125,7 +125,7 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     code, results, hash_of_file = code_hash(), dict[str, Stamp](), cache(file_hash)
     for name, stage in stages_of_study(loaded.study).items():
         study, text = stage.sees(loaded.study), loaded.text if "text" in stage.keys.split() else ""
-        contents = [[path, hash_of_file(loaded.base / path)] for path in files_of(study)]
+        contents = [[path, hash_of_file(loaded.path.parent / path)] for path in files_of(study)]
         read = [[source, results[source].inputs] for source in stage.sources if source in results]
         inputs = hash_of([name, study, text, contents, read])
         results[name] = Stamp(inputs, code, __version__, loaded.study.seed, loaded.text, software())
@@ -202,7 +202,7 @@ class Run:
         there = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
         sources = {name: self.path(name) for name, may_miss in there.items() if not may_miss or self.is_made(name)}
         shown = stamp if "text" in row.keys.split() else replace(stamp, study="")
-        return Work(stage, self.partial(stage), shown, self.loaded.base, sources, self.jobs, self.console)
+        return Work(stage, self.partial(stage), shown, self.loaded.path.parent, sources, self.jobs, self.console)
 
     def is_made(self, stage: str) -> bool:
         """True if the result of a stage is there, made from the same inputs by any version."""

@@ -35,7 +35,6 @@ from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.problem.shared_bias import Factor, bias_slopes, ratio_errors
 from elastid.fit.problem.weights import Weights, vec
-from elastid.frf.matrices import adjoint
 from elastid.response import Response
 
 
@@ -108,11 +107,11 @@ def sum_lines(
     together, S, power, spread, dof = response.correlated_lines, None, math.nan, math.nan, math.inf
     noise = weights.noise_covariance()
     if noise is not None and weights.noise is not None:
-        S = T @ noise @ adjoint(T)
+        S = T @ noise @ T.mT.conj()
         power = float(np.einsum("faa->", S).real)
         # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them.
         is_exact = weights.noise.smooth is weights.noise.measured
-        smooth = S if is_exact else T @ weights.noise.covariance @ adjoint(T)
+        smooth = S if is_exact else T @ weights.noise.covariance @ T.mT.conj()
         dof = weights.noise.measured.dof
         together_in_power = max(together, weights.noise.measured.level_lines)
         spread = together_in_power * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))

@@ -23,7 +23,7 @@ from elastid.base.errors import DataError, Note
 from elastid.base.statistics import runs
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, smoothed_noise
-from elastid.frf.matrices import adjoint, inverse, singular_values, squared_magnitude
+from elastid.frf.matrices import inverse, singular_values, squared_magnitude
 from elastid.record import Record
 
 
@@ -175,7 +175,7 @@ def _power_unlike(blocks: Sequence[Block], m: int) -> FloatArray:
     others = [block for i, block in enumerate(blocks) if i != m]
     U, Y = (np.concatenate([getattr(block, Z)[::step] for block in others], axis=2) for Z in "UY")
     share = U.shape[1] / U.shape[2]
-    G = Y @ adjoint(U) @ inverse(U @ adjoint(U))
+    G = Y @ U.mT.conj() @ inverse(U @ U.mT.conj())
     inside = np.maximum(np.mean(squared_magnitude(Y - G @ U), axis=2) / (1 - share), 1e-300)
     outside = squared_magnitude(blocks[m].Y[::step] - G @ blocks[m].U[::step]) / (1 + share)
     return np.asarray(np.median(outside / inside[:, :, None], axis=(0, 1)))

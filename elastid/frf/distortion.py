@@ -37,7 +37,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.statistics import interpolated
 from elastid.frf.estimators import equation_error
 from elastid.frf.experiment_blocks import MeanSpectra
-from elastid.frf.matrices import adjoint, positive, power
+from elastid.frf.matrices import positive, power
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import MOTION_ORDER, Motion, Record
 from elastid.response import Levels
@@ -70,7 +70,7 @@ def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexAr
     Y_c = every.Y - G_k @ every.U
     C_V = equation_error(data, G_k)
     odd = detection % 2 == 1
-    error = Y_c[odd] @ adjoint(Y_c[odd]) / Y_c.shape[2]
+    error = Y_c[odd] @ Y_c[odd].mT.conj() / Y_c.shape[2]
     amplitude = np.sqrt(np.mean(np.abs(Y_c) ** 2, axis=2))
     of_noise = C_V * np.mean(1 / every.periods)
     noise = np.sqrt(power(of_noise))
@@ -138,7 +138,7 @@ def friction_bias(
         return None
     inverse = np.asarray(np.linalg.pinv(G[:, rows]), np.complex128)
     torque_error, torque_noise = (
-        power(inverse @ covariance[:, rows][:, :, rows] @ adjoint(inverse)) for covariance in (error, noise)
+        power(inverse @ covariance[:, rows][:, :, rows] @ inverse.mT.conj()) for covariance in (error, noise)
     )
     excess = torque_error - torque_noise
     weight = 1 / (torque_noise + torque_error.mean(axis=0)) ** 2

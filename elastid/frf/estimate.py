@@ -37,7 +37,7 @@ from elastid.frf.estimators import (
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.local.response import local_response
-from elastid.frf.matrices import adjoint, power, squared_magnitude
+from elastid.frf.matrices import power, squared_magnitude
 from elastid.frf.quality import (
     described_lines,
     input_notes,
@@ -285,7 +285,7 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     moving = power > _LEAST_SHARE * power[excited].sum()
     moving[excited] = True
     of_lines = q[:, moving].transpose(1, 2, 0)
-    spectra = of_lines @ adjoint(of_lines) / (2 * len(records))
+    spectra = of_lines @ of_lines.mT.conj() / (2 * len(records))
     motors = tuple(first.outputs[i] for i in columns)
     has_all = set(motors) == set(first.inputs) and not first.input_units
     feedback = _feedback(records, motors, q, s, excited, moving) if has_all else None

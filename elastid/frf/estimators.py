@@ -35,10 +35,8 @@ from elastid.frf.matrices import (
     added_cross_products,
     added_error_products,
     added_products,
-    adjoint,
     power,
     squared_magnitude,
-    transposed,
 )
 from elastid.response import Covariance
 
@@ -57,7 +55,7 @@ class Estimate:
     @cached_property
     def left(self) -> ComplexArray:
         """s^2 sum_m W_m^T W_m^* (F, n_u, n_u): the input factor, where all errors V have the same covariance."""
-        W = [transposed(W_m) for W_m in self.W]
+        W = [W_m.mT for W_m in self.W]
         return self.share**2 * added_cross_products(W, W)
 
 
@@ -101,7 +99,7 @@ def errors_in_variables(data: MeanSpectra) -> Estimate:
     Z, noise = Z / rms[:, :, None], data.S_Z / data.dof / (rms[:, :, None] * rms[:, None, :])
     L = np.linalg.cholesky(noise + 1e-14 * np.eye(n_y + n_u))  # regular without noise, too
     white = np.linalg.solve(L, Z)
-    Q = rms[:, :, None] * (L @ np.linalg.eigh(white @ adjoint(white))[1][:, :, -n_u:])
+    Q = rms[:, :, None] * (L @ np.linalg.eigh(white @ white.mT.conj())[1][:, :, -n_u:])
     return replace(h1(data), G=Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:]))
 
 
@@ -110,17 +108,17 @@ METHODS = {"arithmetic": arithmetic, "h1": h1, "joint": joint, "errors_in_variab
 
 def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Estimate:
     """G = (sum Y A^H)(sum U A^H)^-1, W = A^H (sum U A^H)^-1."""
-    of_inputs = np.linalg.inv(np.sum([U @ adjoint(A) for U, A in zip(data.U, instruments, strict=True)], axis=0))
-    W = tuple(adjoint(A) @ of_inputs for A in instruments)
+    of_inputs = np.linalg.inv(np.sum([U @ A.mT.conj() for U, A in zip(data.U, instruments, strict=True)], axis=0))
+    W = tuple(A.mT.conj() @ of_inputs for A in instruments)
     G: ComplexArray = np.sum([Y @ W_m for Y, W_m in zip(data.Y, W, strict=True)], axis=0)
     return Estimate(G, W)
 
 
 def equation_error(data: MeanSpectra, G: ComplexArray) -> ComplexArray:
     """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
-    n_y, S, B = G.shape[1], data.S_Z, adjoint(G)
+    n_y, S, B = G.shape[1], data.S_Z, G.mT.conj()
     cross = S[:, :n_y, n_y:] @ B
-    return np.asarray((S[:, :n_y, :n_y] - cross - adjoint(cross) + G @ (S[:, n_y:, n_y:] @ B)) / data.dof)
+    return np.asarray((S[:, :n_y, :n_y] - cross - cross.mT.conj() + G @ (S[:, n_y:, n_y:] @ B)) / data.dof)
 
 
 def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -> Covariance:
@@ -165,7 +163,7 @@ def total_covariance(data: MeanSpectra, estimate: Estimate, C_T: ComplexArray, d
     D = np.stack([block.Y @ block.W for block in data.blocks])
     D = D - D.mean(axis=0)
     vec = D.transpose(1, 3, 2, 0).reshape(len(estimate.G), -1, M)
-    return full_covariance(vec @ adjoint(vec) / (M - 1) / M, estimate.G.shape, M - 1)
+    return full_covariance(vec @ vec.mT.conj() / (M - 1) / M, estimate.G.shape, M - 1)
 
 
 def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:

@@ -11,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import Note
 from elastid.base.kernels import call, is_compiled
-from elastid.frf.matrices import added_cross_products, adjoint, inverse, squared_magnitude
+from elastid.frf.matrices import added_cross_products, inverse, squared_magnitude
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import (
@@ -43,7 +43,7 @@ class FullSum:
         z = np.ascontiguousarray(z)
         mean = z.sum(axis=0) / len(z)
         V = np.moveaxis(z - mean, 0, 2)
-        self.S[part] += V @ adjoint(V)
+        self.S[part] += V @ V.mT.conj()
         return np.asarray(mean)
 
     def power(self) -> FloatArray:
@@ -135,7 +135,7 @@ class Block:
         _, n_u, E = self.U.shape
         if n_u == E:
             return inverse(self.U)
-        return adjoint(self.U) @ inverse(self.U @ adjoint(self.U))
+        return self.U.mT.conj() @ inverse(self.U @ self.U.mT.conj())
 
     def on(self, lines: BoolArray) -> Block:
         """Spectra on some of the lines (F,)."""

@@ -15,16 +15,6 @@ from elastid.base.kernels import call, is_compiled
 Stacks: TypeAlias = Sequence[ComplexArray]
 
 
-def transposed(A: ComplexArray) -> ComplexArray:
-    """A^T of each matrix."""
-    return np.swapaxes(A, -1, -2)
-
-
-def adjoint(A: ComplexArray) -> ComplexArray:
-    """A^H of each matrix."""
-    return np.asarray(np.swapaxes(A, -1, -2).conj())
-
-
 def squared_magnitude(A: ComplexArray) -> FloatArray:
     """|A|^2 of each element, without the root that its magnitude costs."""
     return np.asarray(A.real**2 + A.imag**2)
@@ -38,7 +28,7 @@ def power(A: ComplexArray) -> FloatArray:
 def added_products(A: Stacks, B: Stacks) -> ComplexArray:
     """Sum over blocks of A B (F, n, m), A (F, n, k) and B (F, k, m)."""
     if is_compiled():
-        return _sum_of_products(A, [transposed(b) for b in B], -1)
+        return _sum_of_products(A, [b.mT for b in B], -1)
     return reduce(np.add, (a @ b for a, b in zip(A, B, strict=True)))
 
 
@@ -46,7 +36,7 @@ def added_cross_products(A: Stacks, B: Stacks) -> ComplexArray:
     """Sum over blocks of A B^H (F, n, m), A (F, n, k) and B (F, m, k)."""
     if is_compiled():
         return _sum_of_products(A, B, 1)
-    return added_products(A, [adjoint(b) for b in B])
+    return added_products(A, [b.mT.conj() for b in B])
 
 
 def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
@@ -79,7 +69,7 @@ def singular_values(A: ComplexArray) -> FloatArray:
     F, n, m = A.shape
     if not is_compiled():
         return np.asarray(np.linalg.svd(A, compute_uv=False), np.float64)
-    places, values = _places([A if m <= n else transposed(A)]), np.empty((F, min(n, m)))
+    places, values = _places([A if m <= n else A.mT]), np.empty((F, min(n, m)))
     call("singular_values", F, max(n, m), min(n, m), places, values)
     return np.sort(values)[:, ::-1]
 
@@ -89,7 +79,7 @@ def positive(A: ComplexArray) -> ComplexArray:
     F, n, _ = A.shape
     if not is_compiled():
         value, vector = np.linalg.eigh(A)
-        return np.asarray((vector * np.maximum(value, 0.0)[:, None, :]) @ adjoint(vector))
+        return np.asarray((vector * np.maximum(value, 0.0)[:, None, :]) @ vector.mT.conj())
     part = np.empty((F, n, n), np.complex128)
     call("positive_part", F, n, _places([A]), part)
     return part

@@ -48,7 +48,7 @@ from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.checks import LIMITS as CHECKS
 from elastid.frf.estimators import kronecker
 from elastid.frf.local.fitted_response import local_mean
-from elastid.frf.matrices import adjoint, power, transposed
+from elastid.frf.matrices import power
 from elastid.frf.quality import (
     coherences,
     local_modes,
@@ -214,7 +214,7 @@ def cross_spectra(records: Sequence[Record], segments: Segments, spec: Estimator
     for record in records:
         refuse_uncomputable(record)
     for Z in _spectra(records, segments, lines):
-        S += Z @ adjoint(Z)
+        S += Z @ Z.mT.conj()
     S *= scale[:, :, None] * scale[:, None, :].conj()
     lengths = [record.n_samples for record in records]
     return CrossSpectra(freq_hz, S, n_y, sum(map(segments.count, lengths)), sum(map(segments.independent, lengths)))
@@ -363,19 +363,19 @@ def _covariances(
     C_h (F, n_y, n_y): that by leverage.
     """
     dof = data.K_e - G.shape[2]
-    cross = data.yu @ adjoint(G)
-    S_V = data.yy - cross - adjoint(cross) + G @ data.uu @ adjoint(G)
+    cross = data.yu @ G.mT.conj()
+    S_V = data.yy - cross - cross.mT.conj() + G @ data.uu @ G.mT.conj()
     # Rounding makes the residual of exact data negative.
     S_V = S_V + np.eye(data.n_y) * np.maximum(-np.linalg.eigvalsh(S_V)[:, :1, None], 0.0)
     C_V = S_V * (data.K_e / data.K / dof)
     inverse: ComplexArray = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
-    left = transposed(inverse) * (data.K / data.K_e)
+    left = inverse.mT * (data.K / data.K_e)
     beta = _leakage(G, power(C_V)[:, :, None] * power(left)[:, None, :], segments)
     scaled = beta / np.sqrt(G.shape[2] * power(left))[:, None, :]
     by_noise, by_leverage = power(C_V), power(C_h)
     excess = local_mean(np.divide(by_leverage, by_noise, out=np.ones_like(by_noise), where=by_noise > 0))
     factor = np.sqrt(np.maximum(excess, 1.0))
-    C_total = factor[:, :, None] * C_V * factor[:, None] + scaled @ adjoint(scaled)
+    C_total = factor[:, :, None] * C_V * factor[:, None] + scaled @ scaled.mT.conj()
     noise, total = (kronecker(left, C, dof) for C in (C_V, C_total))
     return noise, total, beta, C_V
 

@@ -179,11 +179,6 @@ class LoadedStudy:
     def _repr_html_(self) -> str:
         return f"<p>{escape(printable(str(self.path)))}</p>{self.study.display.html}"
 
-    @property
-    def base(self) -> Path:
-        """The folder that paths in the study are relative to."""
-        return self.path.parent
-
 
 def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     """The study of a YAML file, `overrides`, each as 'key.path=value', taking the place of its keys.
@@ -203,7 +198,7 @@ def load_with_logs(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStu
     loaded, source = _load(Path(path), tuple(overrides))
     from elastid.study.checks.recorded import check_logs  # brings the reader of logs
 
-    if problems := list(check_logs(loaded.study, loaded.base)):
+    if problems := list(check_logs(loaded.study, loaded.path.parent)):
         raise make_error(source, problems)
     return loaded
 

@@ -119,7 +119,7 @@ def test_the_content_of_a_log_changes_the_stamp_of_its_records(studies: dict[str
     """One byte of one file, whatever its date."""
     loaded = studies["recorded"]
     before = stamps(loaded)
-    log = min((loaded.base / "logs").iterdir())
+    log = min((loaded.path.parent / "logs").iterdir())
     content = log.read_bytes()
     log.write_bytes(content[:-2] + bytes([content[-2] ^ 1]) + content[-1:])
     try:

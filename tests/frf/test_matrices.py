@@ -10,7 +10,6 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.kernels import is_compiled
 from elastid.frf import experiment_blocks, matrices
 from elastid.frf.experiment_blocks import FullSum, PackedSum, add_periods
-from elastid.frf.matrices import adjoint, transposed
 from elastid.frf.spectra import PeriodSpectra
 
 # One line and incomplete batches, odd sizes, and many lines.
@@ -49,11 +48,11 @@ def test_sums_of_products_are_the_formulas(F: int, n: int, m: int, lines_are_las
     G = laid_out(circular(rng, (F, n, m)), lines_are_last)
     D = [y - G @ u for y, u in zip(Y, U, strict=True)]
     pairs = list(zip(Y, U, strict=True))
-    assert off(matrices.added_cross_products(Y, U), sum(y @ adjoint(u) for y, u in pairs)) < 1e-13
-    assert off(matrices.added_cross_products(Y, Y), sum(y @ adjoint(y) for y in Y)) < 1e-13
-    plain = matrices.added_products(Y, [transposed(u) for u in U])
-    assert off(plain, sum(y @ transposed(u) for y, u in pairs)) < 1e-13
-    assert off(matrices.added_error_products(Y, G, U), sum(d @ adjoint(d) for d in D)) < 1e-13
+    assert off(matrices.added_cross_products(Y, U), sum(y @ u.mT.conj() for y, u in pairs)) < 1e-13
+    assert off(matrices.added_cross_products(Y, Y), sum(y @ y.mT.conj() for y in Y)) < 1e-13
+    plain = matrices.added_products(Y, [u.mT for u in U])
+    assert off(plain, sum(y @ u.mT for y, u in pairs)) < 1e-13
+    assert off(matrices.added_error_products(Y, G, U), sum(d @ d.mT.conj() for d in D)) < 1e-13
 
 
 @pytest.mark.usefixtures("way")
@@ -82,7 +81,7 @@ def test_the_positive_part_keeps_positive_eigenvalues_alone(n: int, lines_are_la
     value[:3] = np.resize([2.0, -2.0], n)
     value[3:5] = 0.0
     value[5] = np.arange(n) > 0
-    A, expected = (((Q * each[:, None, :]) @ adjoint(Q)) for each in (value, np.maximum(value, 0.0)))
+    A, expected = (((Q * each[:, None, :]) @ Q.mT.conj()) for each in (value, np.maximum(value, 0.0)))
     found = matrices.positive(laid_out(A, lines_are_last))
     size = np.abs(value).max(axis=1)[:, None, None]
     np.testing.assert_array_less(np.abs(found - expected), 1e-13 * size + 1e-300 + 0 * found.real)

@@ -33,7 +33,6 @@ from elastid.base.kernels import call
 from elastid.base.workers import Kept
 from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
-from elastid.frf.matrices import adjoint
 from elastid.linear.response.derivatives import Columns, Sensitivity
 
 BATCH = 16
@@ -223,7 +222,7 @@ class CompressedResiduals(Kept):
             weights = form(R)  # of a thousand configurations most of what is worked out
             weights = replace(weights, R=kept_beside(self.whitening.noise.in_file, weights.R))
             left = (mixing @ left[:, :, None])[:, :, 0]
-            q = (adjoint(basis) @ left[:, :, None])[:, :, 0]
+            q = (basis.mT.conj() @ left[:, :, None])[:, :, 0]
             left = left - (basis @ q[:, :, None])[:, :, 0]
         else:
             gain, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))

@@ -40,7 +40,6 @@ from scipy.special import fdtr, gammainc
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, kept_beside
 from elastid.base.statistics import chi_square_limit
 from elastid.base.workers import Kept
-from elastid.frf.matrices import adjoint
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
@@ -114,7 +113,7 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
 
 def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> ComplexArray:
     """sum theta Q (F, n_y, n_y); a (p, n_y), b (q, n_u)."""
-    C = (g * (shapes.torque.T @ b)[:, None, :]) @ np.swapaxes(g, -1, -2).conj()
+    C = (g * (shapes.torque.T @ b)[:, None, :]) @ g.mT.conj()
     diagonal = np.arange(g.shape[1])
     C[:, diagonal, diagonal] += shapes.own.T @ a
     return np.asarray(C)
@@ -248,7 +247,7 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     width = min(_width(n, dof), F)
     L = np.asarray(np.linalg.cholesky(model), np.complex128)
     whiten = np.asarray(np.linalg.inv(L), np.complex128)
-    X = whiten @ S @ adjoint(whiten)
+    X = whiten @ S @ whiten.mT.conj()
     level = np.einsum("faa->f", X).real / n
     known = level > 0
     level = np.interp(np.arange(F), np.flatnonzero(known), level[known]) if known.any() else np.ones(F)
@@ -266,7 +265,7 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     rho = 1.0 if width * dof < n else _shrinkage(X, width)
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
     bias = 1 - (1 - rho) * (n**2 - 1) / (n * width * dof)
-    smooth = np.asarray((for_weights / bias)[:, None, None] * (L @ inner @ adjoint(L)))
+    smooth = np.asarray((for_weights / bias)[:, None, None] * (L @ inner @ L.mT.conj()))
     return smooth, *_own(S, smooth, rho, width, dof)
 
 

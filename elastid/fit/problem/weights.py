@@ -169,7 +169,7 @@ def with_floor(spec: FitSpec, floor: float | None) -> FitSpec:
 
 def vec(array: FloatArray | ComplexArray) -> Any:
     """(..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
-    return np.swapaxes(array, -1, -2).reshape(*array.shape[:-2], -1)
+    return array.mT.reshape(*array.shape[:-2], -1)
 
 
 def _factors(response: Response, factors: Sequence[FactorSpec]) -> FloatArray:

@@ -34,7 +34,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.estimators import kronecker
 from elastid.frf.local.least_squares import LocalFit
-from elastid.frf.matrices import adjoint, power
+from elastid.frf.matrices import power
 from elastid.frf.quality import coherences_of_powers, relative_singular_values
 from elastid.response import Covariance, Levels, Quality
 
@@ -110,12 +110,12 @@ def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) 
     of_fit = N if closed else N[:, :, :n_y]
     M = of_fit[:, None] @ fit.M[usable] @ inverse[:, None]
     poles = (M, fit.A_cov[usable])
-    C_total = of_fit @ (fit.scatter[usable] / fit.dof) @ adjoint(of_fit)
+    C_total = of_fit @ (fit.scatter[usable] / fit.dof) @ of_fit.mT.conj()
     total = _covariance(left, C_total, fit.dof, poles)
     if experiments.C_Z is None:
         return FittedResponse(G, None, total, B_u, left, C_total)
     C_Z = experiments.C_Z[usable]
-    C_noise = N @ C_Z @ adjoint(N)
+    C_noise = N @ C_Z @ N.mT.conj()
     # The part of cov(A) that noise explains, by its share in the total.
     share = np.einsum("fyy->f", C_noise).real / np.maximum(np.einsum("fyy->f", C_total).real, 1e-300)
     noise = _covariance(left, C_noise, dof, (M, fit.A_cov[usable] * share[:, None, None]))
@@ -138,7 +138,7 @@ def _covariance(
         weighted = np.swapaxes(M, 1, 2).reshape(len(M), M.shape[2], -1)
         middle = np.einsum("fpq,fuv->fpuqv", A_cov, np.swapaxes(np.linalg.inv(left), 1, 2))
         d = A_cov.shape[1]
-        right = right + weighted @ middle.reshape(len(M), d * n_u, d * n_u) @ adjoint(weighted) / n_u
+        right = right + weighted @ middle.reshape(len(M), d * n_u, d * n_u) @ weighted.mT.conj() / n_u
     return kronecker(left, right, dof)
 
 
@@ -185,7 +185,7 @@ def local_quality(freq_hz: FloatArray, fitted: FittedResponse, periods: FloatArr
     taken out, and what else the residual has once; else the residual is the noise, and none is known of the inputs.
     """
     G, n_y = fitted.G, fitted.G.shape[1]
-    S_uu = fitted.B_u @ S_rr @ adjoint(fitted.B_u) / periods.sum()
+    S_uu = fitted.B_u @ S_rr @ fitted.B_u.mT.conj() / periods.sum()
     C_V, noise = power(fitted.C_total), np.zeros(S_uu.shape[:2])
     output_noise = C_V
     if fitted.C_Z is not None and fitted.C_noise is not None:

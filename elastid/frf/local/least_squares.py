@@ -21,7 +21,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.frf.matrices import adjoint
 
 # Numbers in the arrays of one block of lines: 64 MB.
 _BLOCK_NUMBERS = 4_000_000
@@ -261,7 +260,7 @@ def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Soluti
         w = 1 / np.maximum(A, floor * A.max(axis=1, keepdims=True))
         Q, L = np.linalg.qr(Phi * w[..., None])
         W_Z, W_X = w[..., None] * Z, w[:, None, :, None] * X
-        V, V_X = W_Z - Q @ (adjoint(Q) @ W_Z), W_X - Q[:, None] @ (adjoint(Q)[:, None] @ W_X)
+        V, V_X = W_Z - Q @ (Q.mT.conj() @ W_Z), W_X - Q[:, None] @ (Q.mT.conj()[:, None] @ W_X)
         if iteration < iterations:
             a = _denominator(V, V_X, W_X, scale)
         V = V + np.einsum("fp,fprz->frz", a, V_X)
@@ -288,7 +287,7 @@ def _denominator(V: ComplexArray, V_X: ComplexArray, W_X: ComplexArray, scale: F
     guard = np.broadcast_to(_ROUNDING * np.eye(d), (f, d, d))
     Q, L = np.linalg.qr(np.concatenate([X / size[:, None, :], guard], axis=1))
     target = np.concatenate([-(V / scale[:, None, :]).reshape(f, -1, 1), np.zeros((f, d, 1))], axis=1)
-    return np.asarray(np.linalg.solve(L, adjoint(Q) @ target)[..., 0] / size)
+    return np.asarray(np.linalg.solve(L, Q.mT.conj() @ target)[..., 0] / size)
 
 
 def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int, dof: float) -> LocalFit:
@@ -302,7 +301,7 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
     constants = terms.columns + (terms.order + 1) * np.arange(E if terms.transient else 0)
     first = np.concatenate([np.arange(n_u), constants])
     # Their rows (f, wanted, rows) of the pseudo-inverse of the weighted regressors.
-    inverse = (np.linalg.inv(L)[:, first] @ adjoint(Q)) / np.swapaxes(size, 1, 2)[:, first]
+    inverse = (np.linalg.inv(L)[:, first] @ Q.mT.conj()) / np.swapaxes(size, 1, 2)[:, first]
     of_B, of_T = inverse[:, :n_u], inverse[:, n_u:]
     AZ = solution.Z + np.einsum("fp,fprz->frz", solution.a, solution.X)
     scatter = np.swapaxes(solution.V, 1, 2) @ solution.V.conj()
@@ -311,7 +310,7 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
         T=of_T @ AZ,
         scatter=scatter,
         dof=dof,
-        left=of_B @ adjoint(of_B),
+        left=of_B @ of_B.mT.conj(),
         M=np.swapaxes(of_B[:, None] @ solution.X, 2, 3),
         A_cov=_denominator_covariance(solution.V_X, solution.scale, scatter / dof),
         T_left=np.sum(np.abs(of_T) ** 2, axis=2),
@@ -330,7 +329,7 @@ def _denominator_covariance(V_X: ComplexArray, scale: FloatArray, C_V: ComplexAr
     C = C_V / (scale[:, :, None] * scale[:, None, :])
     meat = np.einsum("fprz,fzy,fqry->fpq", X.conj(), C, X, optimize=True) / (size[:, :, None] * size[:, None, :])
     inverse = np.linalg.inv(normal)
-    return np.asarray(inverse @ meat @ adjoint(inverse) / (size[:, :, None] * size[:, None, :]))
+    return np.asarray(inverse @ meat @ inverse.mT.conj() / (size[:, :, None] * size[:, None, :]))
 
 
 def _rms(Z: ComplexArray) -> FloatArray:
