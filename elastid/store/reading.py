@@ -57,9 +57,13 @@ def _scalar(value: Any, kind: Kind) -> Any:
 
 
 def _read_array(dataset: Any, *_: Any) -> Any:
-    """An array; a large one stays in the file."""
+    """An array, read-only so that nobody copies it; a large one stays in the file."""
     in_place = mapped(Path(dataset.file.filename), dataset)
-    return dataset[()] if in_place is None else in_place
+    if in_place is not None:
+        return in_place
+    values = np.asarray(dataset)
+    values.flags.writeable = False
+    return values
 
 
 def _read_sequence(item: Any, kind: Kind, label: Label) -> tuple[Any, ...]:
