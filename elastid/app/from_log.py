@@ -332,7 +332,7 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
     at = tuple(_at(*pair, why) for pair in zip(robot.driven, ordered, strict=True))
     readings = [_read_as(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
     fitting = [reading for reading in readings if all(map(partial(_is_in_limits, positions), robot.driven, reading))]
-    return replace(guess, joints=(fitting or [at])[0])
+    return replace(guess, joints=(fitting or readings)[0])
 
 
 def _at(joint: Joint, guess: JointGuess, why: str) -> JointGuess:
@@ -360,6 +360,8 @@ def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bo
         if on_motor and ratio != 1:
             motion = replace(motion, ratio=ratio, why=f"{motion.why}; the link's side leaves limits of the robot")
             torque = replace(torque, ratio=ratio, why=f"{torque.why}; on the side of its motion")
+        elif torque.quantity == "current" and ratio != 1:
+            torque = replace(torque, ratio=ratio, why=f"{torque.why}; a current acts before the gear")
         result.append(replace(guess, torque=torque, motion=motion))
     return tuple(result)
 

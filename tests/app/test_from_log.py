@@ -85,7 +85,7 @@ def test_real_logs_become_studies_that_check_accepts(name: str, tmp_path: Path) 
     assert motion in [c.channel for c in study.experiment.channels if c.role == "y"]
 
 
-def logged(path: Path, names: tuple[str, ...], angles: tuple[float, ...], units: str = "") -> str:
+def logged(path: Path, names: tuple[str, ...], angles: tuple[float, ...], units: str = "", drive: str = "tau") -> str:
     """Two periods of random torques, and the angles of masses that they move, each joint alone."""
     rng = np.random.default_rng(0)
     u = np.tile(rng.standard_normal((1000, len(names))), (2, 1))
@@ -94,7 +94,7 @@ def logged(path: Path, names: tuple[str, ...], angles: tuple[float, ...], units:
     scale = [np.rad2deg(1.0) if units and name != "x" else 1.0 for name in names]
     units_of = ["" if name == "x" else units for name in names]
     heads = (f"q_{name}{unit}" for name, unit in zip(names, units_of, strict=True))
-    head = ",".join(["t", *(f"tau_{name}" for name in names), *heads])
+    head = ",".join(["t", *(f"{drive}_{name}" for name in names), *heads])
     u += np.tile(3 * rng.standard_normal((1000, len(names))), (2, 1))  # friction, beside inertias of no robot
     rows = np.hstack([np.arange(len(u))[:, None] / 500, u, scale * q])
     np.savetxt(path, rows, "%.9g", ",", header=head, comments="")
@@ -125,13 +125,18 @@ def test_logs_are_at_the_motors_that_they_name(suffix: str, units: str, tmp_path
     assert {*study.fit.parameters} == {"k_*", "d_*", "fm_*", "Jm_*"}
 
 
-def test_positions_that_fit_the_limits_before_the_gears_alone_are_of_the_motors(tmp_path: Path) -> None:
-    """Motors at 100 times the angles, in degrees as stated: side: motor for all, configurations behind the gears."""
+@pytest.mark.parametrize(("drive", "gear", "sides"), [("tau", 100, {"motor"}), ("current", 1, {"motor", "link"})])
+def test_sides_of_the_gears_are_those_of_angles_within_limits_and_of_currents(
+    drive: str, gear: int, sides: set[str], tmp_path: Path
+) -> None:
+    """Motors at 100 times the angles, in degrees as stated; currents act before gears whose angles are behind them."""
     (tmp_path / "arm.urdf").write_text(ARM)
-    log = logged(tmp_path / "log.csv", ("shoulder", "elbow"), (20.0, -30.0), " [deg]")
+    log = logged(tmp_path / "log.csv", ("shoulder", "elbow"), (0.2 * gear, -0.3 * gear), " [deg]", drive)
     assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "arm.urdf"), "--from", log]) == 0
     study = load_with_logs(tmp_path / "new" / "study.yml").study
-    assert {channel.side for channel in study.experiment.as_recorded().channels} == {"motor"}
+    channels = study.experiment.as_recorded().channels
+    assert {channel.side for channel in channels} == sides
+    assert {channel.side for channel in channels if channel.role == "u"} == {"motor"}
     np.testing.assert_allclose(study.experiment.configurations["bench"], [0.2, -0.3], atol=1e-3)
 
 
