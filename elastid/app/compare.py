@@ -24,10 +24,9 @@ from elastid.model.formulation import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant
 from elastid.response import Response
 from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling
-from elastid.store.checkpoint import Checkpoint
 from elastid.store.files import keep_checksums
 from elastid.store.measured import read_responses
-from elastid.store.results import write_comparison
+from elastid.store.results import Checkpoint, write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.comparison import (
     ComparedModel,

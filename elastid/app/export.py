@@ -10,11 +10,8 @@ from pathlib import Path
 from elastid.app.identified_robot import (
     robot_of_fit,
     robot_of_friction,
-    with_effects,
     with_findings,
     with_identified_friction,
-    with_linear_springs,
-    with_terms_of,
 )
 from elastid.app.run import Run
 from elastid.app.stages.fit import warn_of_distrust
@@ -22,7 +19,7 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
-from elastid.nonlinear.gear_result import GearResult, with_gears
+from elastid.nonlinear.gear_result import GearResult, with_effects, with_gears, with_linear_springs, with_terms_of
 from elastid.recorded.responses.table import geometry_of_files
 from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result

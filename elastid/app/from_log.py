@@ -359,9 +359,8 @@ def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bo
             motion = replace(motion, unit=unit, why=f"rad leave the limits of the robot{open_side}")
         if on_motor and ratio != 1:
             motion = replace(motion, ratio=ratio, why=f"{motion.why}; the link's side leaves limits of the robot")
-            torque = replace(torque, ratio=ratio, why=f"{torque.why}; on the side of its motion")
-        elif torque.quantity == "current" and ratio != 1:
-            torque = replace(torque, ratio=ratio, why=f"{torque.why}; a current acts before the gear")
+        if (on_motor or torque.quantity == "current") and ratio != 1:
+            torque = replace(torque, ratio=ratio, why=f"{torque.why}; before the gear")
         result.append(replace(guess, torque=torque, motion=motion))
     return tuple(result)
 

@@ -51,7 +51,7 @@ from elastid.store.files import (
 from elastid.study import LoadedStudy, Study, load_with_logs
 
 if TYPE_CHECKING:
-    from elastid.store.checkpoint import Checkpoint
+    from elastid.store.results import Checkpoint
 
 # Writes a file at a path, with its stamp where it carries one.
 Write: TypeAlias = Callable[[Path, Stamp], Any]
@@ -94,7 +94,7 @@ class Work:
 
     def checkpoint(self) -> Checkpoint:
         """Finished parts of the interrupted stage: of the same values, by the same code, from the very same files."""
-        from elastid.store.checkpoint import Checkpoint  # brings the solvers, which most stages do not need
+        from elastid.store.results import Checkpoint  # brings the solvers, which most stages do not need
 
         key = hash_of([self.stamp.inputs, self.stamp.code, [file_hash(path) for path in self.sources.values()]])
         remove_leftovers(self.parts)

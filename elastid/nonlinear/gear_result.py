@@ -1,10 +1,14 @@
-"""GearResult: the effects of a robot's gears with the parameters found beside them, and a sheet for each gear."""
+"""GearResult: the effects of a robot's gears with the parameters found beside them, and a sheet for each gear.
+
+The fit and the robot with what was found, as a robot's file states it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -13,7 +17,11 @@ from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import DISTORTED, Result, Status
 from elastid.nonlinear.effects import GearEffect
+from elastid.parameters import Parameter, Parameters
 from elastid.response import UNEXPLAINED
+from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
+from elastid.robot.friction_numbers import with_laws
+from elastid.robot.simplified import with_joints, with_straight_springs, without_dry_friction
 
 # Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit: 5 right models leave
 # at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
@@ -171,3 +179,103 @@ def with_gears(result: Result, gears: GearResult | None) -> Result:
     excess = max(result.cost - result.cost_expected, 0.0) * (gears.after / gears.before) ** 2
     notes, cost = gears.left_open(result.notes), result.cost_expected + excess
     return replace(final, message=message, cost=cost, indices=(), verdicts=(), notes=notes)
+
+
+def with_effects(robot: Robot, gears: GearResult) -> Robot:
+    """A fitted robot with the effects of its gears, no other dry friction, and no other laws of springs.
+
+    A spring that softens so far that it would pull keeps the stiffness at zero torque alone, as does one whose law the
+    robot's file cannot state.
+    """
+    bare, laws = with_straight_springs(without_dry_friction(robot)), {}
+    for joint in robot.driven:
+        level = gears.level("friction", joint.name)
+        if level > 0 and joint.motor is not None:
+            laws[joint.name] = Friction(level), joint.motor.viscous * joint.motor.ratio**2
+    known = {effect.joint for effect in gears.effects}
+
+    def changed(joint: Joint) -> Joint:
+        if joint.name not in known or joint.spring is None:
+            return joint
+        behind = gears.level("behind", joint.name)
+        friction = Friction(behind) if behind > 0 else joint.friction
+        return replace(
+            joint, friction=friction, spring=_spring(joint.spring, joint.name, gears), gear=_gear(joint, gears)
+        )
+
+    return with_laws(with_joints(bare, changed), laws)
+
+
+def with_linear_springs(robot: Robot) -> Robot:
+    """The robot with the stiffness at zero torque of each joint's spring."""
+
+    def linear(joint: Joint) -> Joint:
+        if joint.spring is None:
+            return joint
+        # Within the ends of a gap or range: what it has at zero torque, where that is more than nothing.
+        k = joint.spring.inner_stiffness or joint.spring.stiffness
+        return replace(joint, spring=Spring(k, joint.spring.damping))
+
+    return with_joints(robot, linear)
+
+
+def with_terms_of(result: Result, robot: Robot) -> Result:
+    """The fit with numbers for the terms of this robot's springs, held; without those of terms it has not.
+
+    A stiffness is that beyond the ends of a gap or range.
+    """
+    known, x = robot.parameters(), result.x.copy()
+    broken = {f"k_{joint.name}" for joint in robot.driven if joint.spring and joint.spring.backlash is not None}
+    for i, p in enumerate(result.parameters.free):
+        if p.name in broken:
+            x[i] = p.to_x(known[p.name][0])
+    kept = [p for p in result.parameters if p.name in known or not p.name.startswith(("k2_", "k2s_", "k3_"))]
+    names = [p.name for p in kept]
+    held = [Parameter(name, float(x), unit, free=False) for name, (x, unit) in known.items() if name not in names]
+    return replace(result, x=x, parameters=Parameters((*kept, *held)))
+
+
+def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:
+    """A gap is soft within, a range of torque stiffer beyond; a file can state one of them."""
+    ends = [(kind, b, f) for kind, b, f in _effects(joint, gears) if kind in ("gap", "range") and f]
+    if ends:
+        (kind, b, f), k = ends[0], spring.stiffness
+        inner, outer = (max(k - f, 0.0), k) if kind == "gap" else (k, k + f)
+        # The ends of a gap are found as sharp.
+        broken = replace(spring, stiffness=outer, backlash=b, inner_stiffness=inner, rounding=0.02)
+        return broken if len(ends) == 1 and outer > 0 else spring
+    terms = {"cubic": gears.level("cubic", joint), "symmetric_quadratic": gears.level("progressive", joint)}
+    try:
+        return replace(spring, **{name: level for name, level in terms.items() if level})
+    except ValueError:  # it softens, and would pull beyond the torques of the records
+        return spring
+
+
+def _gear(joint: Joint, gears: GearResult) -> Gear | None:
+    name = joint.name
+    gear = Gear(
+        load=max(gears.level("load", name), 0.0),
+        error=tuple(TransmissionError(*of_order) for of_order in _harmonics("error", name, gears)),
+        ripple=tuple(GearRipple(*of_order) for of_order in _harmonics("ripple", name, gears)),
+        hysteresis=tuple(
+            Hysteresis(level, scale, "sharp" if kind == "stop" else "smooth")
+            for kind, scale, level in _effects(name, gears)
+            if kind in ("stop", "bristle") and level > 0
+        ),
+    )
+    return gear if gear != Gear() else None
+
+
+def _harmonics(word: Literal["error", "ripple"], joint: str, gears: GearResult) -> Iterator[tuple[float, float, float]]:
+    """Amplitude, order and phase of each order."""
+    parts = {(kind, scale): f for kind, scale, f in _effects(joint, gears) if kind.startswith(word)}
+    for order in dict.fromkeys(scale for _, scale in parts):
+        sine, cosine = (parts.get((f"{word} {part}", order), 0.0) for part in ("sine", "cosine"))
+        if amplitude := math.hypot(sine, cosine):
+            yield amplitude, order, math.atan2(cosine, sine)
+
+
+def _effects(joint: str, gears: GearResult) -> list[tuple[str, float, float]]:
+    """Kind, scale and level of each effect at a joint."""
+    levels = zip(gears.effects, gears.levels.tolist(), strict=True)
+    return [(effect.kind, effect.scale, f) for effect, f in levels if effect.joint == joint]

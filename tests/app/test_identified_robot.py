@@ -9,10 +9,10 @@ import pytest
 from plants.taken_friction import taken_friction
 from plants.two_mass_gear import RATIO, Gear, robot
 
-from elastid.app.identified_robot import SLOPE, WITH_COULOMB, contents, truth, with_effects, with_linear_springs
+from elastid.app.identified_robot import SLOPE, WITH_COULOMB, contents, truth
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.effects import GearEffect, implicit_law
-from elastid.nonlinear.gear_result import GearResult
+from elastid.nonlinear.gear_result import GearResult, with_effects, with_linear_springs
 from elastid.parameters import Parameter
 from elastid.robot import Body, Friction, Hysteresis, Joint, Motor, Robot, Spring
 from elastid.robot.simplified import with_joints

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.store.checkpoint import Checkpoint
+from elastid.store.results import Checkpoint
 from elastid.validation.agreement import Fold
 from elastid.validation.comparison import Refit
 

@@ -1,0 +1,126 @@
+"""The friction of joints followed over their motions: where a filter starts, what it reads, its noise.
+
+A joint is elastic where the robot's file has a spring, else rigid with the inertia that was identified.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.errors import Note, StudyError
+from elastid.friction.robot_friction import PlacedLaw, frictions
+from elastid.friction_study.extended_kalman_filter import (
+    FilterNoise,
+    FollowedFriction,
+    FollowedJoint,
+    JointSamples,
+    follow,
+    with_tolerances,
+)
+from elastid.friction_study.result import JointFriction, held_spring
+from elastid.friction_study.spec import FilterSpec
+from elastid.record import FrictionRecord
+from elastid.robot import Robot
+from elastid.robot.friction_numbers import with_laws
+
+
+def follow_joints(
+    robot: Robot, joints: Sequence[JointFriction], records: Sequence[FrictionRecord], spec: FilterSpec
+) -> tuple[tuple[FollowedFriction, ...], tuple[Note, ...]]:
+    """The friction of joints over the records in which each moves alone; notes on those that cannot be followed.
+
+    StudyError where none can.
+    """
+    followed, notes, together = [], list[Note](), [record.name for record in records]
+    moved = [record for record in records if record.purpose in ("passes", "motion")]
+    alone = [record for record in moved if together.count(record.name) == 1]
+    for joint in joints:
+        of_joint = sorted((r for r in alone if r.joint == joint.joint), key=lambda record: record.start_s)
+        try:
+            followed.append(_followed(robot, joint, of_joint, spec))
+        except StudyError as error:
+            notes.append(Note("filter/record", str(error)))
+    if not followed:
+        raise StudyError("filter/start", "; ".join(note.text for note in notes))
+    return tuple(followed), tuple(notes)
+
+
+def _followed(
+    robot: Robot, identified: JointFriction, records: Sequence[FrictionRecord], spec: FilterSpec
+) -> FollowedFriction:
+    """The friction of a joint over its motions; StudyError where no filter can start or nothing can be followed."""
+    name = identified.joint
+    if not records:
+        raise StudyError(
+            "filter/start",
+            f"joint {name} has no motion in which it moves alone, with the torque of gravity known; record one",
+        )
+    if identified.friction is None or identified.viscous is None:
+        raise StudyError("filter/start", "no friction was identified from which a filter could start", f"joint {name}")
+    laws = frictions(with_laws(robot, {name: (identified.friction, identified.viscous)}))
+    law = next(law for law in laws if law.place == f"motor {name}")
+    joint = _joint(robot, identified, records, spec, law, identified.viscous)
+    parts = ("gravity.cos", "gravity.sin", "offset")
+    cos, sin, constant = (identified.shared.get(part, (0.0, 0.0))[0] for part in parts)
+    motions = tuple(
+        # A filter reads a torque that is held from one sample to the next, at whose end the angle is.
+        JointSamples(r.torque[:-1], cos * np.cos(q[:-1]) + sin * np.sin(q[:-1]) + constant, q[1:], r.start_s - first_s)
+        for r, q, first_s in ((record, record.position, records[0].start_s) for record in records)
+    )
+    angle = max(_count(record) for record in records) / np.sqrt(12)
+    # The drift within 20 minutes is that of a random walk, of the offset in parts of F_c.
+    rate = spec.drift / 1200.0**0.5
+    drift: dict[str, float] = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name in spec.states}
+    torque = spec.torque_std or 0.05 * joint.coulomb  # where it was not identified
+    noise = FilterNoise(float(angle), torque, torque if spec.correlation_time > 0 else 0.0, drift=drift)
+    return follow(
+        name, identified.slides, joint, motions, records[0].rate_hz, noise, spec.settle,
+        find_noise=spec.torque_std is None,
+    )  # fmt: skip
+
+
+def _joint(
+    robot: Robot,
+    identified: JointFriction,
+    records: Sequence[FrictionRecord],
+    spec: FilterSpec,
+    law: PlacedLaw,
+    viscous: float,
+) -> FollowedJoint:
+    """Elastic where the robot's file has a spring, else with the inertia that was identified."""
+    F_c, F_s, inverse_nu_s = law.curve()[:3].tolist()
+    bristle_stiffness, bristle_damping = law.at_rest()
+    if law.law.n_states == 0:
+        # No presliding was identified: bristles slip after 1e-4 of the path, or 20 counts of the encoder.
+        path = max(float(np.ptp(record.position)) for record in records)
+        slip = max([1e-4 * path, *(20 * record.resolution for record in records)])
+        bristle_stiffness, bristle_damping = F_c / slip, 0.0
+    known = {"coulomb": F_c, "viscous": max(viscous, 1e-6 * F_c), "stiction_ratio": F_s / F_c}
+    known["stribeck_velocity"] = 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0
+    known |= {"bristle_stiffness": bristle_stiffness, "bristle_damping": bristle_damping}
+    known["correlation_s"] = spec.correlation_time
+    elastic = held_spring(robot, records[0])
+    if elastic is not None:
+        inertia = elastic.motor_inertia
+        known |= {"link_inertia": elastic.link_inertia, "stiffness": elastic.stiffness, "damping": elastic.damping}
+    elif "inertia" in identified.shared:
+        inertia = identified.shared["inertia"][0]
+    else:
+        raise StudyError(
+            "filter/start",
+            f"joint {identified.joint} has no spring in the robot's file, and no motion from which its inertia is "
+            "known: a filter needs the inertia; record a motion that accelerates, or give the joint's spring",
+        )
+    return with_tolerances(FollowedJoint(inertia, followed=spec.states, **known), identified)
+
+
+def _count(record: FrictionRecord) -> float:
+    """The step of the position, or the smallest difference of two of its values; below 1e-7 of the path is rounding."""
+    if record.resolution > 0:
+        return record.resolution
+    gaps = np.diff(np.unique(record.position))
+    min_gap = 1e-7 * float(np.ptp(record.position))
+    larger = gaps[gaps > min_gap]
+    return float(np.min(larger)) if larger.size else min_gap
