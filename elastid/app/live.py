@@ -28,6 +28,7 @@ from elastid.design.next_experiment import Goal, Known, NextExperiment, next_exp
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s
 from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.plan.planned_run import contradiction
 from elastid.experiment.simulated.hardware import logged_quantity
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
@@ -38,7 +39,6 @@ from elastid.fit.parameter_choice import choose
 from elastid.fit.result import Result
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.recorded.files.formats import is_log
-from elastid.recorded.planned_run import contradiction
 from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import EXACT
 from elastid.store.artefacts import Stamp, read_stamp
@@ -270,12 +270,13 @@ class Session:
 
     def _check(self, plan: Plan, records: Path, problem: DesignProblem) -> None:
         """DataError for a record that contradicts its plan."""
+        coulomb = coulomb_levels(problem.robot)
         with self._execution(f"rehearsal of {plan.configurations[0].name}") as execution:
             rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
         measured = {record.name: record for record in read_records(records, plan.configurations[0].name)}
         for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
             swings = problem.simulated.carrier is not None
-            if words := contradiction(measured[run.name], plan, rehearsal, problem.robot, swings):
+            if words := contradiction(measured[run.name], plan, rehearsal, coulomb, swings):
                 raise DataError(
                     "live/logs",
                     f"{words}. Put the right log in its place and give the same command; all logs before it are kept",

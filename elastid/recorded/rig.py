@@ -26,6 +26,7 @@ from elastid.base import arrays
 from elastid.base.arrays import FloatArray, LargeArray
 from elastid.base.errors import DataError, Note
 from elastid.experiment.plan.plan import Experiment
+from elastid.experiment.plan.planned_run import mean_period
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
@@ -282,11 +283,6 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
         for a, b, (lag, correlation) in zip(first.T, mean.T, delays, strict=True)
         if correlation >= CLOCK.min_correlation
     )
-
-
-def mean_period(signals: FloatArray, N: int) -> FloatArray:
-    """The mean (N, c) of the whole periods of signals (n, c)."""
-    return np.asarray(signals[: len(signals) // N * N].reshape(-1, N, signals.shape[1]).mean(axis=0))
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
-from elastid.friction.robot_friction import coulomb_levels
 from elastid.record import Record
-from elastid.recorded.rig import mean_period
-from elastid.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -36,10 +33,10 @@ class PlanLimits:
 LIMITS = PlanLimits()
 
 
-def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, robot: Robot, has_carrier: bool) -> str:
+def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: FloatArray, has_carrier: bool) -> str:
     """The contradiction of a record to its plan, in words; an empty text where there is none.
 
-    robot: as it is known, which was rehearsed; its record has the positions of its motors.
+    coulomb (n_u,): friction of the motors, as known.  The record has the positions of all motors.
     """
     assert record.r is not None
     planned, of_motors = plan.torque(rehearsal.experiment), [record.outputs.index(at) for at in record.inputs]
@@ -55,7 +52,7 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, robot: Robot
         return f"its excitation is {late_s:.3g} s beside the planned one: log from the first sample of the run"
     same, size, posture = LIMITS.mirrored, LIMITS.unit, np.full(len(none), LIMITS.posture)
     # Under a carrier friction changes sign and cancels; at rest it holds a part of the weight.
-    friction, held = coulomb_levels(robot) * (0.2 if has_carrier else 1.2), np.abs(torque.mean(axis=0))
+    friction, held = coulomb * (0.2 if has_carrier else 1.2), np.abs(torque.mean(axis=0))
     injected = np.sqrt(np.mean(planned**2, axis=0))
     holding = LIMITS.holding * np.maximum(held, 0.25 * held.max()) + friction + 0.1 * injected
     return (
@@ -81,3 +78,8 @@ def _unlike(
             "is this run, channels, signs, units, posture, payload"
         )
     return ""
+
+
+def mean_period(signals: FloatArray, N: int) -> FloatArray:
+    """The mean (N, c) of the whole periods of signals (n, c)."""
+    return np.asarray(signals[: len(signals) // N * N].reshape(-1, N, signals.shape[1]).mean(axis=0))

@@ -9,10 +9,11 @@ from plants.limited_arm import arm, experiment
 
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
+from elastid.experiment.plan.planned_run import contradiction
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import CarrierSpec
+from elastid.friction.robot_friction import coulomb_levels
 from elastid.record import Record
-from elastid.recorded.planned_run import contradiction
 from elastid.robot import Frame, Payload, Placement, Robot
 
 EXCITATION = MultisineSpec(rate_hz=500.0, period=1.0, band_hz=(2.0, 60.0), torque_rms=(60.0, 50.0))
@@ -41,7 +42,7 @@ def measured(truth: Robot, plan: Plan) -> Record:
 
 def said(plan: Plan, record: Record) -> str:
     rehearsal = SimulatedRig(robot(), EXPERIMENT, plan, 3).rehearse(plan.experiments[0])
-    return contradiction(record, plan, rehearsal, robot(), True)
+    return contradiction(record, plan, rehearsal, coulomb_levels(robot()), True)
 
 
 def test_a_clean_log_of_a_robot_with_other_springs_contradicts_nothing(plan: Plan, clean: Record) -> None:
