@@ -233,7 +233,7 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
     table = [[*headings, *["of rated"] * rated, "linear fit"]]
     for row in chosen:
         share = f"{number(100 * row.rated_share, 2)} %" if math.isfinite(row.rated_share) else "–"
-        before = number(row.linear * row.factor, 6) if math.isfinite(row.linear) else "–"
+        before = number(row.linear * row.factor, digits(row.value, row.std)) if math.isfinite(row.linear) else "–"
         table.append([*_cells(row), *[share] * rated, before])
     return table
 

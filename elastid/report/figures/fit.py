@@ -51,7 +51,7 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
     shown = np.concatenate([start, ratios[:, 0], ratios[:, 3]])
     shown = shown[np.isfinite(shown) & (shown > 0)]
     low, high = min(0.5, *shown) / 1.15, max(2.0, *shown) * 1.15
-    marks = [Curve(start, y, "start", style.START, True, looks={"ms": 5, "mfc": "none", "mew": 1})]
+    marks = [Curve(start, y, "start", style.START, True, looks={"mfc": "none", "mew": 1})]
     near = (bounds > low) & (bounds < high)
     pairs = zip(bounds, near, strict=True)
     marks += [Curve(end[rows], y[rows], "bound", style.WEAK, True, looks=_BAR) for end, rows in pairs if rows.any()]
@@ -70,8 +70,8 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
         Panel([*marks, *_values(ratios, at_bound)], f"ratio to the {to}", x_ends=(low, high)),
         Panel([*_values(percent, at_bound), *[off] * bool(beyond.any())], f"deviation from the {to} in %", x_ends=ends),
     ]
-    left = min(3.15, 0.35 + 0.075 * max(len(row.name) for row in rows))
-    figure = style.matrix("Parameters", [panels], 0.26 * len(rows) + 0.3, left=left, gaps=(0.06, 0.0), sharey=True)
+    left, heights = 0.4 + 0.075 * max(len(row.name) for row in rows), [0.26 * len(rows) + 0.3]
+    figure = style.matrix("Parameters", [panels], heights, left=left, sharey=True)
     ratio, deviation = figure.axes
     style.set_names(ratio.yaxis, [row.name for row in rows])
     ratio.set_ylim(len(rows) - 0.4, -0.6)
@@ -91,9 +91,9 @@ def _values(values: FloatArray, at_bound: BoolArray) -> list[Curve]:
     """values (n, 4): estimate, ends of the interval, truth (NaN where unknown) of the row at 0, 1, 2 ..."""
     y = np.arange(float(len(values)))
     between = np.column_stack([values[:, 1:3], np.full(len(y), np.nan)]).ravel()
-    curves = [Curve(between, np.repeat(y, 3), "95 % interval", looks={"lw": 2.2, "alpha": 0.55})]
+    curves = [Curve(between, np.repeat(y, 3), "95 % interval")]
     for rows, text, ink in ((~at_bound, "estimate", style.MEASURED), (at_bound, "estimate at its bound", style.FITTED)):
-        curves += [Curve(values[rows, 0], y[rows], text, ink, True, looks={"ms": 4.5})] if rows.any() else []
+        curves += [Curve(values[rows, 0], y[rows], text, ink, True)] if rows.any() else []
     truth = Curve(values[:, 3], y, "truth", style.TRUTH, True, looks=_BAR)
     return [*curves, *[truth] * bool(np.isfinite(values[:, 3]).any())]
 
@@ -105,11 +105,11 @@ def identifiability(result: Result) -> Figure:
     cells = Cells(r, names, names, (-1.0, 1.0), lambda v: f"{v:.2f}" if 0.9 < abs(v) < 1 else "", "RdBu_r")
     condition = s[0] / s[-1] if s[-1] > 0 else math.inf
     values = Panel(
-        [Curve(np.arange(1, len(s) + 1), s, dots=True, looks={"ms": 4.5})], "number",
+        [Curve(np.arange(1, len(s) + 1), s, dots=True)], "number",
         title=f"singular values, condition {condition:.3g}", scale="log" if np.all(s > 0) else "linear",
     )  # fmt: skip
     rows = [[Panel(title="correlation of the estimates", cells=cells), values]]
-    return style.matrix("How well the data determine the parameters", rows, float(np.clip(0.27 * n, 2.4, 7.0)))
+    return style.matrix("How well the data determine the parameters", rows)
 
 
 def information(forecast: Forecast) -> Figure:
@@ -129,7 +129,7 @@ def information(forecast: Forecast) -> Figure:
         Panel(x="octave above Hz", title="share of all information in %", cells=all_of),
         Panel(title="share of the information on a parameter in %", cells=cells),
     ]
-    return style.matrix("Expected information by configuration", [panels], 0.3 * len(names) + 0.5)
+    return style.matrix("Expected information by configuration", [panels])
 
 
 def limit_use(use: LimitUse) -> Figure:
@@ -142,8 +142,7 @@ def limit_use(use: LimitUse) -> Figure:
               cells=Cells(percent[:, kind], () if i else use.configurations, motors, (0.0, 130.0)))
         for i, kind in enumerate(kinds)
     ]  # fmt: skip
-    title, tall = f"Peaks against limits ({use.margin:.0%} of each kept free)", max(0.28 * len(use.configurations), 0.8)
-    return style.matrix(title, [panels], tall, gaps=(0.08, 0.0))
+    return style.matrix(f"Peaks against limits ({use.margin:.0%} of each kept free)", [panels])
 
 
 def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
@@ -159,7 +158,7 @@ def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
         above.append(Panel([*_loop(sheet, 0.0 * linear, factor), straight], label, f"torsion in {angle}", words))
         below.append(Panel(_loop(sheet, linear, factor), label, f"less torque / k, {angle}", words))
     rows = [row for pair in zip(style.in_columns(above), style.in_columns(below), strict=True) for row in pair]
-    return style.matrix("Torsion of the gears over their torque", rows, 2.4, gaps=(0.35, 0.5))
+    return style.matrix("Torsion of the gears over their torque", rows)
 
 
 def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:
@@ -208,16 +207,15 @@ def bode(measured: Response, modelled: Response | None, std: FloatArray | None) 
         rows += [magnitude, phase]
     unit = style.pretty_unit(measured.unit)
     title = f"{measured.quantity} of {measured.configuration.name}, dB re 1 {unit} and phase"
-    return style.matrix(title, rows, 1.4, 1.2 + 3.4 * n_u, gaps=(0.2, 0.15), sharex=True)
+    return style.matrix(title, rows, [1.2] * len(rows), 1.2 + 3.4 * n_u, sharex=True)
 
 
 def _measured(measured: Response, above: BoolArray, G: ComplexArray) -> tuple[list[Curve], list[Curve]]:
     """Magnitude and phase as points."""
-    looks = {"ms": 2.4 if len(above) <= 300 else 1.6, "zorder": 2}
     kinds = ((above, "measured", style.MEASURED), (~above, "measured, below 2 sigma", style.WEAK))
     f = measured.freq_hz
     magnitude, phase = (
-        [Curve(f[rows], values[rows], text, ink, True, looks=looks) for rows, text, ink in kinds if rows.any()]
+        [Curve(f[rows], values[rows], text, ink, True) for rows, text, ink in kinds if rows.any()]
         for values in (in_db(G), np.degrees(np.angle(G)))
     )
     return magnitude, phase
@@ -232,10 +230,9 @@ def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[
         band = in_db(np.maximum(size - spread, 1e-3 * size)), in_db(size + spread)
     again = phase.copy()
     again[:-1][np.abs(np.diff(phase)) > 180] = np.nan
-    looks = {"lw": 1.1, "zorder": 3}
-    magnitude = Curve(f, in_db(G), "model", style.FITTED, band=band, band_label="2 std of the model", looks=looks)
+    magnitude = Curve(f, in_db(G), "model", style.FITTED, band=band, band_label="2 std of the model")
     broken = np.stack([phase, again], axis=1).ravel()
-    return [magnitude], [Curve(np.repeat(f, 2), broken, "model", style.FITTED, looks=looks)]
+    return [magnitude], [Curve(np.repeat(f, 2), broken, "model", style.FITTED)]
 
 
 def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
@@ -259,21 +256,21 @@ def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
     for sigma, name in values:
         words = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
         panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=words, frequency=f))
-    return style.matrix(title, style.in_columns(panels), gaps=(0.25, 0.45))
+    return style.matrix(title, style.in_columns(panels))
 
 
 def _levels(f: FloatArray, quality: Quality, i: int) -> list[Curve]:
-    excited, looks = quality.excited, {"lw": 0.7}
+    excited = quality.excited
     curves = [
-        Curve(f, in_db(excited.amplitude[:, i]), "excited lines", dots=True, looks={"ms": 2}),
-        Curve(f, in_db(excited.noise[:, i]), "noise", style.NOISE, looks=looks),
+        Curve(f, in_db(excited.amplitude[:, i]), "excited lines", dots=True),
+        Curve(f, in_db(excited.noise[:, i]), "noise", style.NOISE),
     ]
     if quality.stochastic is not None:
-        curves.append(Curve(f, in_db(quality.stochastic[:, i]), "stochastic nonlinear", style.TOTAL, looks=looks))
+        curves.append(Curve(f, in_db(quality.stochastic[:, i]), "stochastic nonlinear", style.TOTAL))
     for lines, ink, name in ((quality.even, style.FITTED, "even"), (quality.odd, style.START, "odd")):
         if lines is not None:
             level = np.sqrt(np.maximum(lines.amplitude[:, i] ** 2 - lines.noise[:, i] ** 2, 0.0))
-            curves.append(Curve(lines.freq_hz, in_db(level), f"nonlinear, {name}", ink, True, looks={"ms": 1.4}))
+            curves.append(Curve(lines.freq_hz, in_db(level), f"nonlinear, {name}", ink, True))
     return curves
 
 
@@ -285,16 +282,13 @@ def stabilisation_diagram(modes: Modes, title: str) -> Figure:
         for rows, text, ink in ((~diagram.stable, "pole", style.WEAK), (diagram.stable, stable, style.MEASURED))
     ]
     top = float(diagram.order.max(initial=1))
-    looks = {"lw": 0.8, "zorder": 0.8}
-    lines = [Curve([f, f], [0.0, top], "mode", style.FITTED, looks=looks) for f in modes.freq_hz]
-    indicators = in_db(modes.indicators + np.finfo(float).tiny)
-    values = [Curve(modes.at_hz, column, color=style.WEAK) for column in indicators.T]
-    width = modes.at_hz[-1] - modes.at_hz[0]
-    ends = float(modes.at_hz[0] - 0.02 * width), float(modes.at_hz[-1] + 0.02 * width)
+    lines = [Curve([f, f], [0.0, top], "mode", style.FITTED) for f in modes.freq_hz]
+    values = [Curve(modes.at_hz, column, color=style.WEAK) for column in in_db(modes.indicators).T]
+    ends = float(modes.at_hz[0]), float(modes.at_hz[-1])
     unit = "singular values, dB"
     below = Panel(values, style.frequency_label(modes.rate_is_known), unit, x_ends=ends)
-    rows = [[Panel([*poles, *lines], y="order", x_ends=ends)], [below]]
-    return style.matrix(f"Stabilisation diagram, {title}", rows, (2.6, 1.6), sharex=True, gaps=(0.0, 0.1))
+    rows = [[Panel([*lines, *poles], y="order", x_ends=ends)], [below]]
+    return style.matrix(f"Stabilisation diagram, {title}", rows, sharex=True)
 
 
 if TYPE_CHECKING:
@@ -317,17 +311,17 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
     part = slice(None, None, max(1, len(balance.measured) // MOST_SAMPLES))
     t = (np.arange(len(balance.measured)) / balance.rate_hz)[part]
     modelled = balance.measured - balance.residual
-    whole = [(balance.measured, style.MEASURED, 1.2, "measured"), (modelled, style.FITTED, 0.8, "model")]
+    whole = [(balance.measured, style.MEASURED, "measured"), (modelled, style.FITTED, "model")]
     if any(name in FRICTION for name in balance.parts):
-        whole.append((modelled - balance.part(FRICTION), style.WEAK, 0.8, "model without friction"))
-    whole.append((balance.residual, style.RESIDUAL, 0.6, "measured − model"))
-    total = [Curve(t, torque[part], text, ink, looks={"lw": width}) for torque, ink, width, text in whole]
+        whole.append((modelled - balance.part(FRICTION), style.WEAK, "model without friction"))
+    whole.append((balance.residual, style.RESIDUAL, "measured − model"))
+    total = [Curve(t, torque[part], text, ink) for torque, ink, text in whole]
     parts = [
         Curve(t, torque[part], name, COLORS[name]) for name, torque in zip(balance.parts, balance.torques, strict=True)
     ]
     shares = [
         Curve(np.arange(len(balance.bands)), [100 * max(getattr(band, key), 1e-7) for band in balance.bands], text, ink,
-              looks={"marker": "o", "ms": 5, "ls": ":"})
+              looks={"marker": "o", "ls": ":"})
         for key, ink, text in (
             ("left", style.RESIDUAL, "left"), ("left_without_friction", style.WEAK, "left without friction"),
             ("power", style.MEASURED, "share of the torque's power"),
@@ -336,7 +330,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
     unit, time = style.pretty_unit(balance.unit), "time in s" if balance.rate_is_known else "time in samples"
     below = Panel(shares, style.frequency_label(balance.rate_is_known), "%", scale="log")
     title = f"{balance.place}, {balance.log}: {100 * balance.left:.2g} % of the mean square is left"
-    figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(parts, time, unit)], [below]], 1.8, gaps=(0, 0.4))
+    figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(parts, time, unit)], [below]])
     style.set_names(figure.axes[-1].xaxis, [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in balance.bands])
     return figure
 
@@ -351,7 +345,7 @@ def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
             left[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.left)
     names, columns = [f"{row.place}, {row.log}" for row in balances], [f"{edge:.3g}" for edge in edges]
     panel = Panel(x=label, title="torque left, % of its rms", cells=Cells(left, names, columns))
-    return style.matrix("Torque left by octave", [[panel]], 0.3 * len(balances) + 0.4)
+    return style.matrix("Torque left by octave", [[panel]])
 
 
 def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:
@@ -363,11 +357,11 @@ def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: 
             x = np.array([robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in points])
             y, std = np.array([(value.value, value.std) for value in points]).T
             text = "differs or drifts" if is_marked else "robot, dates from left to right"
-            color, size = style.FITTED if is_marked else style.TOTAL, 2.5 if len(robots) > 12 else 5
-            curves.append(Curve(x, y, text, color, True, style.about(y, std), looks={"ms": size}))
+            color = style.FITTED if is_marked else style.TOTAL
+            curves.append(Curve(x, y, text, color, True, style.about(y, std)))
     of_unit, names_fit = f" in {style.pretty_unit(unit)}" if unit else "", len(robots) <= 40
     panel = Panel(curves, "" if names_fit else "robot", f"{name}{of_unit}")
-    figure = style.matrix(f"{name} over the fleet", [[panel]], 1.7)
+    figure = style.matrix(f"{name} over the fleet", [[panel]])
     figure.axes[0].ticklabel_format(axis="y", useOffset=False)
     if names_fit:
         style.set_names(figure.axes[0].xaxis, robots, rotation=90 if len(robots) > 12 else 0)

@@ -53,8 +53,7 @@ class Condition:
 
     def at(self, speed: FloatArray, direction: float) -> Conditions:
         """Every speed (n,) in one direction."""
-        ones = np.ones_like(speed)
-        return Conditions(speed, direction * ones, self.load * ones, self.temperature * ones)
+        return Conditions(speed, *(np.full_like(speed, value) for value in (direction, self.load, self.temperature)))
 
     def includes(self, law: StaticLaw) -> BoolArray:
         """True of levels (n,) at this condition, as far as the law depends on load and temperature."""
@@ -87,18 +86,16 @@ def friction_curve(law: StaticLaw) -> Figure:
     for direction in (1.0, -1.0) if depends_on(law, "directions") else (0.0,):
         curves += _law(law, condition, direction)
     measured = float(levels.speed.min()), float(levels.speed.max())
-    reach = max(3.0, 1.1 * float(np.abs(residuals(law)).max()))
-    highest = 1.15 * float((levels.torque + QUANTILE_95 * levels.std).max())
     speed, torque = units(levels.slides)
     lines = np.array([measured[0] / BEYOND, measured[1] * BEYOND])
     rows = [
-        [Panel(curves, y=f"{quantity(levels.slides)} in {torque}", frequency=lines, y_ends=(0.0, highest),
+        [Panel(curves, y=f"{quantity(levels.slides)} in {torque}", frequency=lines, y_ends=(0.0, None),
                span=measured)],
         [Panel(left, f"speed in {speed}", "(level − law) / std", marks=(-QUANTILE_95, QUANTILE_95), frequency=lines,
-               y_ends=(-reach, reach), span=measured)],
+               span=measured)],
     ]  # fmt: skip
     title = f"{levels.place}: friction over speed {condition.text(law)}".rstrip()
-    return style.matrix(title, rows, (3.0, 1.0), gaps=(0.0, 0.12), sharex=True)
+    return style.matrix(title, rows, (3.0, 1.0), sharex=True)
 
 
 def quantity(slides: bool) -> str:
@@ -124,15 +121,15 @@ def residuals(law: StaticLaw) -> FloatArray:
 def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list[Curve], list[Curve]]:
     levels, (color, name) = law.levels, DIRECTIONS[direction]
     above, below = [], []
-    for chosen, ink, text, order in (
-        (~on_curve, style.WEAK, "levels at other loads and temperatures", 2),
-        (on_curve, color, f"levels, {name}", 4),
+    for chosen, ink, text in (
+        (~on_curve, style.WEAK, "levels at other loads and temperatures"),
+        (on_curve, color, f"levels, {name}"),
     ):
         rows = chosen & (levels.direction == direction)
         if rows.any():
-            shape = {} if direction >= 0 else {"marker": "s", "ms": 5, "mfc": "none", "mew": 0.9}
-            looks, x, y = {"ms": 3.5, "zorder": order, **shape}, levels.speed[rows], levels.torque[rows]
-            above.append(Curve(x, y, text, ink, True, style.about(y, levels.std[rows]), looks={**looks, "capsize": 2}))
+            looks = {} if direction >= 0 else {"marker": "s", "mfc": "none", "mew": 1}
+            x, y = levels.speed[rows], levels.torque[rows]
+            above.append(Curve(x, y, text, ink, True, style.about(y, levels.std[rows]), looks=looks))
             below.append(Curve(x, residuals(law)[rows], "", ink, True, looks=looks))
     return above, below
 
@@ -145,7 +142,7 @@ def _law(law: StaticLaw, condition: Condition, direction: float) -> Iterator[Cur
         speed = np.geomspace(*ends, POINTS)
         at = condition.at(speed, direction)
         torque, half = law.torque(at), law.reach * law.torque_std(at)
-        looks = {"ls": "-" if text else "--", "lw": 1.3, "zorder": 3}
+        looks = {"ls": "-" if text else "--"}
         yield Curve(speed, torque, text, color, band=(torque - half, torque + half), looks=looks)
 
 
@@ -160,7 +157,7 @@ def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -
     curves = [_taken_out(friction, i, known.get(p)) if p in taken else None for i, p in enumerate(friction.places)]
     levels = [_unexplained(friction, i) for i in range(len(friction.places))]
     rows = [row for pair in zip(style.in_columns(curves), style.in_columns(levels), strict=True) for row in pair]
-    figure = style.matrix("Friction taken out of the responses", rows, 2.2, gaps=(0.35, 0.55))
+    figure = style.matrix("Friction taken out of the responses", rows)
     for axes in figure.axes:
         if axes.get_title().endswith("torque not explained"):
             style.set_names(axes.xaxis, friction.configurations, rotation=30, ha="right")
@@ -192,7 +189,7 @@ def _taken_out(friction: FrictionTakenOut, i: int, known: float | None) -> Panel
     band = style.about(torque, std)
     curves = [Curve(1e3 * x, torque, "friction", style.FITTED, band=band, band_label="95 % interval")]
     for level in () if known is None else (known, -known):
-        ends, looks = 1e3 * x[[0, -1]], {"ls": "--", "lw": 0.9}
+        ends, looks = 1e3 * x[[0, -1]], {"ls": "--"}
         curves.append(Curve(ends, [level, level], "F_c of the robot's file", style.TRUTH, looks=looks))
     F_c, of_own = friction.sliding_level(place)
     length, quantity = ("mm", "force") if unit == "N" else ("mrad", "torque")
@@ -208,8 +205,7 @@ def _unexplained(friction: FrictionTakenOut, i: int) -> Panel:
         (friction.before[:, i], "none", "unexplained, with friction"),
         (friction.after[:, i], style.MEASURED, "unexplained, friction taken out"),
     )
-    curves = [Curve(x, y, text, dots=True, looks={"ms": 4, "mew": 1, "mfc": face}) for y, face, text in kinds]
-    highest = 1.1 * max(float(np.max([friction.before[:, i], friction.after[:, i]])), 1e-300)
-    ends, unit = (-0.5, len(x) - 0.5), style.pretty_unit(friction.place_units[i])
+    curves = [Curve(x, y, text, dots=True, looks={"mew": 1, "mfc": face}) for y, face, text in kinds]
+    unit = style.pretty_unit(friction.place_units[i])
     title = f"{friction.places[i]}: torque not explained"
-    return Panel(curves, "", f"amplitude in {unit}", title, x_ends=ends, y_ends=(0.0, highest))
+    return Panel(curves, "", f"amplitude in {unit}", title, y_ends=(0.0, None))

@@ -45,11 +45,11 @@ def friction_motion(friction: MotionFriction) -> Figure:
     time_s = np.arange(len(friction.motion.position))[signals.kept] / friction.motion.rate_hz
     part = slice(None, None, max(1, len(time_s) // MOST_SAMPLES))
     over_time = [
-        Curve(time_s[part], values[part], text, ink, looks={"lw": width})
-        for values, ink, width, text in (
-            (torque, style.MEASURED, 1.0, "measured"),
-            (regressed, style.FITTED, 0.8, "regression"),
-            (torque - regressed, style.RESIDUAL, 0.6, "measured − regression"),
+        Curve(time_s[part], values[part], text, ink)
+        for values, ink, text in (
+            (torque, style.MEASURED, "measured"),
+            (regressed, style.FITTED, "regression"),
+            (torque - regressed, style.RESIDUAL, "measured − regression"),
         )
     ]
     rows = [
@@ -58,7 +58,7 @@ def friction_motion(friction: MotionFriction) -> Figure:
     ]
     error = f"{100 * friction.chosen.relative_error:.3g} % of the {quantity(slides)} left"
     title = f"{friction.motion.place}: friction over velocity, {error}"
-    return style.matrix(title, rows, (2.9, 1.7), gaps=(0.0, 0.28))
+    return style.matrix(title, rows)
 
 
 def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -78,42 +78,38 @@ def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]
 def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: FloatArray) -> Iterator[Curve]:
     """velocity, friction (n,): measured, the latter without the torque of all else."""
     step = max(1, len(velocity) // MOST_SAMPLES)
-    yield Curve(velocity[::step], friction[::step], dots=True, looks={"ms": 1.5, "alpha": 0.5})
+    yield Curve(velocity[::step], friction[::step], dots=True)
     ends = [float(friction.min()), float(friction.max())]
     for sign in (1.0, -1.0):
         for speed in distinct_speeds(p.velocity for p in motion.plateaus if sign * p.velocity > 0):
-            yield Curve([sign * speed] * 2, ends, "speeds dwelt at", style.NOISE, looks={"lw": 0.8, "ls": ":"})
+            yield Curve([sign * speed] * 2, ends, "speeds dwelt at", style.NOISE, looks={"ls": ":"})
     for low, high in ((float(velocity.min()), 0.0), (0.0, float(velocity.max()))):
         v = np.linspace(low, high, POINTS)[1 if low == 0 else 0 : -1 if high == 0 else None]
         level, std = sliding(motion.chosen, v)
-        yield Curve(v, level, "regression", style.FITTED, band=style.about(level, std), looks={"lw": 1.4})
+        yield Curve(v, level, "regression", style.FITTED, band=style.about(level, std))
 
 
 def friction_filter(followed: FollowedFriction) -> Figure:
     """Followed numbers, NIS with its band, and autocorrelation of the innovations."""
-    time, unit = (followed.time_s, "s") if followed.time_s[-1] <= 300 else (followed.time_s / 60, "min")
-    rows = []
+    time, rows = followed.time_s, []
     for i, name in enumerate(followed.names):
         y, band = followed.values[:, i], (followed.low[:, i], followed.high[:, i])
         curves = [Curve(time, y, "followed", style.FITTED, band=band, band_label="95 % band")]
         held = np.where(followed.unknown[:, i], y, np.nan)
         if np.isfinite(held).any():
             text = "held: not observable in this motion"
-            curves.append(Curve(time, held, text, style.WEAK, looks={"lw": 2.0}))
+            curves.append(Curve(time, held, text, style.WEAK))
         rows.append([Panel(curves, y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")])
-    nis, honest = followed.nis, np.tile(np.array(FILTER.nis_band)[:, None], len(time))
-    curves = [
-        Curve(time, nis, "mean NIS since the point before", style.TOTAL, looks={"lw": 0.8}),
-        Curve(time, honest.mean(axis=0), color=style.FITTED, band=(honest[0], honest[1]),
-              band_label="mean NIS of an honest filter", looks={"lw": 0}),
-    ]  # fmt: skip
-    rows.append([Panel(curves, f"time in {unit}", "NIS", scale="log")])
+    low, high = (np.full_like(time, end) for end in FILTER.nis_band)
+    text, label = "mean NIS since the point before", "mean NIS of an honest filter"
+    nis = Curve(time, followed.nis, text, style.TOTAL, band=(low, high), band_label=label)
+    rows.append([Panel([nis], "time in s", "NIS", scale="log")])
     rho = followed.consistency.autocorrelation[1:]
     reach = QUANTILE_95 / np.sqrt(max(followed.consistency.n_eff, 1.0))
     dots = Curve(np.arange(1, len(rho) + 1), rho, dots=True)
     rows.append([Panel([dots], "lag in samples", "autocorrelation", marks=(-reach, reach))])
     title = f"joint {followed.joint}: friction followed, mean NIS {followed.consistency.nis:.2f}"
-    return style.matrix(title, rows, 1.4, gaps=(0.0, 0.42))
+    return style.matrix(title, rows)
 
 
 def _unit(name: str, slides: bool) -> str:

@@ -118,11 +118,11 @@ class Curve:
         if self.band is not None and self.dots:
             y = np.asarray(self.y)
             ends = np.abs(np.stack([y - self.band[0], self.band[1] - y]))
-            axes.errorbar(self.x, y, ends, elinewidth=0.8, label=plain_label(self.label), **looks)
+            axes.errorbar(self.x, y, ends, label=plain_label(self.label), **looks)
             return
         if self.band is not None:
             text = plain_label(self.band_label)
-            axes.fill_between(np.asarray(self.x), *self.band, color=self.color, alpha=0.25, lw=0, label=text)
+            axes.fill_between(np.asarray(self.x), *self.band, facecolor=self.color, alpha=0.25, label=text)
         axes.plot(self.x, self.y, label=plain_label(self.label), **looks)
 
 
@@ -150,7 +150,6 @@ class Cells:
         across = max(map(len, self.columns), default=0) * len(self.columns) > 60
         set_names(axes.xaxis, self.columns, rotation=90 if across else 0, fontsize=SMALL)
         set_names(axes.yaxis, self.rows, fontsize=SMALL)
-        axes.tick_params(length=0)
         for (row, column), value in np.ndenumerate(self.values):
             if np.isfinite(value) and self.values.size <= MAX_NUMBERED_CELLS:
                 dark = (abs(value) if low < 0 else value - low) / (high - max(low, 0.0)) > MIN_DARK
@@ -178,22 +177,26 @@ class Panel:
     y_ends: tuple[float | None, float | None] | None = None
     span: tuple[float, float] | None = None
 
+    @property
+    def height(self) -> float:
+        """Height in inches, of a heat map by its rows."""
+        return 1.8 if self.cells is None else 0.4 + 0.3 * len(self.cells.values)
+
     def draw(self, axes: Axes) -> None:
         """All of it."""
         for curve in self.curves:
             curve.draw(axes)
         for mark in self.marks:
-            axes.axhline(mark, color=TRUTH, lw=0.8, ls="--")
+            axes.axhline(mark, color=TRUTH, ls="--")
         if self.span is not None:
-            axes.axvspan(*self.span, color=SHADE, lw=0, zorder=0)
+            axes.axvspan(*self.span, facecolor=SHADE, zorder=0)
         if self.cells is not None:
             self.cells.draw(axes)
         else:
-            axes.grid(True, linewidth=0.4, color=GRID)
+            axes.grid(color=GRID)
             axes.set_axisbelow(True)
             axes.spines[["top", "right"]].set_visible(False)
-            axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
-            axes.margins(x=0.01)
+            axes.tick_params(labelsize=SMALL)
             axes.set_yscale(self.scale)
         if self.frequency is not None:
             low, high = float(self.frequency[0]), float(self.frequency[-1])
@@ -207,18 +210,18 @@ class Panel:
 def matrix(
     title: str,
     rows: Sequence[Sequence[Panel | None]],
-    height: float | Sequence[float] = 2.2,
+    heights: Sequence[float] = (),
     width: float = WIDE,
     left: float = 0.0,
-    gaps: tuple[float, float] = (0.22, 0.3),
     **options: Any,
 ) -> Figure:
     """Panels in rows and columns under a title and one legend, each label once.
 
-    height: of a row, or of each, in inches.  width: of the figure.  left: room for labels, by the names of rows where
-    it is 0.  gaps: between columns and between rows, in panels.  options: of Figure.subplots, such as sharex.
+    heights: of the rows in inches, by their panels where none are given.  width: of the figure.  left: room for labels,
+    by the names of rows where it is 0.  options: of Figure.subplots, such as sharex.
     """
-    heights = [height] * len(rows) if isinstance(height, int | float) else list(height)
+    rows = [row for row in rows if any(row)]
+    heights = heights or [max(panel.height for panel in row if panel is not None) for row in rows]
     given = [panel for row in rows for panel in row if panel is not None]
     texts = {text for panel in given for curve in panel.curves for text in (curve.label, curve.band_label) if text}
     columns = max(1, int((width - 0.3) / (0.065 * max(map(len, texts), default=1) + 0.5)))
@@ -227,11 +230,16 @@ def matrix(
     left = left or max([0.85, *(0.4 + 0.075 * len(name) for name in names)])
     top = 0.4 + 0.17 * -(-len(texts) // columns) + 0.3 * any(panel.title for panel in given)
     bottom = 0.55 + 0.06 * below
-    tall, width = round(top + bottom + sum(heights), 1), round(width, 1)  # whole pixels
+    # Between rows and columns, for their labels and titles.
+    apart = 0.2 + 0.3 * any(panel.title for row in rows[1:] for panel in row if panel is not None)
+    apart += 0.4 * any(panel.x for row in rows[:-1] for panel in row if panel is not None)
+    beside, across = 0.8, max(map(len, rows))
+    each = (width - 0.3 - left - (across - 1) * beside) / across
+    tall, width = round(top + bottom + sum(heights) + (len(rows) - 1) * apart, 1), round(width, 1)  # whole pixels
     box = {"left": left / width, "right": 1 - 0.3 / width, "top": 1 - top / tall, "bottom": bottom / tall}
     figure = ShownFigure(figsize=(width, tall))
-    spaces = box | {"wspace": gaps[0], "hspace": gaps[1], "height_ratios": heights}
-    axes = figure.subplots(len(rows), max(map(len, rows)), squeeze=False, gridspec_kw=spaces, **options)
+    spaces = box | {"wspace": beside / each, "hspace": apart * len(rows) / sum(heights), "height_ratios": heights}
+    axes = figure.subplots(len(rows), across, squeeze=False, gridspec_kw=spaces, **options)
     for row, row_axes in zip(rows, axes, strict=True):
         for panel, ax in zip([*row, *[None] * (len(row_axes) - len(row))], row_axes, strict=True):
             ax.set_axis_off() if panel is None else panel.draw(ax)
@@ -285,4 +293,4 @@ def round_ticks(low: float, high: float, most: int) -> list[float]:
     if len(ticks) >= 3:
         return ticks
     even = MaxNLocator(min(most, 4)).tick_values(low, high)
-    return [round(float(tick), 12) for tick in even if low <= tick <= high]
+    return [float(tick) for tick in even if low <= tick <= high]

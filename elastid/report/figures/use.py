@@ -23,11 +23,12 @@ def loops_figure(loops: Loops) -> Figure:
     curves = []
     for state, color in zip(loops.states, (style.START, style.FITTED)[-len(loops.states) :], strict=True):
         for freq_hz, row in zip(state.freq_hz, state.sensitivity_db, strict=True):
-            curves.append(Curve(freq_hz, row, state.name, color, looks={"lw": 0.9}))
-    top = max(10.0, *(float(state.sensitivity_db.max()) + 2 for state in loops.states))
+            curves.append(Curve(freq_hz, row, state.name, color))
     lines = np.array([loops.designed.bandwidth_hz.min() / 10, loops.designed.freq_hz.max()])
-    panel = Panel(curves, "frequency in Hz", "sensitivity in dB", marks=(LIMIT_DB,), frequency=lines, y_ends=(-30, top))
-    return style.matrix(f"{loops.name}: joint loops at {loops.rate_hz:g} Hz", [[panel]], 2.6)
+    panel = Panel(
+        curves, "frequency in Hz", "sensitivity in dB", marks=(LIMIT_DB,), frequency=lines, y_ends=(-30, None)
+    )
+    return style.matrix(f"{loops.name}: joint loops at {loops.rate_hz:g} Hz", [[panel]])
 
 
 def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_compliance") -> Figure:
@@ -43,14 +44,14 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
         Panel([Curve(a[[soft]], b[[soft]], color=style.TRUTH, dots=True, looks=mark)], f"{across} in m", f"{up} in m")
         for a, b, across, up in ((x, y, "x", "y"), (np.hypot(x, y), z, "√(x² + y²)", "z"))
     ]
-    figure = style.matrix(f"{workspace.name}, {workspace.frame}: {shown.text}", [panels], 3.0)
+    figure = style.matrix(f"{workspace.name}, {workspace.frame}: {shown.text}", [panels], [3.0])
     # The softer ones on top, since they are what is looked for.
     order = np.argsort(np.where(np.isfinite(value), value, -np.inf), kind="stable")
     sides = [*figure.axes]
     for axes, (a, b) in zip(sides, ((x, y), (np.hypot(x, y), z)), strict=True):
-        dots = axes.scatter(a[order], b[order], c=value[order], s=9, cmap="viridis", norm=norm, linewidths=0)
+        dots = axes.scatter(a[order], b[order], c=value[order], s=9, cmap="viridis", norm=norm)
         axes.set_aspect("equal", adjustable="datalim")
-    bar = figure.colorbar(dots, ax=sides, fraction=0.04, pad=0.02)
+    bar = figure.colorbar(dots, ax=sides)
     bar.set_label(f"{shown.text} in {unit}", fontsize=style.SMALL)
     bar.ax.tick_params(labelsize=style.SMALL)
     return figure
@@ -61,8 +62,7 @@ def move_figure(tuned: TunedMove) -> Figure:
     t, errors, torques = tuned.time_s, [], []
     for outcome, color in zip(tuned.outcomes, (style.WEAK, style.START, style.FITTED), strict=True):
         band = None if outcome.low is None or outcome.high is None else (_in_mm(outcome.low), _in_mm(outcome.high))
-        looks, text = {"lw": 1.2}, "95 % of draws"
-        errors.append(Curve(t, _in_mm(outcome.error), outcome.name, color, band=band, band_label=text, looks=looks))
+        errors.append(Curve(t, _in_mm(outcome.error), outcome.name, color, band=band, band_label="95 % of draws"))
     limits = tuned.limits[3]
     for i, name in enumerate(tuned.joints):
         limit = limits[i] if np.isfinite(limits[i]) else np.abs(tuned.torque[:, i]).max()
@@ -74,7 +74,7 @@ def move_figure(tuned: TunedMove) -> Figure:
         [Panel(errors, y=f"error of {tuned.frame} in mm", scale="log", span=span)],
         [Panel(torques, "time in s", words, marks=(-1, 1), span=span)],
     ]
-    return style.matrix(title, rows, (2.6, 2.0), gaps=(0, 0.12), sharex=True)
+    return style.matrix(title, rows, sharex=True)
 
 
 def _in_mm(error: FloatArray) -> FloatArray:
