@@ -213,7 +213,7 @@ def best_powers(
     if least >= 1:
         return best
     room = 1 - least * _used(cost, even)
-    share, price, bound = (1 - least) * even, np.full(room.shape, 1 / room.size), np.inf
+    share, price, bound = (1 - least) * even, np.ones_like(room), np.inf
     for update in range(MAX_UPDATES):
         P = least * even + share
         M = _information(groups, P, known)

@@ -3,8 +3,8 @@ r"""A prospect: the frequency response that a plan will measure and its covarian
 .. math:: cov(vec\, G) = \frac{1}{M} (U U^H)^{-T} \otimes C_V + \frac{\rho^2}{M} |G|^2, \qquad
           C_V = \frac{1}{P} [C_y + G (C_u + C_d) G^H] + G C_s G^H, \qquad U = (I + F G_q)^{-1} R
 
-R (n_u, E): the torques injected in the E experiments of a realisation, F = k_p + j omega k_d the joint controller, G_q
-from torque to motor angle; M realisations of P periods. A white signal of variance sigma^2 has 4 sigma^2 / N at each
+R (n_u, E): the torques injected in the E experiments of a realisation, F: the sampled joint controller, G_q: from held
+torque to motor angle; M realisations of P periods. A white signal of variance sigma^2 has 4 sigma^2 / N at each
 line of a period of N samples. C_y, C_u: noise of the logged outputs and torques, C_d: torque that is not in the log,
 C_s: scatter of Coulomb friction (`friction_level`), the same in all periods; rho: further nonlinear distortion. The
 estimator's own covariance is in `frf.estimators`.
@@ -38,7 +38,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
-from elastid.record import MOTION_ORDER, Configuration, Motion
+from elastid.record import MOTION_ORDER, Configuration, JointLoop, Motion, zero_order_hold
 from elastid.response import Covariance, Response
 from elastid.robot import Robot
 from elastid.simulation.controller import filters_of, gains_of
@@ -201,14 +201,13 @@ class Prospect:
 
     def _torques(self, configuration: Configuration, motion: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """(I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): the injected torques less the controller's reaction."""
-        s = 2j * np.pi * self.plan.freq_hz[:, None, None]
-        angles = tuple(configuration.angles.tolist())
-        k_p, k_d, k_i = _gains(self.robot, self.model, angles, self.simulated.controller)
-        F = (k_p[:, None] + k_d[:, None] * s) * (1 + k_i[:, None] / s)
-        joints, rate_hz = [joint.name for joint in self.robot.driven], self.plan.rate_hz
+        freq_hz, rate_hz, angles = self.plan.freq_hz, self.plan.rate_hz, tuple(configuration.angles.tolist())
+        F = _gains(self.robot, self.model, angles, self.simulated.controller).response(freq_hz, rate_hz)
+        joints = [joint.name for joint in self.robot.driven]
         if (filters := filters_of(joints, self.simulated.controller, rate_hz)) is not None:
-            F = F * filters.response(self.plan.freq_hz, rate_hz)[:, :, None]
-        difference = np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity]
+            F = F * filters.response(freq_hz, rate_hz)
+        to_angle = zero_order_hold(freq_hz / rate_hz) / (2j * np.pi * freq_hz) ** MOTION_ORDER[self.quantity]
+        difference = np.eye(len(joints)) + F[:, :, None] * motion * to_angle[:, None, None]
         sensitivity = np.asarray(np.linalg.inv(difference), dtype=np.complex128)
         return sensitivity, np.asarray((sensitivity @ self.R[..., None])[..., 0])
 
@@ -256,14 +255,11 @@ class Prospect:
 
 
 @lru_cache(maxsize=1024)
-def _gains(
-    robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec
-) -> tuple[FloatArray, ...]:
-    """k_p, k_d and k_i (n_u,) of the simulated joint controller in a configuration."""
+def _gains(robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec) -> JointLoop:
+    """Gains (n_u,) of the simulated joint controller in a configuration."""
     model = Linearisation.of_robot(robot, formulation).model
     q = rigid_posture(model, Configuration("", np.array(angles)))
-    gains = gains_of(model, q, spec)
-    return gains.kp, gains.kd, gains.ki
+    return gains_of(model, q, spec)
 
 
 def _diagonal(matrices: ComplexArray) -> FloatArray:

@@ -293,7 +293,7 @@ def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None)
     if filters is not None:
         Af, Bf, Cf, Df = filters.matrices
         A, B = _blocks([[A, np.zeros((A.shape[1], len(Af)))], [Bf @ C, Af]]), _blocks([[B], [Bf @ D]])
-        C, D = _blocks([[Df @ C, Cf]]), Df @ D
+        C, D = _blocks([[Df @ C, Cf]]), Df * D  # both diagonal
     loop = [[plants.A + plants.B @ D @ plants.C, plants.B @ C], [B @ plants.C, A]]
     return np.asarray(np.linalg.eigvals(_blocks(loop)))
 

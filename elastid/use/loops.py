@@ -240,8 +240,8 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
             },
         )  # fmt: skip
         trial = slowed(best.at(np.clip(solved.x, low, high)), is_kept, 20) if np.isfinite(solved.x).all() else None
-        gained = -np.inf if trial is None else trial.reached(scene) - best.reached(scene)
-        best = trial if trial is not None and gained > 0 else best
+        gained = (trial or best).reached(scene) - best.reached(scene)
+        best = trial if trial and gained > 0 else best
         reach /= 3 if gained < 0.005 else 1
         if reach < 0.05:
             break

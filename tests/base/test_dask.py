@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from plants.refusals import refused
 
-from elastid.base.execution import Execution, lasting_workers, on_dask, surviving
+from elastid.base.execution import Execution, lasting_workers, on_dask
 
 distributed = pytest.importorskip("distributed")
 
@@ -56,12 +56,6 @@ def test_work_on_a_cluster_gives_its_values_in_order_and_its_errors_as_they_are(
             Execution(1).ordered(math.sqrt, [4.0, 1.0])
 
 
-def killed_at_two(item: int) -> int:
-    if item == 2:
-        os._exit(9)
-    return item * item
-
-
 class DyingOnce:
     """Squares; the first worker that comes to 3 is killed there."""
 
@@ -76,22 +70,6 @@ class DyingOnce:
                 return item * item
             os._exit(9)
         return item * item
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("default")
-def test_work_outlives_the_only_worker_of_a_cluster(tmp_path, monkeypatch):
-    """And with it the function that the items share: its successor is given both; a death costs one item at most."""
-    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 2.0)
-    with (
-        distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-        ) as cluster,
-        on_dask(cluster.scheduler_address),
-    ):
-        assert Execution(1).ordered(DyingOnce(tmp_path), list(range(6))) == [0, 1, 4, 9, 16, 25]
-        assert dict(surviving(killed_at_two, [1, 2, 3], 1)) == {0: 1, 1: None, 2: 9}
-    assert (tmp_path / "died").exists()
 
 
 def process(item: int) -> int:

@@ -4,30 +4,11 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from pickle import PicklingError
 
 import pytest
 from plants.refusals import refused
 
 from elastid.base.execution import Execution, surviving
-
-
-class Heavy:
-    """Counts how often it is packed."""
-
-    packed = 0
-
-    def __getstate__(self):
-        Heavy.packed += 1
-        return {"data": bytes(1000)}
-
-    def __call__(self, item):
-        return item * len(self.data)
-
-
-def test_work_that_does_not_pickle_is_told_at_once():
-    with pytest.raises((AttributeError, PicklingError), match="pickle"):
-        Execution(2).ordered(lambda item: item, [1, 2])
 
 
 def test_a_script_that_would_begin_anew_in_every_worker_is_told_what_it_lacks(tmp_path: Path):

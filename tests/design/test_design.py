@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.notes import said
 from plants.refusals import refused
 
-from elastid.app.cli import run_command
 from elastid.app.console import forecast_table
 from elastid.design.design import design, sticking
-from elastid.design.forecast import LimitUse
 from elastid.design.problem import DesignProblem
 from elastid.design.prospect import friction_level
 from elastid.design.spec import CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
+from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
@@ -31,8 +28,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.response import Response
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring, Tolerances
 from elastid.robot.simplified import with_joints
-from elastid.store.measured import read_forecast, read_plan
-from elastid.study import load
+from elastid.simulation.spec import ControllerSpec
 
 # A planar arm without gravity.
 LIMITS = Limits((-2.0, 2.0))
@@ -153,6 +149,32 @@ def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -
     assert abs(fast[0]) < 1e-6 * d[0]
 
 
+def test_information_is_a_function_of_powers_in_the_closed_loop() -> None:
+    """Injected torques are |I + F P| times those that act; one experiment of two motors informs half as much as two."""
+    controller = ControllerSpec(2.0, kind="cascade", delay_samples=1)
+    experiment = replace(GIVEN.experiment, simulated=SimulatedSpec(noise=NOISE, controller=controller))
+    problem = replace(GIVEN, experiment=experiment, fit=replace(GIVEN.fit, weights=WeightSpec(0.0, "diagonal")))
+    plan, x = problem.plan(experiment), problem.parameters.x
+    prospect, (configuration,) = problem.prospect(plan, 0), plan.configurations
+    H, source = prospect.information(configuration, x), prospect.source(configuration, x)
+    torque = closed_loop_of(TWO, controller, plan.rate_hz)(configuration, plan.freq_hz).torque
+    np.testing.assert_allclose(source.spread, np.abs(np.linalg.inv(torque)) ** 2)
+    single = replace(prospect, plan=replace(plan, R=plan.R[:, :, :1])).information(configuration, x)
+    for same in (source.information(np.sum(np.abs(prospect.R[0]) ** 2, axis=0)), 2 * single):
+        np.testing.assert_allclose(same, H, atol=1e-9 * H.max())
+
+
+def test_candidates_that_tip_over_are_no_choice() -> None:
+    """Under gravity, on soft springs."""
+    hanging = with_joints(replace(TWO, gravity=(0, -9.81, 0)), lambda joint: replace(joint, spring=Spring(15.0, 0.1)))
+    up, down = {"up": (math.pi / 2, 0.2)}, {"down": (-math.pi / 2, 0.2)}
+    problem = replace(_with(count=1, candidates=CandidateSpec(given=up | down)), robot=hanging)
+    assert [c.name for c in design(problem).plan.configurations] == ["down"]
+    problem = replace(_with(count=1, candidates=CandidateSpec(given=up)), robot=hanging)
+    with refused("robot/no-rest"):
+        design(replace(problem, experiment=replace(problem.experiment, configurations=down)))
+
+
 def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() -> None:
     """Names, realisations, robot time, and the geometric mean of the forecasts of random plans."""
     problem = replace(PROBLEM, experiment=replace(PROBLEM.experiment, configurations={"c1": (0.0, 0.5)}))
@@ -225,23 +247,6 @@ def test_what_cannot_be_designed_is_refused_with_what_would_fit(problem: DesignP
         design(problem)
 
 
-def test_a_study_without_configurations_runs_on_those_chosen(tiny: Path, tmp_path: Path) -> None:
-    """Plan, records, fit and page."""
-    run = tmp_path / "run"
-    text = tiny.read_text().replace("  configurations:\n    a: [0]\n    b: [30 deg]\n", "")
-    tiny.write_text(text + "design: {count: 2, candidates: {random: 30}}\n")
-    figures = ["--set", "report.formats=[png]"]
-    assert run_command(["run", str(tiny), "--run", str(run), "-q", "--jobs", "1", *figures]) == 0
-    plan, forecasted = read_plan(run / "plan.h5"), read_forecast(run / "plan.h5")
-    assert sum(plan.realisations) == 4
-    assert forecasted is not None
-    assert forecasted.parameters == ("k_1", "d_1")
-    assert json.loads((run / "summary.json").read_text())["status"] == "converged"
-    page = (run / "report.html").read_text()
-    assert "chosen among" in page
-    assert (run / "figures" / "information.png").is_file()
-
-
 def _rough(problem: DesignProblem, coulomb: float) -> DesignProblem:
     """With Coulomb friction of so many Nm at both motors, link side."""
     rough = with_joints(problem.robot, lambda j: replace(j, motor=j.motor and replace(j.motor, coulomb=coulomb / 30)))
@@ -260,26 +265,12 @@ def test_friction_that_the_estimator_takes_out_is_hardly_in_the_forecast(realisa
     assert np.all(taken.relative > smooth.relative)
 
 
-@pytest.mark.parametrize(("coulomb", "words"), [(0.02, 0), (0.05, 1), (0.5, 1)])
-def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(tiny: Path, coulomb: float, words: int) -> None:
-    """On the link side: half of it behind a gear of 2; 0.1 Nm rms, in two realisations and two configurations."""
-    study = load(tiny).study
-    assert study.excitation is not None
-    plan = make_plan(study.excitation, study.experiment, study.robot, 0)
-    body = study.robot.bodies[0]
-    joint = body.joints[0]
-    assert joint.motor is not None
-    geared = replace(joint, motor=replace(joint.motor, ratio=-2.0, coulomb=coulomb / 2))
-    robot = replace(study.robot, bodies=(replace(body, joints=(geared,)),))
-    assert [note.code for note in sticking(plan, robot, None)] == words * ["design/sticking-motor"]
+@pytest.mark.parametrize(("coulomb", "motors"), [(0.65, 0), (0.7, 1), (1.6, 1), (1.7, 2)])
+def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(coulomb: float, motors: int) -> None:
+    """On the link side, of 5 and 2 Nm rms behind gears, in two realisations."""
+    plan, robot = make_plan(GIVEN.excitation, GIVEN.experiment, TWO, 0), _rough(GIVEN, coulomb).robot
+    places = ["motor 1", "motor 2"][2 - motors :]
+    assert [(note.code, note.place) for note in sticking(plan, robot, None)] == [
+        ("design/sticking-motor", place) for place in places
+    ]
     assert not sticking(plan, robot, CarrierSpec(amplitude=0.1))
-
-
-def test_closest_limit_is_the_one_with_the_largest_share() -> None:
-    peak, limit = np.ones((1, 5, 2)), np.full((1, 5, 2), 10.0)
-    peak[0, 2, 1] = 8.0
-    use = LimitUse(("bent",), ("motor 1", "motor 2"), peak, limit, np.ones((1, 2)), 0.1)
-    assert "80% of a limit (velocity of motor 2 in bent: 8 of 10 rad/s)" in use.closest
-    assert LimitUse(("bent",), ("motor 1",), peak, np.full((1, 5, 2), np.inf), np.ones((1, 2)), 0.1).closest == (
-        "no limits are given"
-    )

@@ -26,6 +26,7 @@ from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.robot import Limits, Robot
+from elastid.robot.simplified import without_dry_friction
 
 
 def within(
@@ -49,7 +50,7 @@ def test_amplitudes_fill_the_limits_and_no_peak_is_above_them(carrier: CarrierSp
     _, limit_use, rig = within(carrier)
     used = largest(rig) / limit_use.limit[0]
     assert used.max() < 1
-    assert limit_use.used.max() <= 0.9
+    assert 0.84 < limit_use.used.max() <= 0.9
     assert np.all(limit_use.used[0].max(axis=0) > 0.6)
     if carrier is not None and carrier.kind == "offset":
         plan = rig.plan
@@ -88,8 +89,13 @@ def test_limits_that_leave_no_room_are_refused_with_what_is_in_the_way(
         within(carrier, arm(limits))
 
 
-def test_a_motor_without_any_limit_cannot_be_scaled_to_it() -> None:
-    """The message says which motor, and both ways out."""
+def test_a_motor_without_any_limit_moves_as_with_one_and_cannot_be_scaled_to_it() -> None:
+    peaks = []
+    for robot in (without_dry_friction(arm()), arm(Limits())):
+        spec = experiment(CARRIERS[1])
+        rig = SimulatedRig(robot, spec, make_plan(replace(EXCITATION, torque_rms=1.0), spec, robot, 1), 1)
+        peaks.append(peaks_of_movement(rig, rig.experiments[0]))
+    np.testing.assert_allclose(*peaks, rtol=0.03)
     with refused("design/limits", place="excitation.torque_rms"):
         within(robot=arm(Limits()))
 

@@ -38,14 +38,6 @@ def test_the_criterion_is_that_of_the_covariance_and_has_its_gradient(s: int, se
     assert np.sum(gradient * step) == pytest.approx(change / 2, rel=1e-3, abs=1e-9)
 
 
-def test_size_of_the_published_study_is_rounded_to_97_percent() -> None:
-    """7920 candidates, 12 parameters, 15 whole experiments."""
-    H, known = random_information(0, Q=7920, d=12, rank=3), np.zeros((1, 12, 12))
-    numbers, efficiency = best_experiments(H, 15, DesignCriterion(np.eye(12)), known)
-    assert numbers.sum() == 15
-    assert efficiency >= 0.97
-
-
 def test_whole_experiments_come_close_to_the_best_of_all_combinations() -> None:
     """Four of nine candidates, by brute force."""
     criterion = DesignCriterion(np.eye(3))
@@ -103,14 +95,16 @@ def information(groups: Groups, P: FloatArray, known: FloatArray) -> FloatArray:
 def test_quadratic_regression_puts_its_power_at_the_ends_and_in_the_middle() -> None:
     """One input, noise alone: lines are candidates, and a third of the power goes to -1, 0 and 1 each."""
     x = np.linspace(-1, 1, 201)
-    one = np.ones((201, 1, 1))
-    J = np.vander(x, 3).T.reshape(3, 201, 1, 1).astype(complex)
-    source = PowerSource(J, one[:, :, 0], one, 0 * one, one > 0)
-    best = best_powers([[[source]]], one[None, None, :, :, 0], DesignCriterion(np.eye(3)), np.zeros((1, 3, 3)), 0.01)
-    assert best.gap < 0.01
-    assert best.P.sum() == pytest.approx(1.0)
-    thirds = [best.P[0, where, 0].sum() for where in (x < -0.7, abs(x) < 0.3, x > 0.7)]
-    assert thirds == pytest.approx([1 / 3] * 3, abs=0.02)
+    one, J = np.ones((201, 1, 1)), np.vander(x, 3)
+    source = PowerSource(J.T.reshape(3, 201, 1, 1).astype(complex), one[:, :, 0], one, 0 * one, one > 0)
+    criterion, known = DesignCriterion(np.eye(3)), np.zeros((1, 3, 3))
+    best = best_powers([[[source]]], one[None, None, :, :, 0], criterion, known, 0.01)
+    shares = best_shares(J[None, :, :, None] * J[None, :, None], criterion, known)
+    for found in (best, shares):
+        assert found.gap < 0.01
+        assert found.P.sum() == pytest.approx(1.0)
+        thirds = [found.P[0, where, 0].sum() for where in (x < -0.7, abs(x) < 0.3, x > 0.7)]
+        assert thirds == pytest.approx([1 / 3] * 3, abs=0.02)
     assert best.P.min() == pytest.approx(0.01 / 201, rel=0.1)
 
 
@@ -138,7 +132,6 @@ def test_an_independent_solver_finds_the_same(seed: int) -> None:
     )
     assert best.gap < 2e-3
     assert best.value == pytest.approx(-found.fun, abs=3e-3)
-    assert best.value > -value(even)
 
 
 @settings(deadline=None, max_examples=15)
@@ -162,25 +155,9 @@ def test_nothing_within_the_limits_exceeds_the_certified_bound(seed: int) -> Non
         assert criterion.value(information(groups, P, known)) <= best.value + best.gap + 1e-9
 
 
-def test_the_gradient_is_that_of_the_information() -> None:
-    """d Tr(A H) / dP against differences, coupling and floor included."""
-    source = drawn(5, 1)[0][0][0]
-    rng = np.random.default_rng(0)
-    P, half = 0.5 + rng.random((12, 2)), rng.standard_normal((4, 4))
-    gradient = half @ half.T
-    gains = source.gains(P, gradient)
-    for k, i in ((0, 0), (3, 1), (11, 0)):
-        step = np.zeros_like(P)
-        step[k, i] = 1e-5
-        up, down = (np.sum(gradient * source.information(P + sign * step)) for sign in (1, -1))
-        assert gains[k, i] == pytest.approx((up - down) / 2e-5, rel=1e-6)
-
-
 def test_even_powers_take_every_input_to_a_limit() -> None:
-    """Own limits are filled; where a shared one binds first, that is full."""
+    """Of its own, or of a shared one that binds first."""
     cost = priced(7, 3)
     even = even_powers(cost)
     assert np.ptp(even, axis=1).max() == 0
     assert np.einsum("kofl,kfl->ko", cost, even).max(axis=1) == pytest.approx([1.0] * 3)
-    own = np.repeat(np.diag([1.0, 4.0])[None, :, None, :], 12, axis=2)
-    assert even_powers(own)[0, 0] == pytest.approx([1 / 12, 1 / 48])

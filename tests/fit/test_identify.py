@@ -47,7 +47,6 @@ def test_elastic_parameters_are_recovered_from_a_factor_two_off(identified):
     for name in ("k_1", "k_2", "k_1x", "k_2z"):
         assert identified.values[name] == pytest.approx(truth[name][0], rel=0.03)
     assert identified.hits >= 2
-    assert f"{identified.hits} of 6 starts" in identified.message
     assert identified.model_error < 1.05
 
 
@@ -105,16 +104,12 @@ def test_inertia_friction_and_delay_of_a_bench_are_recovered():
 
 
 def test_what_only_a_sum_determines_is_ill_conditioned():
-    """Friction of a motor and of the joint that it drives rigidly: only their sum is seen, and the fit says so.
-
-    Both are named, their intervals are infinite; the inertia keeps its own.
-    """
+    """Friction of a motor and of the joint that it drives rigidly have infinite intervals, the inertia its own."""
     joint = Joint("1", motor=Motor(1e-3, viscous=1e-3), viscous=2e-3)
     rigid = Robot("rigid", (Body("load", joints=(joint,), inertia=2e-3),), gravity=(0.0, 0.0, 0.0))
     free = {name: ParameterSpec() for name in ("fm_1", "f_1", "I_load")}
     result = identify(measure(rigid, [(0.0,)]), rigid, FitSpec(parameters=free, starts=2))
     assert result.status == "ill_conditioned"
-    assert "do not determine a combination of f_1, fm_1;" in result.message
     assert np.isinf([result.std["f_1"], result.std["fm_1"]]).all()
     assert result.std["I_load"] < 1e-4
     assert result.singular_values[-1] < 1e-8 * result.singular_values[0]
@@ -159,15 +154,14 @@ def test_without_a_measured_variance_the_residuals_set_the_intervals():
     assert (result.notes[0].code, result.notes[0].place) == ("fit/weights", "configuration c1")
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(2 * np.pi, "rad/s"), (1 / (2 * np.pi), "Hz")])
-def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor: float, unit: str) -> None:
+@pytest.mark.parametrize("factor", [2 * np.pi, 1 / (2 * np.pi)])
+def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor: float) -> None:
     """No residual shows it: the springs alone come out (2 pi)^2 too stiff, or too soft."""
     (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(7), outputs=("motor 1", "joint 1"))
     response = replace(response, freq_hz=factor * response.freq_hz)
     result = identify([response], started_elsewhere(pendulum(), 1.5), FitSpec(starts=10, start_factor=60.0, seed=1))
     assert result.model_error < 2
     assert (result.notes[0].code, result.notes[0].place) == ("fit/frequency-unit", "k_1")
-    assert f"in {unit}" in result.notes[0].text
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from plants.elastic_arm import arm
 
 from elastid.linear.linear_model import BUTTERWORTH, DifferenceElement, LagElement, LinearModel, state_space
 from elastid.linear.linearise import Linearisation
-from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
@@ -48,19 +47,3 @@ def test_gains_multiply_rows_and_divide_columns_of_a_response() -> None:
     space = state_space(model, theta).response(FREQ_HZ)
     for found in (frequency_response(model, theta, FREQ_HZ), Kernel(model, FREQ_HZ, ()).response(theta), space):
         np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-12 * np.abs(G).max())
-
-
-def test_derivatives_to_gains_and_beside_them_equal_central_differences() -> None:
-    """Of gains, springs, dampers, a mass and the delay: to 1e-6 of the largest."""
-    model = linear(GAINS)
-    wanted = ("gain_u_motor_2", "k_1", "gain_y_body_fore_y", "d_2", "m_fore", "delay", "gain_y_motor_1")
-    theta = model.theta_ref.copy()
-    theta[-1] = 1e-3
-    G, dG = Columns(Kernel(model, FREQ_HZ, wanted)).evaluate(theta)
-    np.testing.assert_allclose(G, frequency_response(model, theta, FREQ_HZ), rtol=1e-9)
-    for name, slope in zip(wanted, dG, strict=True):
-        place = model.parameters.index(name)
-        shift = 3e-5 * theta[place] * (np.arange(theta.size) == place)
-        ends = [frequency_response(model, theta + side * shift, FREQ_HZ) for side in (1, -1)]
-        numeric = (ends[0] - ends[1]) / (2 * shift[place])
-        np.testing.assert_allclose(slope, numeric, atol=1e-6 * np.abs(numeric).max(), err_msg=name)

@@ -78,7 +78,6 @@ def test_a_band_without_lines_is_refused_and_a_study_goes_on() -> None:
         estimate_modes(response, band_hz=(40, 41))
     (none,) = modes_of_responses([response], ModalSpec(band_hz=(40.0, 41.0)))
     assert none.shape_std.shape == none.shapes.shape == (1, 0)
-    assert "9 lines" in none.notes[0].text
 
 
 def test_overloaded_hits_have_no_modes_but_those_that_are_named() -> None:
@@ -87,7 +86,6 @@ def test_overloaded_hits_have_no_modes_but_those_that_are_named() -> None:
     clipped = replace(response, notes=(Note("frf/overload", "3 of 5 hits stay at 20", "record a"),))
     (none,) = modes_of_responses([clipped], ModalSpec())
     assert none.n_modes == 0
-    assert "overloaded hits" in none.notes[0].text
     np.testing.assert_allclose(estimate_modes(clipped, poles_hz=tuple(NATURAL)).freq_hz, NATURAL, rtol=1e-3)
 
 

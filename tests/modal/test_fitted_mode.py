@@ -8,7 +8,7 @@ from modal.structures import FREQ_HZ, NATURAL, ZETA, modal_response
 from scipy.ndimage import convolve1d
 
 from elastid.modal.estimate import estimate_modes
-from elastid.modal.fitted_mode import FittedMode, line_notes, window_notes, without_twins
+from elastid.modal.fitted_mode import FittedMode, without_twins
 from elastid.response import Covariance
 
 
@@ -53,13 +53,3 @@ def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none() -> None:
     assert without_twins([strong, twin]) == [strong]
     for mode in (other, replace(twin, freq_hz=60.0), replace(twin, residue=0.9 * strong.residue)):
         assert without_twins([strong, mode]) == [strong, mode]
-
-
-def test_notes_count_the_modes_that_they_are_about() -> None:
-    """Poles that certainly lost more damping to a window than they had; half-power widths of too few lines."""
-    response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)))
-    mode = FittedMode(50.0, 0.01, 0.02, 1e-3, np.ones((1, 1)), np.ones((1, 1)))
-    (note,) = window_notes([mode, replace(mode, zeta=1e-3), replace(mode, zeta=-0.1)], 2.0, response)
-    assert "1 of 3 poles" in note.text
-    (note,) = line_notes([mode, mode, replace(mode, zeta=1e-4)], response)
-    assert "1 of 3 modes" in note.text

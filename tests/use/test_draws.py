@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from plants.arm import STD, result
 
+from elastid.fit.result import Result
+from elastid.linear.fitted_model import Doubt
 from elastid.use.draws import draw_robots
 
 
@@ -15,6 +17,18 @@ def test_draws_scatter_as_the_fit_says() -> None:
     """Relative std and independence."""
     draws = draw_robots(result(), 80, seed=2)
     np.testing.assert_allclose(np.std(np.log(draws.values), axis=0), STD, rtol=0.25)
+
+
+def test_a_robot_has_the_numbers_of_its_draw_and_those_that_a_doubt_moves() -> None:
+    """A mass, which takes the parameters with it; besides, they scatter as the fit says."""
+    doubt = Doubt(np.array([0.3, -0.2, 0.0, 0.1]), ("m_fore",), (0.1,), (True,))
+    estimated = replace(result().at(np.array([0.4, -0.9])).estimated, doubts=(doubt,))
+    draws = draw_robots(type("Doubted", (Result,), {"doubts": (doubt,)})(**vars(result())), 20)
+    assert np.std(draws.x[:, :-1], axis=0).max() < 2 * STD
+    for x, robot in zip(draws.x, draws.robots, strict=True):
+        numbers = dict(zip(estimated.names, estimated.theta(x).tolist(), strict=True))
+        for name in ("k_1", "d_2", "m_fore"):
+            assert robot.parameters()[name][0] == pytest.approx(numbers[name])
 
 
 def test_the_same_seed_gives_the_same_robots_and_what_nothing_reaches_is_held() -> None:

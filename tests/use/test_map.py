@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,6 +49,7 @@ def test_a_map_has_the_numbers_of_each_posture_by_itself(name: str) -> None:
         assert workspace["frequency_1"].value[i] == pytest.approx(modes.freq_hz[0], rel=1e-8)
         assert workspace["frequency_1"].std[i] == pytest.approx(modes.freq_std[0], rel=1e-2)
         assert workspace.share[i].sum() == pytest.approx(1, abs=0.03)  # the rest is gravity's
+    assert np.all(np.diff(workspace["softest_compliance"].value[workspace.softest]) <= 0)
 
 
 def test_extremes_of_the_response_are_found_between_the_lines() -> None:
@@ -60,24 +62,25 @@ def test_extremes_of_the_response_are_found_between_the_lines() -> None:
     assert workspace["dynamic_compliance"].value[0] == pytest.approx(
         np.linalg.svd(G, compute_uv=False)[:, 0].max(), rel=1e-3
     )
-    n = np.array([1.0, 0.0, 1.0]) / np.sqrt(2)
-    lines = workspace.chatter_hz + np.linspace(-0.5, 0.5, 501)
-
-    def depth(x: np.ndarray) -> np.ndarray:
-        G = frequency_response(model.linear, model.estimated.theta(x), lines)
-        return np.asarray(-1 / (2 * 700e6 * (n @ G @ n).real.min()))
-
-    spread = propagate(depth, model.estimated.x, model.estimated.covariance / 1e4)
-    assert workspace["depth_of_cut"].value[0] == pytest.approx(float(spread.value), rel=1e-6)
-    assert workspace["depth_of_cut"].std[0] / 100 == pytest.approx(float(spread.std), rel=0.02)
-    assert workspace["depth_of_cut"].value[0] == pytest.approx(-1 / (1.4e9 * (n @ G @ n).real.min()), rel=1e-3)
-
-    def deflection(x: np.ndarray) -> np.ndarray:
-        at_rest = frequency_response(model.linear, model.estimated.theta(x), 1e-3)[0].real
-        return np.asarray(np.linalg.norm(at_rest @ CUT.load))
-
-    spread = propagate(deflection, model.estimated.x, model.estimated.covariance / 1e4)
-    assert workspace["deflection"].std[0] / 100 == pytest.approx(float(spread.std), rel=0.02)
+    n, softest = np.array([1.0, 0.0, 1.0]) / np.sqrt(2), workspace.axes[0, :, 0]
+    near, curve = workspace.chatter_hz + np.linspace(-0.5, 0.5, 501), workspace.curve_hz[::20]
+    expected = {
+        "depth_of_cut": (near, lambda G: -1 / (2 * 700e6 * (n @ G @ n).real.min())),
+        "deflection": (1e-3, lambda G: np.linalg.norm(G[0].real @ CUT.load)),
+        "magnitude": (curve, lambda G: np.abs(softest @ G @ softest)),
+    }
+    known = {name: (workspace[name].value[0], workspace[name].std[0]) for name in ("depth_of_cut", "deflection")}
+    known["magnitude"] = workspace.magnitude[0, ::20], workspace.magnitude_std[0, ::20]
+    for name, (lines, quantity) in expected.items():
+        spread = propagate(
+            lambda x, lines=lines, quantity=quantity: np.asarray(
+                quantity(frequency_response(model.linear, model.estimated.theta(x), lines))
+            ),
+            model.estimated.x,
+            model.estimated.covariance / 1e4,
+        )
+        np.testing.assert_allclose(known[name][0], spread.value, rtol=1e-5)
+        np.testing.assert_allclose(known[name][1] / 100, spread.std, rtol=0.02)
 
 
 @pytest.mark.parametrize("name", ["manutec", "linkage_arm constrained"])
@@ -108,18 +111,10 @@ def test_a_posture_without_rest_is_not_found_and_the_others_keep_their_order() -
     assert workspace.refused == (0,)
 
 
-POSTURES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
-
-
-def test_the_softest_first_and_the_spring_that_gives_most() -> None:
-    """Shares of the springs add up to 1 under no gravity's help; the order is that of the compliance."""
-    workspace = map_workspace(result(), POSTURES)
-    value = workspace["softest_compliance"].value
-    assert np.all(np.diff(value[workspace.softest]) <= 0)
-    assert workspace.asked.tolist() == [0, 1, 2, 3]
-    np.testing.assert_allclose(workspace.share.sum(axis=1), 1.0, rtol=0.05)  # the rest is gravity's
-    largest = [workspace.springs[i] for i in workspace.share.argmax(axis=1)]
-    assert workspace.limiting_springs == tuple(largest)
+@pytest.mark.parametrize("wrong", [{"normal": (0, 0, 0)}, {"load": (np.nan, 0, 0)}, {"cutting_coefficient": 0.0}])
+def test_a_cut_without_direction_size_or_coefficient_is_none(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"load|coefficient"):
+        Cut(**wrong)
 
 
 def test_where_nothing_rests_the_map_says_why() -> None:

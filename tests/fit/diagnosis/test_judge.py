@@ -6,18 +6,20 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from plants.faults import FAULTS, FURTHER, SPEC, Case, drawn, faulty, true_case
 from plants.marks import slow
+from scipy.optimize import lsq_linear
 
-from elastid.base.arrays import ComplexArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Hypothesis, Size
 from elastid.fit.diagnosis.judge import single_occam
-from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, Load, ScoreTest, find_load
+from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, Load, ScoreTest, find_load, free_drop
 from elastid.fit.diagnosis.sensitivities import HeldResponse
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
-from elastid.robot import Tolerances
 
 
 @cache
@@ -44,22 +46,36 @@ def test_a_fault_is_named_first_with_its_size(fault: str) -> None:
     assert "fit/unlike-responses" not in {note.code for note in result.notes}
 
 
-def test_the_drop_is_that_of_least_squares_with_the_number_free() -> None:
-    """A linear problem of four columns, two of them held: drop, step and effects as of the solution of all."""
-    rng = np.random.default_rng(3)
-    J, r = rng.standard_normal((50, 4)), rng.standard_normal(50)
+@given(seed=st.integers(0, 10**6), decades=st.lists(st.floats(-4, 4), min_size=3, max_size=3), room=st.floats(0.01, 10))
+def test_what_is_freed_is_that_of_least_squares_whatever_the_units_of_what_is_free(
+    seed: int, decades: list[float], room: float
+) -> None:
+    """Of a linear problem of five columns, two of them held, one by one or together within limits that are priors."""
+    rng = np.random.default_rng(seed)
+    J, raw = rng.standard_normal((50, 5)) * 10.0 ** np.array([*decades, 0, 0]), rng.standard_normal(50)
+
+    def left(r: FloatArray, *columns: int) -> FloatArray:
+        return np.asarray(r - J[:, columns] @ np.linalg.lstsq(J[:, columns], r, rcond=None)[0])
+
+    r, limits = left(raw, 0, 1, 2), room / np.linalg.norm(J[:, 3:], axis=0)
+    assert free_drop(J.T @ J, J.T @ raw, np.arange(5) < 3) == pytest.approx(raw @ raw - r @ r)
     numbers = [HeldNumber(name, "", 0.0, "1", False, -math.inf, math.inf, 1.0) for name in "ab"]
-    r = r - J[:, :2] @ np.linalg.lstsq(J[:, :2], r, rcond=None)[0]
-    test = ScoreTest.of(numbers, J.T @ J, J.T @ r, np.ones(2, dtype=bool))
-    alone = Candidate("b", "", np.array([1]), np.eye(1))
-    steps, drop = test.step(alone)
-    every = np.linalg.lstsq(J[:, [0, 1, 3]], -r, rcond=None)[0]
-    left = r + J[:, [0, 1, 3]] @ every
-    assert drop == pytest.approx(r @ r - left @ left, rel=1e-9)
-    np.testing.assert_allclose([*test.effects(alone, steps), *steps], every, rtol=1e-9)
-    _, further = test.freed(alone).step(Candidate("a", "", np.array([0]), np.eye(1)))
-    whole = r + J @ np.linalg.lstsq(J, -r, rcond=None)[0]
-    assert further == pytest.approx(left @ left - whole @ whole, rel=1e-9)
+    test = ScoreTest.of(numbers, J.T @ J, J.T @ r, np.ones(3, dtype=bool))
+    first, second = (Candidate(name, "", np.array([i]), np.eye(1)) for i, name in enumerate("ab"))
+    steps, drop = test.step(second)
+    one, both = left(r, 0, 1, 2, 4), left(r, 0, 1, 2, 3, 4)
+    assert [drop, test.most(second)] == pytest.approx(2 * [r @ r - one @ one])
+    every = np.linalg.lstsq(J[:, [0, 1, 2, 4]], -r, rcond=None)[0]
+    np.testing.assert_allclose([*test.effects(second, steps), *steps], every, rtol=1e-6)
+    assert test.freed(second).step(first)[1] == pytest.approx(one @ one - both @ both, rel=1e-6)
+    a, b = (left(J[:, i], 0, 1, 2) for i in (3, 4))
+    assert test.std(second) == pytest.approx(1 / np.linalg.norm(b))
+    assert test.correlations([first, second])[0, 1] == pytest.approx((a @ b) ** 2 / (a @ a * b @ b))
+    bounded = tuple(replace(n, lower=-w, upper=w) for n, w in zip(numbers, limits.tolist(), strict=True))
+    steps, _ = replace(test, numbers=bounded).step(Candidate("both", "", np.arange(2), np.eye(2)))
+    stacked = np.vstack([np.column_stack([a, b]) * limits, np.eye(2)])
+    expected = lsq_linear(stacked, np.append(-r, [0.0, 0.0]), (-1.0, 1.0), tol=1e-13).x
+    np.testing.assert_allclose(steps / limits, expected, atol=1e-5)
 
 
 MASS, CENTRE, INERTIA = 40.0, (0.3, 0.0, 0.1), (0.8, 4.0, 4.1)
@@ -106,18 +122,6 @@ def test_an_unusual_size_and_more_freedom_lower_the_odds() -> None:
     )
 
 
-@pytest.mark.slow
-def test_a_mass_beyond_its_tolerance_is_named_though_the_fit_converged() -> None:
-    """The fore arm is 30 % lighter than its file: data move it there, and the sentence says so."""
-    case = true_case()
-    heavy = case.robot.with_parameters({"m_fore": 1.4 * case.robot.parameters()["m_fore"][0]})
-    robot = replace(heavy, tolerances=Tolerances())
-    result = identify(drawn(case, np.random.default_rng(0)), robot, SPEC)
-    first = result.indices[0]
-    assert first.name in ("m_fore", "payload_fore")
-    assert "fit/likely-cause" in {note.code for note in result.notes}
-
-
 SHARE = 0.04
 FIRST_ON_SECOND = np.array([[0.0, 0.0], [1.0, 0.0]])
 
@@ -143,13 +147,11 @@ def with_crosstalk(case: Case) -> Case:
 
 
 def test_an_invented_hypothesis_is_found_first_where_it_is_true() -> None:
-    """With its size to 5 %, nearly all of the excess, and its own words."""
+    """With its size to 5 %, and nearly all of the excess."""
     case, hypotheses = with_crosstalk(true_case()), (CROSSTALK, *HYPOTHESES)
     result = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC, hypotheses=hypotheses)
     first = result.indices[0]
     assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)
     assert first.share > 0.95
     assert first.steps[0] == pytest.approx(SHARE, rel=0.05)
-    sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
-    assert sentence.startswith("4.0 % of motor 1's torque logged at motor 2 would explain 9")
-    assert sentence.endswith("check the wiring of 2")
+    assert "fit/likely-cause" in {note.code for note in result.notes}

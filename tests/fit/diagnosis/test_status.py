@@ -1,6 +1,7 @@
 """A fit whose model is wrong does not end as converged, a fit whose model is true does; bounds are named."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -12,28 +13,16 @@ from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.parameters import Parameters
 
-WITH_FLOOR = replace(SPEC, weights=WeightSpec())
 
-
-@pytest.mark.parametrize(
-    ("spec", "seeds"),
-    [
-        pytest.param(SPEC, range(3), id="noise alone"),
-        pytest.param(WITH_FLOOR, range(3), id="floor of 1 %", marks=pytest.mark.slow),
-    ],
-)
 @pytest.mark.slow
-def test_a_true_robot_converges_with_and_without_friction(spec, seeds) -> None:
+@pytest.mark.parametrize("spec", [SPEC, replace(SPEC, weights=WeightSpec())], ids=["noise alone", "floor of 1 %"])
+def test_a_true_robot_converges_with_and_without_friction(spec: FitSpec) -> None:
     """Noise whose variance has 3 or 8 degrees of freedom, and the distortion of friction that its covariance knows."""
     case = true_case()
-    for seed in seeds:
-        for dof in (3.0, 8.0):
-            assert (
-                fit_parameters(drawn(case, np.random.default_rng(seed), 0.01, dof), case.robot, spec).status
-                == "converged"
-            )
-            rough = rubbing(case, np.random.default_rng(seed), dof=dof)
-            assert fit_parameters(rough, case.robot, spec).status == "converged"
+    for seed, dof in product(range(3), (3.0, 8.0)):
+        rough = rubbing(case, np.random.default_rng(seed), dof=dof)
+        for data in (drawn(case, np.random.default_rng(seed), 0.01, dof), rough):
+            assert fit_parameters(data, case.robot, spec).status == "converged"
 
 
 def test_one_line_beyond_the_noise_is_no_misfit() -> None:
@@ -57,24 +46,20 @@ def test_each_number_has_a_verdict_and_the_status_is_that_of_what_is_wanted() ->
     result = fit_parameters(data, case.robot, SPEC)
     verdicts = dict(zip((p.name for p in result.parameters.asked), result.verdicts, strict=True))
     assert result.status == "misfit"
-    assert verdicts["k_1"].startswith("not to be believed: ratio_* -0.99 % would move it")
-    assert verdicts["k_1x"] == "good"
+    assert verdicts["k_1"] != verdicts["k_1x"] == "good"
     assert abs(np.log(result.values["k_1x"] / case.stiffness["k_1x"])) < 3 * result.std["k_1x"] / result.values["k_1x"]
     of_the_link = fit_parameters(data, case.robot, replace(SPEC, wanted=("k_1x",)))
     assert of_the_link.status == "converged"
-    assert "k_1, " in of_the_link.message
-    assert "are not to be believed" in of_the_link.message
     case = true_case()
     true = fit_parameters(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
     assert true.verdicts == ("good",) * len(verdicts)
 
 
 def test_an_estimate_at_its_bound_says_so():
-    """Bounds that keep the truth out: a misfit that ends there, and the messages name parameter, side and value."""
+    """Bounds that keep the truth out: a misfit that ends there, and a note names parameter and value."""
     spec = FitSpec(parameters={"k_1": ParameterSpec(start=50.0, bounds=(40.0, 95.0)), "d_1": ParameterSpec()}, starts=3)
     result = identify(measure(pendulum(), [(0.0,)]), pendulum(), spec)
     assert result.status == "misfit"
-    assert result.message.startswith("with k_1 at a bound the model is wrong")
     np.testing.assert_array_equal(result.at_bound, [True, False])
     assert any(note.code == "fit/at-bound" and "k_1 " in note.text and " 95 " in note.text for note in result.notes)
     assert result.model_error > 1.5

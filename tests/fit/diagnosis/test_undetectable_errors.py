@@ -73,11 +73,9 @@ def test_a_pedestal_that_no_response_shows_is_within_the_total_with_a_base() -> 
 
 
 def test_the_stiffness_from_which_on_a_base_is_hidden_is_where_it_moves_by_an_interval() -> None:
-    """There the gear is off by 1.96 std; the sentence has both numbers and the advice."""
+    """There the gear is off by 1.96 std."""
     result = fitted_on_base(arm())
     (base,) = result.rigid_parts
     softened = base.stiffness * 1e-2 / base.hidden_from
     assert softened == pytest.approx(1.96 * result.std["k_1"] / result.values["k_1"], rel=0.01)
-    (note,) = [note for note in result.notes if note.code == "fit/undetectable"]
-    assert "takes 1.00 % from k_1" in note.text
-    assert f"{base.hidden_from:.2g} N*m/rad on" in note.text
+    assert "fit/undetectable" in {note.code for note in result.notes}

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.notes import said
 from plants.refusals import refused
 from plants.three_mass import FREQ as FREQ_SMOOTHED_NOISE
 from plants.three_mass import plant
@@ -75,9 +74,7 @@ def test_an_element_that_is_no_more_than_noise_is_left_out_with_a_word():
     weights = weigh(replace(measured, G=values), FitSpec())
     np.testing.assert_array_equal(weights.used.all(axis=0)[:, 0], [True, False, False])
     assert np.median(np.abs(G)) < 2  # most lines of the first are below twice their noise
-    assert said(weights.notes) == (
-        "configuration c1: left out, no more than noise: joint 1 from motor 1, joint 2 from motor 1",
-    )
+    assert [(note.code, note.place) for note in weights.notes] == [("fit/weights", "configuration c1")]
 
 
 def test_without_a_variance_the_floor_weighs_and_says_so():
@@ -95,7 +92,6 @@ def test_exact_data_without_a_floor_leave_nothing():
     weights = weigh(response(0.0), NO_FLOOR)
     assert not weights.used.any()
     assert weights.notes[0].code == "fit/weights"
-    assert " 200 " in weights.notes[0].text
 
 
 @pytest.mark.parametrize(

@@ -166,12 +166,11 @@ def test_a_model_without_a_value_is_stepped_around(method: SolverName):
         solve(gappy, np.array([0.0, math.log(2.0)]), method=method)
 
 
-@pytest.mark.parametrize(("method", "says"), [("trust_region", "stopped"), ("ipopt", "Maximum_Iterations_Exceeded")])
-def test_an_exhausted_solve_does_not_call_itself_converged(method: SolverName, says: str, capfd):
-    """Two iterations are not enough, the message says so, and IPOPT prints nothing."""
+@both_solvers
+def test_an_exhausted_solve_does_not_call_itself_converged(method: SolverName, capfd):
+    """Two iterations are not enough, and IPOPT prints nothing."""
     end = solve(DECAY, DECAY.parameters.x, max_iterations=2, method=method)
     assert not end.converged
-    assert f"{says} after 2 iterations" in end.message
     assert capfd.readouterr() == ("", "")
 
 

@@ -1,5 +1,7 @@
 """The kernel against the formula, its derivatives against differences, with loops in C and without."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +13,7 @@ from elastid.linear.linear_model import DELAY
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Elimination, Kernel, solved_products
 from elastid.linear.response.transfer import frequency_response
+from elastid.robot import Chain, ChannelGain
 
 FREQ_HZ = np.geomspace(0.5, 90, 130)
 needs_compiler = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
@@ -40,8 +43,9 @@ def test_kernel_equals_the_formula():
 @pytest.mark.usefixtures("loops")
 @pytest.mark.parametrize("outputs", [None, ("body fore_arm z", "motor 2", "joint 3", "motor 1")])
 def test_derivatives_equal_central_differences_for_every_parameter(outputs):
-    """dG of stiffness, damping, friction, rotors, masses, centres of mass, inertias, delay: to 1e-6 of the largest."""
-    model = linear(arm(), outputs=outputs)
+    """dG of stiffness, damping, friction, rotors, masses, centres, inertias, gains, delay: to 1e-6 of the largest."""
+    gains = ChannelGain("y", "body fore_arm z", 1.3), ChannelGain("y", "motor 1", 0.9), ChannelGain("u", "motor 2", 1.1)
+    model = linear(replace(arm(), chain=Chain(gains=gains)), outputs=outputs)
     typical = [5.0 if name.startswith("f_") else 1e-3 for name in model.parameters]  # sets the step where theta is 0
     theta = np.where(model.theta_ref == 0, typical, model.theta_ref)
     _, dG = Columns(Kernel(model, FREQ_HZ, model.parameters)).evaluate(theta)

@@ -11,7 +11,16 @@ from plants.commanded_arm import arm, move, rigid_gears
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.robot.simplified import with_joints
 from elastid.use.moves import MotionLimits, point_to_point
-from elastid.use.plans import CommandedRobot, best_plan, first_duration, plan, planned_error, sampled
+from elastid.use.plans import (
+    CommandedRobot,
+    best_plan,
+    first_duration,
+    plan,
+    planned_error,
+    rigid_references,
+    sampled,
+)
+from elastid.use.tune import Given, tune_move
 
 J_l, J_m, k, f_m = 2.0, 1.0, 2e3, 5.0
 TOOL = Frame("tool", "arm", Placement((1.0, 0, 0)))
@@ -29,8 +38,23 @@ def test_the_first_duration_is_a_tenth_more_than_a_rigid_axis_needs(kind: str, o
     assert load * np.abs(own.in_time(T).at(np.linspace(0, T, 201), order)).max() == pytest.approx(2.0, rel=1e-6)
 
 
+@pytest.mark.parametrize(("k", "end"), [(2e4, 0.6), (2e2, 0.2)])
+def test_the_shortest_time_is_that_in_which_the_error_is_just_kept(k: float, end: float) -> None:
+    """3 % less time exceed it; shorter and longer than that of the rigid axis."""
+    robot = with_joints(ELASTIC, lambda joint: replace(joint, spring=Spring(k, 0.0), limits=Limits(velocity=2.0)))
+    own = point_to_point(np.array([0.0]), np.array([end]), 0.0)
+    asked = Given(robot, robot, robot, "truth", (), "tool", 500.0, 4.0, 1e-3)
+    tuned = tune_move(asked, own, "axis")
+    assert tuned.planned.max() <= 1e-3 < tune_move(asked, own.in_time(0.97 * tuned.duration), "axis").planned.max()
+    first_s = first_duration(CommandedRobot.of(robot, "tool", own.ends[0]), own, MotionLimits.of(robot))
+    assert (tuned.duration > first_s) == (k < 1e3)
+
+
 def test_an_elastic_axis_is_commanded_by_its_closed_form() -> None:
-    """u = J_m q_m'' + f_m q_m' + J_l q_l'', q_m = q_l + J_l q_l'' / k of a flat output without damping."""
+    """u = J_m q_m'' + f_m q_m' + J_l q_l'', q_m = q_l + J_l q_l'' / k of a flat output without damping.
+
+    Of rigid feedforward, held from sample to sample, in the middle of each.
+    """
     own = point_to_point(np.array([0.0]), np.array([0.6]), 1.0)
     commanded = CommandedRobot.of(ELASTIC, "tool", own.ends[0])
     planned = plan(commanded, own, MotionLimits.of(ELASTIC), 0.05)
@@ -42,6 +66,8 @@ def test_an_elastic_axis_is_commanded_by_its_closed_form() -> None:
     torque = commanded.torque(q, planned.q(t, 1), planned.q(t, 2))[:, 0]
     expected = J_m * motor_a + f_m * motor_v + J_l * a
     assert np.abs(torque - expected).max() < 0.01 * np.abs(expected).max()
+    rigid, middle = rigid_references(ELASTIC, commanded, own, t).torque, t + 0.005
+    np.testing.assert_allclose(rigid, (J_l + J_m) * own.at(middle, 2) + f_m * own.at(middle, 1), atol=1e-9)
 
 
 @pytest.mark.parametrize("robot", [arm(), rigid_gears(arm())])

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
+from plants import arm as planar
 from plants.commanded_arm import arm
 from plants.refusals import refused
 
-from elastid.model.closed_posture import followed
-from elastid.model.kinematics import frame_poses
 from elastid.use.moves import point_to_point, read_move
 
 
@@ -48,14 +48,16 @@ def test_a_move_in_milliseconds_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_way_of_poses_is_straight_between_them(tmp_path: Path) -> None:
-    """Two poses: the tool moves along the line, not along the joints' arc."""
-    robot = arm()
-    ends = frame_poses(robot, followed(robot, np.radians([[0.0, 40.0], [35.0, 15.0]])), "tool").position
-    text = "x,y,z\n" + "".join(",".join(map(str, row)) + "\n" for row in ends.tolist())
-    with refused("use/unreachable", place="move.csv:3"):  # two joints reach a surface, which holds no line
-        read_move(written(tmp_path, text), robot, "tool", 1.0)
-    angles = np.radians(np.column_stack([np.linspace(0, 35, 30), np.linspace(40, 15, 30)]))
-    rows = frame_poses(robot, followed(robot, angles), "tool").position
-    text = "t,x,y,z\n" + "".join(f"{t}," + ",".join(map(str, row)) + "\n" for t, row in enumerate(rows.tolist()))
+    """The tool moves along the line, not along the joints' arc; two joints reach no line out of their plane."""
+    text, s = "t,x,y,z\n2,0.9,0,-0.3\n3,0.7,{},-0.8\n", np.linspace(0, 1, 50)
+    move = read_move(written(tmp_path, text.format(0)), planar.robot(), "tool")
+    way = np.outer([-0.2, -0.5], s**3 * (10 - 15 * s + 6 * s**2))
+    np.testing.assert_allclose(planar.tool(move.at(s).T), np.array([[0.9], [-0.3]]) + way, atol=1e-5)
     with refused("use/unreachable", place="move.csv:3"):
-        read_move(written(tmp_path, text), robot, "tool")
+        read_move(written(tmp_path, text.format(0.1)), planar.robot(), "tool")
+
+
+@pytest.mark.parametrize("angle", [-2.1, 2.1])
+def test_an_angle_beyond_the_limits_of_its_joint_is_refused(tmp_path: Path, angle: float) -> None:
+    with refused("use/unreachable", place="move.csv:3"):
+        read_move(written(tmp_path, f"1,2\n0,0\n0.4,{angle}\n"), arm(), "tool", 1.0)

@@ -23,27 +23,22 @@ HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it b
 
 @pytest.mark.slow
 def test_limits_of_torque_hold_on_draws_with_their_feedback() -> None:
-    """Where torque is short the tool leaves its path, and a message says where."""
+    """Where torque is short the tool leaves its path."""
     tuned = tune_move(given(torque=420.0), move(0.5), "arm")
     assert np.all(tuned.most <= 420.0)
     assert np.all(np.abs(tuned.torque) <= 420.0)
     assert tuned.planned.max() > 1e-3
-    assert "leaves its path by" in tuned.advice
-
-
-@pytest.mark.slow
-def test_the_shortest_time_is_that_in_which_the_error_is_just_kept() -> None:
-    """A twentieth less time exceeds it."""
-    tuned = tune_move(given(torque=420.0, draws=0), move(0.0), "arm")
-    assert tuned.planned.max() <= 1e-3
-    assert tune_move(given(torque=420.0, draws=0), move(0.95 * tuned.duration), "arm").planned.max() > 1e-3
+    assert tuned.advice
 
 
 def test_the_band_of_draws_holds_the_geometry_of_the_file() -> None:
     """A zero that is 1 mrad off turns a tool of 1.2 m by 1.2 mm, which the loop of the motor does not see."""
     asked = given(draws=1)
     robot = asked.draws[0].with_parameters({"zero_1": 1e-3})
-    tuned = tune_move(replace(asked, draws=(robot,)), move(1.0), "arm")
+    told = list[tuple[int, int]]()
+    tuned = tune_move(replace(asked, draws=(robot,)), move(1.0), "arm", lambda *parts: told.append(parts))
+    assert told == sorted(told)
+    assert all(done < total == told[0][1] for done, total in told)
     high = tuned.outcomes[-1].high
     assert high is not None
     reach = np.linalg.norm(tuned.target, axis=1).max()
@@ -60,12 +55,14 @@ def test_a_draw_that_no_loop_moves_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("torque", "end"), [(20.0, END), (900.0, np.array([END[0], HIGHEST]))], ids=["gravity", "deflection"]
+    ("torque", "end", "duration"),
+    [(20.0, END, 0.15), (900.0, np.array([END[0], HIGHEST]), 1.0)],
+    ids=["gravity", "deflection"],
 )
-def test_an_end_that_no_motor_holds_is_refused(torque: float, end: FloatArray) -> None:
+def test_an_end_that_no_motor_holds_is_refused(torque: float, end: FloatArray, duration: float) -> None:
     """Gravity takes more than the motor has, in any time; or deflects so far that the motor stands at its limit."""
     with refused("use/move"):
-        tune_move(given(torque, 0), point_to_point(START, end, 1.0), "arm")
+        tune_move(given(torque, 0), point_to_point(START, end, duration), "arm")
 
 
 LINKAGE = Path(__file__).parents[3] / "configs" / "robots" / "linkage_arm.yml"

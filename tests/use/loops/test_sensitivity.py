@@ -5,11 +5,13 @@ from __future__ import annotations
 import control
 import numpy as np
 import pytest
-from plants.arm import result
+from hypothesis import given
+from hypothesis import strategies as st
+from plants.arm import RATIO, closed_form, result
 
 from elastid.linear.linear_model import DELAY
-from elastid.record import Configuration, JointLoop
-from elastid.use.closed_loops import Plants, PostureFamily, Scene, _sampled, closed_loop_poles, scaled
+from elastid.record import Configuration
+from elastid.use.closed_loops import Plants, PostureFamily, Scene, _sampled, bandwidths, closed_loop_poles, scaled
 from elastid.use.loops import Cascade, assess, design
 from elastid.use.map import largest_gain
 
@@ -53,15 +55,19 @@ def test_poles_and_sensitivity_are_those_of_python_control() -> None:
         assert np.abs(poles[i]).max() == pytest.approx(np.abs(closed.poles()).max(), rel=1e-6)
 
 
-def test_an_ideal_cascade_has_the_bandwidth_of_its_position_gain() -> None:
-    """E = s / (s + K_p) of a motor alone whose velocity loop is fast: -3 dB at K_p / 2 pi."""
-    rate, J, K_p = 2e4, 3.0, 5.0
-    A, B = np.array([[1, 1 / rate], [0, 1]]), np.array([[0.5 / rate**2], [1 / rate]]) / J
-    motor = Plants(rate, A[None], B[None], np.array([[[1.0, 0.0]]]), np.array([[J]]))
-    freq_hz = np.geomspace(0.05, 500, 2000)[None]
-    gains = JointLoop(np.array([K_p * 2e3]), np.array([2e3]), np.zeros(1))
-    closed = Scene(motor, freq_hz, motor.response(freq_hz)).closed(gains, None)
-    assert closed.bandwidth_hz[0, 0] == pytest.approx(K_p / (2 * np.pi), rel=0.02)
+@given(K_p=st.floats(1.0, 20.0))
+def test_an_ideal_cascade_has_the_bandwidth_of_its_position_gain(K_p: float) -> None:
+    """|E| of s / (s + K_p) rises to -3 dB at K_p / 2 pi, between two lines, or beyond the ends of the grid."""
+    freq_hz = np.geomspace(0.05, 50, 40)[None]
+    s = 2j * np.pi * freq_hz[..., None]
+    E = s / (s + K_p * np.array([1.0, 1e-3, 1e4]))
+    np.testing.assert_allclose(bandwidths(E, freq_hz)[0], [K_p / (2 * np.pi), 0.05, 50.0], rtol=0.01)
+
+
+def test_the_inertia_of_an_axis_is_that_of_its_motor_and_all_that_it_carries() -> None:
+    """Of the arm at rest, in closed form."""
+    for inertia, posture in zip(plants().inertia, ([0.3, 0.5], [0.5, -1.2]), strict=True):
+        np.testing.assert_allclose(inertia, np.diag(closed_form(np.array(posture))[0]) + 2e-3 * RATIO**2, rtol=1e-6)
 
 
 def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units() -> None:
@@ -78,27 +84,21 @@ def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units() -> No
 
 @pytest.mark.parametrize("delay_s", [0.0013, 0.0025, 0.006])
 def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None:
-    """Of half a sample and of more than two: as the difference of two held torques, and late by whole samples."""
+    """Of half a sample and of more than two: a step of torque moves the motor as much later."""
     own = PostureFamily.of(result(), [Configuration("a", np.array([0.3, 0.5]))], RATE_HZ)
     linear, known = own.models[0].linear, own.models[0].theta
-    theta = known.copy()
-    theta[list(linear.parameters).index(DELAY)] = delay_s
-    A, B, C = _sampled(linear, theta, RATE_HZ)
-    whole = round(delay_s * RATE_HZ * 1000)
-    fine = _sampled(linear, known, RATE_HZ * 1000)
-    n = 12
-    u = np.repeat([1.0] + [0.0] * (n - 1), 1000)
-    x, y = np.zeros(len(fine[0])), []
-    late = np.concatenate([np.zeros(whole), u])[: len(u)]
-    for k, torque in enumerate(late):
-        if k % 1000 == 0:
-            y.append(fine[2][0] @ x)
-        x = fine[0] @ x + fine[1][:, 0] * torque
-    x, sampled = np.zeros(len(A)), []
-    for k in range(n):
-        sampled.append(C[0] @ x)
-        x = A @ x + B[:, 0] * (k == 0)
-    np.testing.assert_allclose(sampled, y, rtol=1e-6, atol=1e-12 * np.abs(y).max())
+    theta = np.where(np.array(linear.parameters) == DELAY, delay_s, known)
+    answers = []
+    for numbers, rate_hz in ((theta, RATE_HZ), (known, 25 * RATE_HZ)):
+        A, B, C = _sampled(linear, numbers, rate_hz)
+        x, y = np.zeros(len(A)), []
+        for _ in range(300):
+            y.append(C[0] @ x)
+            x = A @ x + B[:, 0]
+        answers.append(np.array(y))
+    sampled, prompt = answers[0][:12], answers[1]
+    times = 25 * np.arange(12) - round(25 * RATE_HZ * delay_s)
+    np.testing.assert_allclose(sampled, prompt[np.maximum(times, 0)], rtol=1e-6, atol=1e-12 * prompt.max())
 
 
 def test_a_peak_is_traced_to_the_mode_that_makes_it(family: PostureFamily) -> None:
