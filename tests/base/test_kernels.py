@@ -48,7 +48,7 @@ def results(level: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray
             "products": matrices.added_cross_products([A], [A]),
             "inverse": matrices.inverse(B),
             "singular values": matrices.singular_values(A),
-            "positive part": matrices.positive(B + matrices.adjoint(B)),
+            "positive part": matrices.positive(B + B.mT.conj()),
             "responses": Elimination.of(np.ones((6, 6), bool)).products(M, D, K, np.linspace(0.1, 9.0, 37), *sides),
             "bristle": operators.bristle(operators.Path.of(velocity.ravel()), 0.2),
         }
