@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.arm_modes import ANGLES, ARM, MOTOR, swinging
-from plants.report_values import fit_result
+from plants.report_values import fit_result, pair
 
 from elastid.app.summaries import modes_of
+from elastid.base.errors import Note
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.modal.modes import without_modes
+from elastid.modal.spec import GeometrySpec
 from elastid.model.formulation import formulate
 from elastid.parameters import Parameter, Parameters
 from elastid.record import Configuration
-from elastid.report.modes import load_name, shares_in_words, spring_names
+from elastid.report.modes import load_name, measured_drawing, shares_in_words, spring_names
 from elastid.response import Response
 from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Robot, Rod, Spring
 
@@ -35,6 +38,27 @@ def test_springs_are_called_what_they_are() -> None:
     assert (load_name(ARM), load_name(robot)) == ("weight", "weight and compensators")
     assert set(formulate(ARM).springs) <= set(spring_names(ARM))
     assert shares_in_words(["a", "b"], np.array([np.nan, np.nan])) == ""
+
+
+def test_measured_shapes_move_the_points_of_their_outputs() -> None:
+    """Along the direction of each output; the furthest by 0.15 of the size; an output without a point moves none."""
+    measured, _ = pair(2, 3)
+    measured = replace(measured, outputs=("tip x", "tip -z", "nowhere"))
+    modes = replace(
+        without_modes(measured, Note("a", "b")), freq_hz=np.array([5.0, 9.0]), zeta=np.ones(2), shapes=SHAPES,
+        outputs=measured.outputs, inputs=("u",), participation=np.ones((1, 2)),
+    )  # fmt: skip
+    geometry = GeometrySpec(points={"foot": (0.0, 0.0, 0.0), "tip": (0.0, 1.0, 2.0)})
+    drawn = measured_drawing(modes, geometry)
+    moved = np.stack([SHAPES[0], 0 * SHAPES[0], -SHAPES[1]])
+    np.testing.assert_allclose(drawn.moved[1], 0.15 * 2.0 * moved / np.linalg.norm(moved, axis=0))
+    assert not drawn.moved[0].any()
+    assert drawn.links == ((0, 1, "strut"),)
+    elsewhere = GeometrySpec(points={"foot": (0.0, 0.0, 0.0), "top": (0.0, 1.0, 2.0)})
+    assert measured_drawing(modes, elsewhere) is None
+
+
+SHAPES = np.array([[1.0, 0.5j], [-0.5, 1.0], [0.3, 0.2]])
 
 
 def test_energies_follow_the_numbers_of_a_configuration() -> None:

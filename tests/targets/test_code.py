@@ -34,33 +34,23 @@ def read_back(model: FittedRobot, function: Any, B: FloatArray) -> ComplexArray:
     return np.array(G)
 
 
-def accuracy(model: FittedRobot) -> float:
-    return 1e-8 if model.robot.loops else 1e-9
-
-
-def test_casadi_functions_have_the_response(model: FittedRobot, tmp_path: Path) -> None:
-    """And without loops the force at rest is one that the motors hold."""
+@pytest.mark.parametrize("kind", ["casadi", "c"])
+def test_exported_functions_have_the_response(model: FittedRobot, kind: str, tmp_path: Path) -> None:
+    """Loaded again; in C compiled without dependencies."""
+    if kind == "c" and shutil.which("cc") is None:
+        pytest.skip("no C compiler on this machine")
     write_casadi(tmp_path, model)
-    loaded = {path.stem: ca.Function.load(str(path)) for path in tmp_path.glob("*.casadi")}
-    assert ("constraint" in loaded) == (model.model.n_c > 0)
-    B = loaded["input_matrix"]()["B"].full()
-    G = read_back(model, lambda name, *at: loaded[name](*at).full(), B)
-    assert close(G, responses_of(model), accuracy(model))
-    if not model.robot.loops:
-        q = equilibrium(model.model, model.theta[:-1], model.linear[0].configuration).q
-        force = loaded["force"](q, 0).full()[:, 0]
-        assert np.abs(force - B @ (B.T @ force)).max() <= 1e-9 * max(1.0, np.abs(force).max())
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
-def test_c_code_has_the_response(model: FittedRobot, tmp_path: Path) -> None:
-    """Compiled without dependencies."""
     write_c(tmp_path, model)
-    library = tmp_path / "robot.so"
-    subprocess.run(["cc", "-O1", "-shared", "-fPIC", tmp_path / "robot.c", "-o", library, "-lm"], check=True)
-    B = ca.external("robot_input_matrix", str(library))()["B"].full()
-    G = read_back(model, lambda name, *at: ca.external(f"robot_{name}", str(library))(*at).full(), B)
-    assert close(G, responses_of(model), accuracy(model))
+    library = str(tmp_path / "robot.so")
+    if kind == "c":
+        subprocess.run(["cc", "-O1", "-shared", "-fPIC", tmp_path / "robot.c", "-o", library, "-lm"], check=True)
+
+    def loaded(name: str) -> Any:
+        return ca.external(f"robot_{name}", library) if kind == "c" else ca.Function.load(f"{tmp_path}/{name}.casadi")
+
+    G = read_back(model, lambda name, *at: loaded(name)(*at).full(), loaded("input_matrix")()["B"].full())
+    assert close(G, responses_of(model), 1e-8 if model.robot.loops else 1e-9)
+    assert (tmp_path / "constraint.casadi").exists() == (model.model.n_c > 0)
 
 
 def test_equilibria_are_at_rest(model: FittedRobot, tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.arm import result
-from plants.fitted_models import fitted_model
 
 from elastid.study import load_robot
 from elastid.targets.draws import write_draws
@@ -42,11 +41,3 @@ def test_an_engine_loads_each_draw_with_its_own_stiffness(tmp_path: Path) -> Non
     stiff = np.array([np.unique(np.round(model.jnt_stiffness[model.jnt_stiffness > 0], 6)) for model in models])
     assert len(models) == 3
     assert len(np.unique(stiff[:, 0])) == 3
-
-
-def test_a_linkage_closes_in_the_engine_or_says_why_not(tmp_path: Path) -> None:
-    """Folders are written either way; the reason is a sentence."""
-    draws = draw_robots(fitted_model("linkage_arm constrained").result, 2)
-    paths, refused = write_draws(tmp_path, draws, "linkage")
-    assert (tmp_path / "robots" / "robot_1.yml").exists()
-    assert (len(paths) == 3) == (refused == "")

@@ -12,6 +12,7 @@ from plants.commanded_arm import arm
 from plants.hostile_names import HOSTILE
 from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
 from ruamel.yaml import YAML
+from scipy.interpolate import CubicHermiteSpline
 from scipy.io import loadmat
 
 from elastid.friction.robot_friction import frictions
@@ -45,21 +46,14 @@ def library(folder: Path, source: Path) -> ctypes.CDLL:
 
 
 def interpolated(tuned: TunedMove, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity, torque (N, n_u) at times (N,) from the first sample, as `move_at` in C has them.
+    """Position, velocity, torque (N, n_u) at times (N,) from the first sample; at rest before and after the move.
 
     Position by cubic Hermite polynomials, velocity their derivative, torque held from sample to sample.
     """
     step = float(np.diff(tuned.time_s).mean())
-    cells = len(tuned.time_s) - 1
-    x = np.clip(t / step, 0.0, cells)
-    k, held = np.minimum(x.astype(int), cells - 1), (x + 1e-6).astype(int)
-    x = (x - k)[:, None]
-    a, b = tuned.position[k], tuned.position[k + 1]
-    c, d = step * tuned.velocity[k], step * tuned.velocity[k + 1]
-    e = b - a
-    q = a + x * (c + x * (3 * e - 2 * c - d + x * (c + d - 2 * e)))
-    v = (c + x * (2 * (3 * e - 2 * c - d) + 3 * x * (c + d - 2 * e))) / step
-    return q, v, tuned.torque[held]
+    ends = step * np.arange(len(tuned.time_s))
+    curve, at = CubicHermiteSpline(ends, tuned.position, tuned.velocity), np.clip(t, 0.0, ends[-1])
+    return curve(at), curve(at, 1), tuned.torque[(at / step + 1e-6).astype(int)]
 
 
 @C
@@ -121,7 +115,7 @@ NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift={"Fc": 6
 OBSERVED = SimpleNamespace(filtered=FOLLOWED, noise=NOISE, rate_hz=RATE_HZ)
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
+@C
 def test_c_compiles_whatever_the_joints_are_called(tmp_path: Path) -> None:
     """CasADi refuses two underscores in a row in the name of a function, C much else."""
     names = (*HOSTILE[:: 1 + len(HOSTILE) // 10], "axis - 1", "axis 1", "x*/ #error pwn")
@@ -131,17 +125,14 @@ def test_c_compiles_whatever_the_joints_are_called(tmp_path: Path) -> None:
     assert (compiled.returncode, compiled.stderr) == (0, "")
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
+@C
 def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
     """States and covariance of a second, to rounding."""
     source, header = write_observers(tmp_path, {"2": OBSERVED})
-    library = tmp_path / "observer.so"
-    flags = ["-std=c99", "-O2", "-Wall", "-Werror", "-shared", "-fPIC"]
-    subprocess.run(["cc", *flags, source, "-o", library, "-lm"], check=True)
     assert "x[5] Fc, x[6] f, x[7] offset" in header.read_text()
     assert "Fc 0.5554 to 1.8, f 0.003003 to 0.02132, offset -0.98 to 0.98" in header.read_text()
     samples = simulate(rich(1.0), seed=2).samples
-    c, n, m = ctypes.CDLL(str(library)), len(FOLLOWED.states), len(FOLLOWED.held)
+    c, n, m = library(tmp_path, source), len(FOLLOWED.states), len(FOLLOWED.held)
     doubles = ctypes.c_double * n, ctypes.c_double * (n * (n + m))
     x, P = doubles[0](), doubles[1]()
     c.joint_2_start(x, P, ctypes.c_double(samples.angle[0]), ctypes.c_double(0.0))

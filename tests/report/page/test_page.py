@@ -1,27 +1,33 @@
-"""The page and its files: complete, self-contained; that of a friction study."""
+"""The page and its files: complete, self-contained; that of a friction study; numbers of its first screen."""
 
+import base64
 import errno
 import re
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from plants import friction_study as study
-from plants.report_values import TRUTH, bars_of, pair, report_content, write_report
+from plants.arm_modes import ARM, mode_row
+from plants.report_values import TRUTH, bars_of, fit_result, pair, report_content, write_report
 from plants.taken_friction import LEFT, taken_friction
 
 from elastid.base.display import number
 from elastid.base.errors import Note
 from elastid.modal.modes import without_modes
 from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.report.answer import Answer
 from elastid.report.content import ResponsesContent, parameter_rows
 from elastid.report.figures.drawings import drawings
 from elastid.report.figures.fit import fleet_parameter
-from elastid.report.page.page import html, html_of_responses
+from elastid.report.page.page import correlated, first_screen, html, html_of_responses
 from elastid.report.page.page_of_friction import html_of_friction
+from elastid.report.page.page_of_use import write_page_of_answer
 from elastid.validation.agreement import validate
 from elastid.validation.fleet import FleetValue
 
@@ -181,3 +187,28 @@ def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth
     ]
     assert [bool(marked) for marked, _ in rows] == [False, True, False]
     assert "no speed below nu_s / 3" in friction_page
+
+
+def test_a_number_is_named_beside_the_one_it_is_most_correlated_with() -> None:
+    assert correlated(fit_result()) == {
+        "k_1": ("k_2", pytest.approx(-0.97)), "k_2": ("k_1", pytest.approx(-0.97)), "d_1": ("", 0.0), "x_c": ("", 0.0),
+    }  # fmt: skip
+
+
+def test_the_page_of_an_answer_has_its_figure_as_a_file_and_on_it(tmp_path: Any) -> None:
+    page = write_page_of_answer(Answer("a", ()), Figure, tmp_path / "tune.html", "us")
+    png = base64.b64encode((tmp_path / "tune.png").read_bytes()).decode()
+    assert png in page.read_text("utf-8")
+
+
+def test_the_first_screen_names_the_widest_number_unless_the_model_is_wrong() -> None:
+    """And has the sketch where there is a robot."""
+    content = replace(report_content(), robot=ARM, modes=(mode_row(),))
+    rows = parameter_rows(content.result, TRUTH)
+    for status, name in (("converged", "d_1"), ("misfit", None)):
+        shown = first_screen(replace(content, result=replace(content.result, status=status)), rows)
+        assert getattr(shown["widest"], "name", None) == name
+        assert "<svg" in shown["sketch"]
+        assert [count for *_, count in shown["width_counts"]] == [1, 1, 1, 1]
+        assert shown["sketch"] in html(content, [])
+    assert first_screen(report_content(), rows)["sketch"] == ""
