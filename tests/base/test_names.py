@@ -6,7 +6,6 @@ import pytest
 from plants.hostile_names import REFUSED
 from plants.refusals import refused
 
-from elastid.base.errors import StudyError
 from elastid.base.names import NameRule
 from elastid.robot import Body, Frame, Joint, Motor, Robot, Spring
 from elastid.study import load, load_robot
@@ -32,26 +31,6 @@ def test_anything_else_is_refused_in_python(name: str) -> None:
             make(name)
 
 
-@pytest.mark.parametrize("name", [name for name in REFUSED if name != "a@b"])
-def test_it_is_refused_with_its_place_in_a_study(tiny: Path, name: str) -> None:
-    """Of the study, a configuration, a joint and a body; the message has no control character itself."""
-    robot = tiny.parent / "robot.yml"
-    texts = {file: file.read_text(encoding="utf-8") for file in (tiny, robot)}
-    for file, old, line in (
-        (tiny, "name: tiny", 1), (tiny, "    a: [0]", 11),
-        (robot, "      - name: 1", 6), (robot, "  - name: load", 4), (robot, "name: one elastic joint", 1),
-    ):  # fmt: skip
-        new = f"    {quoted(name)}: [0]" if old.endswith("[0]") else f"{old.partition(':')[0]}: {quoted(name)}"
-        file.write_text(texts[file].replace(old, new, 1), encoding="utf-8")
-        with pytest.raises(StudyError) as error:
-            load(tiny)
-        file.write_text(texts[file], encoding="utf-8")
-        first = str(error.value).splitlines()[0]
-        assert first.startswith(f"{file}:{line}:"), first
-        assert "the name " in first
-        assert first.isprintable()
-
-
 @pytest.mark.parametrize("name", ["&#10;", "&#9;", " x", "", "a@b", "&#x202e;"])
 def test_it_is_refused_with_its_line_in_a_urdf(tmp_path: Path, name: str) -> None:
     (tmp_path / "r.urdf").write_text(URDF.format(joint=name), encoding="utf-8")
@@ -60,7 +39,7 @@ def test_it_is_refused_with_its_line_in_a_urdf(tmp_path: Path, name: str) -> Non
         load_robot(tmp_path / "r.yml")
 
 
-@pytest.mark.parametrize("name", ["../x", "a/b", "C:\\x", "CON", "x.", ".x", "é" * 101, "轴" * 70])
+@pytest.mark.parametrize("name", [*REFUSED[:3], "../x", "a/b", "C:\\x", "CON", "x.", ".x", "é" * 101, "轴" * 70])
 def test_what_no_folder_can_be_called_is_refused(tiny: Path, name: str) -> None:
     """At the key of a configuration."""
     with pytest.raises(ValueError, match="name"):

@@ -102,7 +102,6 @@ def test_quadratic_regression_puts_its_power_at_the_ends_and_in_the_middle() -> 
     shares = best_shares(J[None, :, :, None] * J[None, :, None], criterion, known)
     for found in (best, shares):
         assert found.gap < 0.01
-        assert found.P.sum() == pytest.approx(1.0)
         thirds = [found.P[0, where, 0].sum() for where in (x < -0.7, abs(x) < 0.3, x > 0.7)]
         assert thirds == pytest.approx([1 / 3] * 3, abs=0.02)
     assert best.P.min() == pytest.approx(0.01 / 201, rel=0.1)

@@ -9,7 +9,7 @@ from scipy.stats import t as student
 
 from elastid.base.errors import Note
 from elastid.covariance import Covariance
-from elastid.fit.covariance import noise_dof, unexplained_error
+from elastid.fit.covariance import noise_dof, taken_out_error, unexplained_error
 from elastid.fit.intervals import bootstrap, profile_ends
 from elastid.fit.line_sums import LineSums, autocovariance, block_variance, disagreement, jackknife_variance, sum_blocks
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
@@ -51,6 +51,8 @@ def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
     )  # fmt: skip
     free = (("k_1", "N*m/rad"), ("d_1", "N*m*s/rad"), ("Jm_1", "kg*m^2"))
     parameters = Parameters(tuple(Parameter(name, 1.0, unit, log=True) for name, unit in free))
+    stiffness, damping, inertia = taken_out_error(parameters)
+    assert inertia == 0 < stiffness < damping
     error = abs(G.mean()) - 1
     np.testing.assert_allclose(unexplained_error(parameters, [unexplained]), [error, 2 * error, 0.0], rtol=0.1)
     assert not unexplained_error(parameters, [replace(unexplained, notes=())]).any()
@@ -134,9 +136,10 @@ def test_an_end_is_found_beyond_a_place_without_a_model():
 @pytest.mark.parametrize("criterion", ["complex", "log"])
 def test_bootstraps_scatter_as_the_covariance_says(criterion):
     """60 repetitions: standard deviations within what 60 draws allow."""
-    response = measured(plant(), NOISE, np.random.default_rng(1))
-    end, sure = estimate(response, plant(), criterion=criterion)
-    fit = fit_of(response, plant(), criterion=criterion)
+    model = plant((0, 2), (0, 2))
+    response = measured(model, noise_of(model), np.random.default_rng(1))
+    end, sure = estimate(response, model, criterion=criterion)
+    fit = fit_of(response, model, criterion=criterion)
     draws = bootstrap(fit, [weigh(response, NO_FLOOR)], end.x, 60, seed=4)
     ratio = draws.std(axis=0) / np.sqrt(np.diag(sure.covariance))
     assert np.all((ratio > 0.65) & (ratio < 1.35)), ratio

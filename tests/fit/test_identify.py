@@ -1,6 +1,5 @@
 """From frequency responses of a robot in several configurations to its elastic parameters."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -46,6 +45,7 @@ def test_elastic_parameters_are_recovered_from_a_factor_two_off(identified):
     assert deviations(identified, arm()).max() < 3.5
     for name in ("k_1", "k_2", "k_1x", "k_2z"):
         assert identified.values[name] == pytest.approx(truth[name][0], rel=0.03)
+    assert identified["k_1"].value == identified["k_?"]["k_1"].value == identified.values["k_1"]
     assert identified.hits >= 2
     assert identified.model_error < 1.05
 
@@ -116,18 +116,13 @@ def test_what_only_a_sum_determines_is_ill_conditioned():
 
 
 @pytest.mark.parametrize(("off", "is_said"), [(1.05, True), (1.0, False), (1.015, False)])
-def test_a_prior_that_the_data_contradict_is_named_with_what_they_say(off: float, is_said: bool):
-    """A stiffness known to 1 %, 5 % off; the number of the data alone is that of a fit without the prior."""
+def test_a_prior_that_the_data_contradict_is_named(off: float, is_said: bool):
+    """A stiffness known to 1 %, 5 % off."""
     (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(1))
     free = {name: ParameterSpec() for name in ("k_1", "d_1")}
-    alone = identify([response], pendulum(), FitSpec(parameters=free, starts=2))
     prior = PriorSpec(mean=off * pendulum().parameters()["k_1"][0], std=0.01)
     result = identify([response], pendulum(), FitSpec(parameters=free | {"k_1": ParameterSpec(prior=prior)}, starts=2))
-    notes = [note for note in result.notes if note.code == "fit/prior-contradicted"]
-    assert len(notes) == is_said
-    if is_said:
-        (number,) = re.findall(r"would have it at ([\d.e+]+),", notes[0].text)
-        assert float(number) == pytest.approx(alone.values["k_1"], rel=1e-3)
+    assert ("fit/prior-contradicted" in {note.code for note in result.notes}) == is_said
 
 
 def test_masks_that_leave_nothing_or_name_nothing_are_refused():

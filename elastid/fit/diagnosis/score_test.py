@@ -205,7 +205,7 @@ def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float)
     reached = np.diag(S) > 0
     if not (mass > 0 and test.known[places].any() and reached.any()):
         return None
-    scale = np.where(reached, np.sqrt(np.maximum(np.diag(S), 0.0)), math.inf)
+    scale = np.sqrt(np.where(reached, np.diag(S), math.inf))
     power, turn = np.linalg.eigh(S / np.outer(scale, scale))
     used = power > 1e-9 * power[-1]
     root = np.sqrt(power[used])

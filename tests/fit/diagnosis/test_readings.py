@@ -2,7 +2,9 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from scipy.linalg import expm
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.fit.diagnosis.readings import as_delay, quantities
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
@@ -127,6 +130,16 @@ def test_a_fit_is_exact_with_the_right_hold_and_hints_at_it_with_another(
             place = result.parameters.free_names.index("k_1")
             deviations.append((result.x[place] - np.log(100.0)) / np.sqrt(result.covariance[place, place]))
     assert np.sum(np.abs(deviations) > 2) <= 1
+
+
+def test_quantities_and_forms_of_lateness_are_what_they_are_to_first_order() -> None:
+    """Differentiated once more and once less is as before, twice is once again; a low pass is a delay."""
+    at = SimpleNamespace(part=SimpleNamespace(kernel=SimpleNamespace(freq_hz=LINES / 1.0)))
+    once, twice, less, least = (partial(reading.change, at) for reading in quantities((), np.zeros(0)))
+    values = np.ones((len(LINES), 1, 1), complex)
+    np.testing.assert_allclose(less(once(values)), values)
+    np.testing.assert_allclose(least(once(once(values))), least(twice(values)))
+    assert [as_delay(name) for name in ("delay_1", "low_pass_1", "k_1")] == ["delay_1", "delay_1", "k_1"]
 
 
 def test_noise_without_a_robot_in_it_has_no_cause() -> None:

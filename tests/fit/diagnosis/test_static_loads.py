@@ -27,22 +27,14 @@ def fitted(changed=lambda y, force: y, stiffness=planar.STIFFNESS):
     return identify(measure(np.random.default_rng(6)), planar.robot(), SPEC, loads=placed_tests(tests, NAMED))
 
 
-CASES = {
-    "factor": (lambda y, force: 1.2 * y, (1.0, 1.0), "all springs are softer at rest"),
-    "friction": (lambda y, force: 0.8 * y, (1.0, 1.0), "all springs are stiffer at rest"),
-    "stand": (lambda y, force: y - (1, 0, 0) * force / 1e5, (1.0, 1.0), "no single cause"),
-    "springs": (lambda y, force: y, (1.4, 0.7), "no single cause"),
-}
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
-def test_a_fault_is_a_misfit(case):
+@pytest.mark.parametrize(("factor", "leaning", "stiffer"), [(1.2, 0, 1), (0.8, 0, 1), (1, 1e-5, 1), (1, 0, (1.4, 0.7))])
+def test_a_fault_is_a_misfit(factor, leaning, stiffer):
     """Deflections of all springs by one factor and by two, and of a gauge whose stand leans along x."""
-    changed, factors, words = CASES[case]
-    result = fitted(changed, tuple(np.multiply(factors, planar.STIFFNESS)))
+    result = fitted(
+        lambda y, force: factor * y - (leaning, 0, 0) * force, tuple(np.multiply(stiffer, planar.STIFFNESS))
+    )
     assert result.status == "misfit"
-    assert words in result.static.cause
     assert [note for note in result.notes if note.code == "fit/loads"]
 
 
@@ -52,7 +44,6 @@ def test_readings_that_no_robot_can_have_are_told_from_the_responses():
     result = fitted(lambda y, force: 1e3 * y)
     assert result.status == "misfit"
     assert result.static.ratio == pytest.approx(1e3, rel=0.01)
-    assert "the gauge are in another scale" in result.message
 
 
 def test_the_ratio_and_wider_intervals():
@@ -95,6 +86,7 @@ def test_taps_tell_what_noisy_motors_barely_do() -> None:
     both, alone = fitted_with_taps(0.3)
     assert not both.tool.disagrees, both.tool.cause
     assert abs(both.tool.ratio - 1) < 4 * both.tool.ratio_std
+    assert all(each.rms_log_db < 20 for each in both.tool.responses)
     assert [each.configuration.name for each in both.linear] == [*POSTURES]
     for name, true in zip(("k_1", "k_2"), planar.STIFFNESS, strict=True):
         assert both.std[name] < alone.std[name] / 10, name
@@ -130,7 +122,6 @@ def test_a_sensor_that_was_not_plugged_in_says_nothing(tiny: Path) -> None:
     )  # fmt: skip
     result = identify([of_motor, silent], robot, FitSpec(parameters={"k_1": ParameterSpec()}, starts=1))
     assert not result.tool.disagrees
-    assert "none is more than noise" in result.tool.words
     assert result.tool.ratio_std == np.inf
     assert any("frame tool y" in note.text for note in result.notes)
     assert result.values["k_1"] == pytest.approx(60, rel=1e-6)

@@ -56,12 +56,12 @@ def test_each_number_has_a_verdict_and_the_status_is_that_of_what_is_wanted() ->
 
 
 def test_an_estimate_at_its_bound_says_so():
-    """Bounds that keep the truth out: a misfit that ends there, and a note names parameter and value."""
+    """Bounds that keep the truth out: a misfit that ends there."""
     spec = FitSpec(parameters={"k_1": ParameterSpec(start=50.0, bounds=(40.0, 95.0)), "d_1": ParameterSpec()}, starts=3)
     result = identify(measure(pendulum(), [(0.0,)]), pendulum(), spec)
     assert result.status == "misfit"
     np.testing.assert_array_equal(result.at_bound, [True, False])
-    assert any(note.code == "fit/at-bound" and "k_1 " in note.text and " 95 " in note.text for note in result.notes)
+    assert "fit/at-bound" in {note.code for note in result.notes}
     assert result.model_error > 1.5
     of_file = Parameters(tuple(replace(parameter, tolerated=True) for parameter in result.parameters))
     assert len([*bound_notes(replace(result, parameters=of_file))]) == 1

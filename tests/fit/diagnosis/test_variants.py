@@ -45,6 +45,9 @@ def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed
     np.testing.assert_allclose(place, load.center_of_mass, atol=0.06)
 
 
+MOTORS = ("Jm_1", "Jm_2")
+
+
 def at_stated_rate(response: Response, e: float) -> Response:
     """As it is read from logs of positions whose rate is e times the stated one."""
     total = Covariance(response.total.variance / e**4, response.total.dof)
@@ -52,25 +55,14 @@ def at_stated_rate(response: Response, e: float) -> Response:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("e", [2.0, 0.1])
-def test_a_sampling_rate_that_is_off_by_a_factor_is_not_believed(e: float) -> None:
-    """Twice it, or logs of every tenth sample."""
+@pytest.mark.parametrize(("e", "names", "factor"), [(2.0, (), 1), (0.1, (), 1), (1, ("Jm_1",), 0.1), (1, MOTORS, 1e-4)])
+def test_what_is_off_by_a_factor_is_not_believed(e: float, names: tuple[str, ...], factor: float) -> None:
+    """Twice the sampling rate, or logs of every tenth sample; a motor's inertia a tenth, or all in g m^2 times ten."""
     case = true_case()
-    data = [at_stated_rate(G, e) for G in drawn(case, np.random.default_rng(0))]
-    assert identify(data, case.robot, SPEC).status == "model_error"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("names", "factor"), [(("Jm_1",), 0.1), (("Jm_1", "Jm_2"), 1e-4)])
-def test_an_inertia_of_a_motor_that_is_far_off_is_not_believed(names: tuple[str, ...], factor: float) -> None:
-    """A tenth of it, or all in g m^2 times ten."""
-    case = true_case()
-    known = case.robot.parameters()
+    known, data = case.robot.parameters(), [at_stated_rate(G, e) for G in drawn(case, np.random.default_rng(0))]
     wrong = case.robot.with_parameters({name: factor * known[name][0] for name in names})
-    data = drawn(case, np.random.default_rng(0))
     alone = [replace(G, noise=G.total, total=None) for G in data]
-    result, of_one = (identify(responses, wrong, SPEC) for responses in (data, alone))
-    assert result.status == of_one.status == "model_error"
+    assert {identify(responses, wrong, SPEC).status for responses in (data, alone)} == {"model_error"}
 
 
 def fitted(case: Case, noise: float, floor: float = 0.0) -> Result:

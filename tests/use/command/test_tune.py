@@ -28,7 +28,6 @@ def test_limits_of_torque_hold_on_draws_with_their_feedback() -> None:
     assert np.all(tuned.most <= 420.0)
     assert np.all(np.abs(tuned.torque) <= 420.0)
     assert tuned.planned.max() > 1e-3
-    assert tuned.advice
 
 
 def test_the_band_of_draws_holds_the_geometry_of_the_file() -> None:
