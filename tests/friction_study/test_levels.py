@@ -75,7 +75,8 @@ def test_levels_are_right_under_gravity_of_four_times_the_friction() -> None:
     assert np.median(np.abs(error)) < 0.004
     assert np.max(np.abs(error) * found.torque / found.std) < 4
     assert found.shared["gravity.cos"][0] == pytest.approx(GRAVITY, rel=0.01)
-    assert found.shared["offset"][0] == pytest.approx(OFFSET, abs=0.01)
+    offset, std = found.shared["offset"]
+    assert abs(offset - OFFSET) < 4 * std < 0.02
     assert found.notes == ()
 
 
@@ -136,8 +137,7 @@ def test_gravity_of_one_load_is_not_friction_of_another() -> None:
     _, measured = records(template(*SMALL))
     loads = (0.0, 100.0, 200.0)
     every = [loaded(one, load) for load in loads for one in measured.records]
-    found = find_levels([each for record in every for each in passes_of(record)], True)
-    levels = found
+    levels = find_levels([each for record in every for each in passes_of(record)], True)
     n = levels.n_levels // 3
     assert not levels.direction.any()
     for i in (1, 2):
