@@ -80,6 +80,15 @@ def test_directions_are_told_apart_only_where_they_are() -> None:
     assert fit.chosen["directions.viscous"] == pytest.approx(6.0, rel=0.1)
 
 
+def test_friction_over_the_angle_is_a_part_where_it_matters() -> None:
+    """From 3 % of Coulomb friction on, however well it shows."""
+    log = swing(3, noise=0.05)
+    wave = np.sign(np.gradient(log.position)) * (log.position - log.position.mean()) / np.ptp(log.position)
+    little, much = (regress_motion(replace(log, torque=log.torque + share * F_C * wave)) for share in (0.015, 0.2))
+    assert not little.terms.angles
+    assert much.terms.angles
+
+
 def test_ripple_and_a_stribeck_effect_are_parts_where_they_are() -> None:
     log = swing(3)
     v = np.gradient(log.position) * log.rate_hz

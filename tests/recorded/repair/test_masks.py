@@ -169,7 +169,7 @@ def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() ->
 ROLES = {"r": [], "u": [0], "y": [1]}
 
 
-@pytest.mark.parametrize(("half_wave", "excess"), [(False, 0.0), (True, 0.0), (False, 0.2)])
+@pytest.mark.parametrize(("half_wave", "excess"), [(False, 0.0), (True, 0.0), (False, 0.2), (False, -0.13)])
 @pytest.mark.parametrize("scale", [1e-7, 1.0, 1e7])
 def test_repairs_restore_the_log_in_any_unit(half_wave: bool, excess: float, scale: float) -> None:
     """Missing samples, spikes, a channel that hangs, a clock that differs, half a wave: to noise of a thousandth."""
@@ -189,8 +189,8 @@ def test_repairs_restore_the_log_in_any_unit(half_wave: bool, excess: float, sca
     repaired = repair(scale * spoilt, ROLES, float(N), half_wave, LOG, is_periodic)
     exact = wave(np.arange(len(repaired.signals)), lines=lines)
     error = (repaired.signals / scale - exact)[40:-40] / size
-    assert np.abs(error).max() < 7e-3
+    assert np.abs(error).max() < (0.02 if excess else 7e-3)  # resampling leaves 2 % of what bridges a gap
     kinds = counts(repaired.findings)
-    assert (RESAMPLED in kinds) == (excess > 0)
+    assert (RESAMPLED in kinds) == bool(excess)
     assert excess or (kinds[FILLED], kinds[MASKED]) == (3 + 39, 39 + 2)
     assert repaired.left_out == ((10,) if half_wave else ())

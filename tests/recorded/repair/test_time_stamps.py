@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
-from plants.waves import CLEAN, DRIFT, LOG, N, P, wave
+from plants.waves import LOG, N, P, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import counts
-from elastid.recorded.repair.time_stamps import GAPS, clock_drift, delay, even_grid, on_grid, resampled, steps_in_words
+from elastid.recorded.repair.time_stamps import GAPS, delay, even_grid, on_grid, steps_in_words
 
 RNG = np.random.default_rng(5)
 
@@ -116,31 +116,6 @@ def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
     for wrong in (np.zeros(2000), 1e3 * t, 1e9 * t, t / 60, t + 3e7 * (np.arange(2000) > 999)):
         with refused("records/clock", place="log.csv"):
             on_grid(wrong, t[:, None], 100.0, LOG)
-
-
-@pytest.mark.parametrize("excess", [0.2, -0.13, 0.03])
-def test_a_clock_that_differs_is_measured_and_resampled(excess: float) -> None:
-    """A period of N + e samples: e within 1e-3, and the signal back to 2e-4 of its size, drift or not."""
-    n = int(np.ceil(P * (N + excess)))
-    t = np.arange(n) * N / (N + excess)
-    for drift in (0.0, 1.0):
-        signals = wave(t) + drift * np.outer(t / (P * N), [0.0, 5e4])
-        assert clock_drift(signals[:, :1], N).excess == pytest.approx(excess, abs=1e-3)
-        repaired = resampled(signals, signals[:, :1], N, LOG)
-        error = repaired.signals - CLEAN - drift * DRIFT
-        # Near its ends the log leans on what it is continued with.
-        assert np.all(np.abs(error[50:-50]).max(axis=0) < 2e-4 * CLEAN.std(axis=0))
-        assert f"the period is {N + excess:.3f}" in repaired.findings[0].text
-        assert counts(repaired.findings) == {"samples resampled": P * N}
-
-
-@settings(max_examples=10, deadline=None)
-@given(seed=st.integers(0, 10**6), noise=st.sampled_from([0.0, 0.01, 0.5]))
-def test_clocks_that_agree_are_left_alone(seed: int, noise: float) -> None:
-    """Noise alone looks like no drift."""
-    signals = wave(np.arange(4 * N), seed)
-    signals += noise * np.random.default_rng(seed).normal(size=signals.shape)
-    assert resampled(signals, signals[:, :1], N, LOG).findings == ()
 
 
 @settings(max_examples=20, deadline=None)
