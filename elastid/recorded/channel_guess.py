@@ -179,7 +179,7 @@ def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> Iterator[M
             if len(a) > 20 * s
         ]
         results = [(correlation(x, y), float(np.std(y)) / max(float(np.std(x)), 1e-300)) for x, y in pairs]
-        rho, size = max(results, key=lambda result: abs(result[0]), default=(0.0, 0.0))
+        rho, size = max(results, key=lambda result: abs(result[0]))
         yield MotionRelation(order, float(np.sign(rho)) * size, rho)
 
 

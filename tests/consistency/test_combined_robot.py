@@ -12,9 +12,7 @@ from elastid.app.run import Run, run_all
 from elastid.base.errors import StudyError
 from elastid.design.choice import draw_candidates
 from elastid.design.spec import CandidateSpec
-from elastid.experiment.simulated.hardware import filter_motions
-from elastid.linear.linear_model import sensor_elements
-from elastid.robot import Body, Chain, Joint, Limits, Motor, Robot
+from elastid.robot import Body, Joint, Limits, Motor, Robot
 from elastid.study import load
 
 # A lift on an elastic foot; its arm turns and reaches, the wrist's motor is turned along by the elbow.
@@ -141,20 +139,6 @@ def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None
         with pytest.raises(StudyError) as refusal:
             load(written(tmp_path, rough=True, **changes))
         assert says in str(refusal.value)
-
-
-@pytest.mark.parametrize("order", [1, 2, 4])
-def test_the_simulated_sensor_filter_is_the_one_of_the_model(order: int) -> None:
-    """Sines at a tenth of the sampling rate come through as H(j omega T) says, to 2e-3; a short lag too."""
-    rate, f, t = 500.0, 50.0, np.arange(4000) / 500.0
-    for T in (3e-4, 2e-3, 2e-2):
-        robot = Robot(
-            "a", (Body("a", joints=(Joint("1", motor=Motor(1)),)),), chain=Chain(sensor_lag=T, sensor_order=order)
-        )
-        steady = filter_motions(robot, np.sin(2 * np.pi * f * t)[:, None], rate)[2000:-40, 0]
-        H = sensor_elements(robot.chain)[0].response(np.array([2j * np.pi * f]), T)[0]
-        expected = (H * np.exp(2j * np.pi * f * t)).imag[2000:-40]
-        assert np.abs(steady - expected).max() < 2e-3
 
 
 def stage(path: Path, *names: str) -> tuple[Run, dict]:

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
-import casadi as ca
 import numpy as np
 import pytest
 from plants import lugre_joint as plant
 from plants.lugre_joint import moved, multisine
 from plants.refusals import refused
+from scipy.signal import cont2discrete, lfilter
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.presliding import (
@@ -19,6 +20,7 @@ from elastid.friction_study.presliding import (
     fit_at_rest,
     fit_presliding,
     rest_responses,
+    slipped,
 )
 from elastid.model.formulation import ElasticJoint
 from elastid.record import FrictionRecord
@@ -78,32 +80,39 @@ def noisy_responses() -> tuple[RestResponse, ...]:
     return rest_responses(measured((0.15, 0.3), 2, 0.02, COUNT))
 
 
-def rigid(peak: float, seed: int, thresholds: FloatArray, stiffness: FloatArray, inertia: float) -> FrictionRecord:
-    """A rigid joint on stop operators and 0.5 Nms/rad, by small steps."""
-    s, v, q, u = ca.SX.sym("s", len(thresholds)), ca.SX.sym("v"), ca.SX.sym("q"), ca.SX.sym("u")
-    state = ca.vertcat(q, v, s)
-    h = 1 / RATE / 4
-    for _ in range(4):
-        half, held = state[0] + state[1] * h / 2, state[2:] + state[1] * h / 2
-        held = ca.fmax(-thresholds, ca.fmin(thresholds, held))
-        v_next = state[1] + (u - ca.dot(ca.DM(stiffness), held) - 0.5 * state[1]) * h / inertia
-        held = ca.fmax(-thresholds, ca.fmin(thresholds, held + v_next * h / 2))
-        state = ca.vertcat(half + v_next * h / 2, v_next, held)
-    step = ca.Function("step", [ca.vertcat(q, v, s), u], [state])
-    torque = multisine(peak, np.random.default_rng(seed))
-    states = step.mapaccum("walk", len(torque))(np.zeros(2 + len(thresholds)), torque[None]).full()
-    return FrictionRecord(
-        f"{peak} {seed}", "1", "at_rest", RATE, np.append(0.0, states[0, :-1]), torque, period_samples=PERIOD,
-        hold="zero-order",
-    )  # fmt: skip
-
-
-def test_bristles_of_a_rigid_joint_are_found_with_its_inertia() -> None:
-    """One element that never slips."""
-    records = [rigid(peak, r, np.array([1.0]), np.array([300.0]), 0.03) for peak in (0.05, 0.1) for r in range(2)]
+@pytest.mark.parametrize(("inertia", "sigma_0", "sigma_1"), [(0.03, 300.0, 0.5), (0.5, 4000.0, 3.0)])
+def test_bristles_of_a_rigid_joint_are_found_with_its_inertia(inertia: float, sigma_0: float, sigma_1: float) -> None:
+    """That never slip: a spring and a damper to ground, exactly, its torque held from sample to sample."""
+    b, a, _ = cont2discrete(([1.0], [inertia, sigma_1, sigma_0]), 1 / RATE)
+    torques = [multisine(peak, np.random.default_rng(r)) for peak in (0.05, 0.1) for r in range(2)]
+    records = [
+        FrictionRecord(
+            f"{i}", "1", "at_rest", RATE, lfilter(b.ravel(), a, u), u, period_samples=PERIOD, hold="zero-order"
+        )
+        for i, u in enumerate(torques)
+    ]
     found = fit_at_rest("joint 1", rest_responses(records))
-    assert found.sigma_0 == pytest.approx(300, rel=3e-3)
-    assert found.sigma_1 == pytest.approx(0.5, rel=0.02)
+    assert found.sigma_0 == pytest.approx(sigma_0, rel=3e-3)
+    assert found.sigma_1 == pytest.approx(sigma_1, rel=0.02)
+
+
+@pytest.mark.parametrize("amplitude", [0.1, 0.3])
+def test_slip_under_a_gaussian_motion_is_as_it_is_linearised(amplitude: float) -> None:
+    """z' = v - |v| z / z_s by steps of a millisecond: z over q, in the mean over all lines, to a tenth of the slip."""
+    n, lines = 1 << 14, np.arange(50, 500)
+    Q = np.zeros(n // 2 + 1, complex)
+    Q[lines] = np.exp(2j * np.pi * np.random.default_rng(0).random(len(lines)))
+    omega = 2 * np.pi * np.arange(len(Q)) * 1000.0 / n
+    Q *= amplitude / np.fft.irfft(Q).std()
+    q, v = np.fft.irfft(Q), np.fft.irfft(1j * omega * Q)
+    z = np.zeros(2 * n)
+    for i in range(1, 2 * n):
+        change, slip = q[i % n] - q[(i - 1) % n], abs(q[i % n] - q[(i - 1) % n]) / 2
+        z[i] = (z[i - 1] * (1 - slip) + change) / (1 + slip)
+    motion = SimpleNamespace(rms_position=q.std(), rms_velocity=v.std())
+    linearised = slipped(omega[lines], motion, 1.0)  # type: ignore[arg-type]
+    error = np.fft.rfft(z[n:])[lines] / Q[lines] - linearised
+    assert abs(np.mean(error)) < 0.1 * np.mean(np.abs(1 - linearised))
 
 
 RATE_PRESLIDING, COUNT_PRESLIDING = 200.0, 2 * np.pi / 2**16

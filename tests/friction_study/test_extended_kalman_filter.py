@@ -151,3 +151,18 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     known = with_tolerances(rigid, identified).tolerances
     assert known["inertia"] == pytest.approx(0.005)
     assert known["gravity"] == pytest.approx(0.01)
+    useless = JointFriction("1", False, levels=replace(levels, shared={"inertia": (2.0, 4.0)}))
+    assert with_tolerances(rigid, useless).tolerances["inertia"] == 0.5
+
+
+@pytest.mark.parametrize("joint", [FOLLOWED, replace(FOLLOWED, stiffness=0.0)])
+def test_momentum_grows_by_the_torques_that_act(joint: FollowedJoint) -> None:
+    """Of motor and link on their spring, or of a rigid joint, under drive, load, its offset and all but no friction."""
+    free = {"coulomb": 1e-12, "viscous": 1e-12, "bristle_stiffness": 1e-12, "bristle_damping": 0.0}
+    frictionless = replace(joint, followed=("offset",), **free)
+    values = {"q_m": 0.1, "q_l": -0.2, "v_m": 3.0, "v_l": -1.0, "z": 0.0, "offset": 0.2}
+    x = np.array([values[name] for name in frictionless.states])
+    after = frictionless.step(RATE_HZ)(x, np.zeros(len(frictionless.held)), 2.0, 0.7).full()[:, 0]
+    inertias = {"v_m": joint.motor_inertia, "v_l": joint.link_inertia if joint.stiffness else 0.0}
+    momentum = np.array([inertias.get(name, 0.0) for name in frictionless.states])
+    assert (after - x) @ momentum == pytest.approx((2.0 - 0.7 - 0.2) / RATE_HZ, rel=1e-6)

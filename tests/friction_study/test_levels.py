@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels, Pass, find_levels, passes_of
 from elastid.friction_study.result import FrictionResult, JointLevels, identify_friction, numbers_of_law, true_numbers
-from elastid.friction_study.spec import FilterSpec, LawSpec
+from elastid.friction_study.spec import AtRestSpec, FilterSpec, LawSpec, PassesSpec, PreslidingSpec, WarmUpSpec
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Body, Friction, Joint, LoadDependence, Motor, Robot, TemperatureDependence
 from elastid.robot.friction_numbers import friction_numbers
@@ -75,7 +76,8 @@ def test_levels_are_right_under_gravity_of_four_times_the_friction() -> None:
     assert np.median(np.abs(error)) < 0.004
     assert np.max(np.abs(error) * found.torque / found.std) < 4
     assert found.shared["gravity.cos"][0] == pytest.approx(GRAVITY, rel=0.01)
-    assert found.shared["offset"][0] == pytest.approx(OFFSET, abs=0.01)
+    offset, std = found.shared["offset"]
+    assert abs(offset - OFFSET) < 4 * std < 0.02
     assert found.notes == ()
 
 
@@ -136,8 +138,7 @@ def test_gravity_of_one_load_is_not_friction_of_another() -> None:
     _, measured = records(template(*SMALL))
     loads = (0.0, 100.0, 200.0)
     every = [loaded(one, load) for load in loads for one in measured.records]
-    found = find_levels([each for record in every for each in passes_of(record)], True)
-    levels = found
+    levels = find_levels([each for record in every for each in passes_of(record)], True)
     n = levels.n_levels // 3
     assert not levels.direction.any()
     for i in (1, 2):
@@ -222,6 +223,24 @@ def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> 
         assert (row.high - row.value) / row.std == pytest.approx((mean.high - mean.value) / mean.std)
 
 
-def test_a_filter_of_both_directions_has_no_state_of_either() -> None:
-    with pytest.raises(ValueError, match=r"f\+ and f-"):
-        FilterSpec(states=("f", "f+"))
+@pytest.mark.parametrize(
+    ("section", "right", "wrong"),
+    [
+        (FilterSpec(), {"states": ("f+", "f-")}, {"states": ("f", "f+")}),
+        (LawSpec(), {"elements": 1}, {"elements": 0}),
+        (PassesSpec((0.1, 1.0)), {"count": 5}, {"count": 4}),
+        (PassesSpec((0.1, 1.0)), {"window": (-1.0, 1.0)}, {"window": (1.0, -1.0)}),
+        (PassesSpec((0.1, 1.0)), {"speeds": (0.5, 1.0)}, {"speeds": (1.0, 0.5)}),
+        (PreslidingSpec(), {"torque": (0.1, 0.9)}, {"torque": (0.9, 0.1)}),
+        (PreslidingSpec(), {"loops": 3}, {"loops": 2}),
+        (AtRestSpec(), {"torque": (0.9,)}, {"torque": (0.05, 1.0)}),
+        (AtRestSpec(), {"band_hz": (5.0, 50.0)}, {"torque": ()}),
+        (AtRestSpec(), {"torque": (0.05,)}, {"band_hz": (50.0, 5.0)}),
+        (WarmUpSpec(1.0), {"time": 601.0, "test_every": 600.0}, {"time": 600.0, "test_every": 600.0}),
+    ],
+)
+def test_a_section_is_what_can_be(section: Any, right: dict[str, Any], wrong: dict[str, Any]) -> None:
+    """Ranges that rise, parts of the Coulomb torque, tests within the warm-up, states of one way or of both."""
+    replace(section, **right)
+    with pytest.raises(ValueError):  # noqa: PT011
+        replace(section, **wrong)

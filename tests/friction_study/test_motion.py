@@ -80,6 +80,15 @@ def test_directions_are_told_apart_only_where_they_are() -> None:
     assert fit.chosen["directions.viscous"] == pytest.approx(6.0, rel=0.1)
 
 
+def test_friction_over_the_angle_is_a_part_where_it_matters() -> None:
+    """From 3 % of Coulomb friction on, however well it shows."""
+    log = swing(3, noise=0.05)
+    wave = np.sign(np.gradient(log.position)) * (log.position - log.position.mean()) / np.ptp(log.position)
+    little, much = (regress_motion(replace(log, torque=log.torque + share * F_C * wave)) for share in (0.015, 0.2))
+    assert not little.terms.angles
+    assert much.terms.angles
+
+
 def test_ripple_and_a_stribeck_effect_are_parts_where_they_are() -> None:
     log = swing(3)
     v = np.gradient(log.position) * log.rate_hz
@@ -149,19 +158,10 @@ def test_a_held_command_acts_half_a_sample_later() -> None:
     """The delay that a regression finds where angles were read as a torque began is gone where the log says so."""
     rate, T = 200.0, 1 / 200
     t = np.arange(8000) / rate
-    waves = [(0.6, 0.25, 0.3), (0.25, 0.7, 1.0), (0.08, 1.9, 2.0)]
-
-    def derivative(at: np.ndarray, order: int) -> np.ndarray:
-        """Of the angle at some instants."""
-        return np.asarray(
-            sum(a * (2 * np.pi * f) ** order * np.sin(2 * np.pi * f * at + p + order * np.pi / 2) for a, f, p in waves)
-        )
-
-    middle = t + T / 2  # where the mean of a sample is that of its middle
-    v = derivative(middle, 1)
-    u = J * derivative(middle, 2) + VISCOUS * v + F_C * np.sign(v)
-    u += 0.05 * np.random.default_rng(0).standard_normal(len(t))
-    read = Motion("joint 1", rate, derivative(t, 0), u)
+    # The mean of a sample is that of its middle.
+    (q, *_), (_, v, a) = (three_sines(at, np.random.default_rng(0)) for at in (t, t + T / 2))
+    u = J * a + VISCOUS * v + F_C * np.sign(v) + 0.05 * np.random.default_rng(0).standard_normal(len(t))
+    read = Motion("joint 1", rate, q, u)
     held = regress_motion(replace(read, torque_delay_s=T / 2)).chosen
     assert held["inertia"] == pytest.approx(J, rel=5e-4)
     assert "delay" not in held.names

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.recorded.repair import Log
 
 N, P = 500, 6
@@ -10,12 +10,12 @@ LINES = np.arange(2, 150)
 LOG = Log("log.csv", ("torque", "angle"), 1000.0)
 
 
-def wave(t: FloatArray, seed: int = 0) -> FloatArray:
+def wave(t: FloatArray, seed: int = 0, lines: IntArray = LINES) -> FloatArray:
     """Two periodic signals (n, 2) of period N at times t in samples: a torque of rms 1 and a position with it."""
     rng = np.random.default_rng(seed)
-    U = np.exp(2j * np.pi * rng.random(len(LINES))) * np.sqrt(2 / len(LINES))
-    G = 1e3 / (1 + 2j * 0.03 * LINES / 40 - (LINES / 40) ** 2)
-    phasors = np.exp(2j * np.pi * np.outer(np.asarray(t) / N, LINES))
+    U = np.exp(2j * np.pi * rng.random(len(lines))) * np.sqrt(2 / len(lines))
+    G = 1e3 / (1 + 2j * 0.03 * lines / 40 - (lines / 40) ** 2)
+    phasors = np.exp(2j * np.pi * np.outer(np.asarray(t) / N, lines))
     return np.asarray(np.stack([(phasors @ U).real, (phasors @ (U * G)).real], axis=1))
 
 

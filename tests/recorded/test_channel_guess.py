@@ -122,7 +122,7 @@ def test_contradictions_are_found_at_their_channel(
     assert [(doubt.channel, doubt.key) for doubt in doubts_by_names(channels)] == expected
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("order", [-1, 0, 1, 2])
 def test_the_derivative_of_a_sine_is_damped_as_the_gaussian_says(order: int) -> None:
     """omega^k exp(-(s omega)^2 / 2), with a phase of k quarter turns."""
     omega, width = 2 * np.pi * 20 / RATE, 8.0
@@ -143,11 +143,15 @@ def test_the_order_between_two_motions_and_their_gain_are_found(first: int, seco
     assert best.correlation < -0.99
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
-def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int) -> None:
-    relation = torque_relation(moved()[3], moved()[order], order, RATE)
+@pytest.mark.parametrize(
+    ("order", "gravity", "unit"), [(0, 0.0, 1.0), (0, 40.0, 1.0), (1, 40.0, 1.0), (2, 0.0, 1.0), (1, 0.0, 1e-12)]
+)
+def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int, gravity: float, unit: float) -> None:
+    """In any unit; where the angle is known or follows from the velocity, beside gravity."""
+    motion = moved(gravity=gravity)
+    relation = torque_relation(motion[3], unit * motion[order], order, RATE, turns=gravity > 0)
     assert relation.explained > 0.97  # the integral of an acceleration has lost its mean
-    assert relation.inertia == pytest.approx(3.0, rel=0.03)
+    assert unit * relation.inertia == pytest.approx(3.0, rel=0.03)
     assert not relation.is_against_motion
 
 
@@ -177,17 +181,27 @@ def test_right_channels_raise_no_doubt(values: np.ndarray) -> None:
     assert doubts((U, Q, LINK), values) == []
 
 
-def test_a_ratio_of_another_gear_is_named() -> None:
-    """8 in place of 80: the motor turns ten times as far as the joint."""
-    (doubt,) = channel_doubts((U, Q, LINK), signals() * np.array([0.1, 10, 1]), RATE, ROBOT)
-    assert (doubt.channel, doubt.key) == (2, "scale")
-    assert "check motor.ratio of joint 1 in the robot's file (50)" in doubt.text
-
-
-def test_signals_before_the_gear_show_less_inertia_than_the_rotor_has() -> None:
-    """The torque alone, or the angle as well."""
-    for factors in ((1 / RATIO, 1), (1 / RATIO, RATIO)):
-        assert doubts((U, Q), signals()[:, :2] * factors) == [(0, "side")]
+@pytest.mark.parametrize(
+    ("factors", "expected"),
+    [
+        ((0.1, 10, 1), (2, "scale")),  # the motor turns ten times as far as the joint: another gear
+        ((1, 1, 57.3), (2, "unit")),
+        ((1, 57.3, 1), (1, "unit")),
+        ((1, 1, RATIO), (2, "side")),
+        ((1, RATIO, 1), (1, "side")),
+        ((1, 1, -1), (2, "sign")),
+        ((1, -1, 1), (1, "sign")),
+        ((-1, 1, 1), (0, "sign")),
+        ((1 / RATIO, 1), (0, "side")),  # less inertia than the rotor has
+        ((1 / RATIO, RATIO), (0, "side")),
+    ],
+)
+def test_a_channel_in_another_unit_side_or_sign_is_doubted(
+    factors: tuple[float, ...], expected: tuple[int, str]
+) -> None:
+    """The one that the other two contradict; signals before the gear have no contradiction but the inertia."""
+    n = len(factors)
+    assert doubts((U, Q, LINK)[:n], signals()[:, :n] * factors) == [expected]
 
 
 def test_a_joint_does_not_leave_its_limits() -> None:
@@ -195,6 +209,10 @@ def test_a_joint_does_not_leave_its_limits() -> None:
     robot = replace(ROBOT, bodies=(replace(ROBOT.bodies[0], joints=(joint,)),))
     assert doubts((U, Q), signals()[:, :2], robot) == []
     assert doubts((U, Q), signals()[:, :2] * np.array([1, 57.3]), robot) == [(1, "unit")]
+    ten_turns = signals()[:, :2] * (1, 20 * np.pi / np.ptp(signals()[:, 1]))
+    assert doubts((U, Q), ten_turns) == [(1, "unit")]  # of a joint without limits behind a gear
+    direct = replace(joint, motor=Motor(1e-3), limits=Limits())
+    assert doubts((U, Q), ten_turns, replace(ROBOT, bodies=(replace(ROBOT.bodies[0], joints=(direct,)),))) == []
 
 
 def test_a_velocity_is_no_position() -> None:

@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from plants.friction_logs import CHANNELS, ROBOT, THERMOMETER, logs, sliding_torque, trapezoids, write_log
 from plants.refusals import refused
 from plants.warm_rig import WarmLog, friction, warm_log
@@ -12,9 +15,9 @@ from plants.warm_rig import WarmLog, friction, warm_log
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.friction_study.warm_up import WarmUp, fit_warm_up, temperature, warm_up_of
-from elastid.record import FrictionRecord
-from elastid.recorded.friction_logs import read_friction_logs
+from elastid.friction_study.warm_up import WarmUp, warm_up_of
+from elastid.record import Configuration, FrictionRecord
+from elastid.recorded.friction_logs import heat_of, read_friction_logs, warm_up_log
 
 Q = trapezoids([0.2, 0.5])
 U = sliding_torque(Q)
@@ -26,20 +29,13 @@ def read(folder: Path, *files: FileSpec, channels: tuple[ChannelSpec, ...] = CHA
 
 def test_a_log_is_read_on_the_link_side(tmp_path: Path) -> None:
     """Motor angle in deg over the ratio, motor current times constant and ratio."""
-    write_log(tmp_path / "slow.csv", Q, U)
-    (record,) = read(tmp_path, FileSpec("slow.csv", joint="1", speed=0.2, load="empty"))
+    write_log(tmp_path / "slow.csv", Q, U, np.full(len(Q), 104.0))
+    channels = (*CHANNELS, replace(THERMOMETER, unit="degF"))
+    (record,) = read(tmp_path, FileSpec("slow.csv", joint="1", speed=0.2, load="empty"), channels=channels)
     np.testing.assert_allclose(record.position, Q, rtol=0, atol=1e-5)
     np.testing.assert_allclose(record.torque, U, rtol=1e-6, atol=1e-6)
     assert (record.name, record.joint, record.purpose, record.speed) == ("slow", "1", "motion", 0.2)
     assert record.load_torque == pytest.approx(30 * abs(np.cos(record.position.mean())), rel=1e-3)
-    assert record.temperature is None
-
-
-@pytest.mark.parametrize(("unit", "values"), [("degC", 40.0), ("K", 313.15), ("degF", 104.0), ("", 40.0)])
-def test_a_temperature_is_read_in_its_unit(unit: str, values: float, tmp_path: Path) -> None:
-    write_log(tmp_path / "log.csv", Q, U, np.full(len(Q), values))
-    channels = (*CHANNELS, replace(THERMOMETER, unit=unit))
-    (record,) = read(tmp_path, FileSpec("log.csv"), channels=channels)
     assert record.mean_temperature == pytest.approx(40.0)
 
 
@@ -96,19 +92,33 @@ def test_the_energy_of_a_log_is_kept_in_few_steps(warm_up: WarmUp, log: WarmLog)
     assert float(warm_up.log.power @ np.diff(warm_up.log.time_s)) == pytest.approx(heat, rel=0.01)
 
 
-def test_the_second_half_of_another_thermal_structure_is_predicted_to_one_percent(
-    warm_up: WarmUp, folder: Path, log: WarmLog
-) -> None:
-    """Gear and housing with the thermometer outside, of its rise; a single node misses it by more than 3 %."""
-    half = read_warm_up(folder, log, FileSpec("warm.csv", purpose="warm_up", samples=(0, len(log.torque) // 2)))
-    model = fit_warm_up(half)
-    late = warm_up.log.time_s > warm_up.log.time_s[-1] / 2
-    quiet = warm_log(2.0, thermometer_std=0.0).thermometer
-    housing = np.interp(warm_up.log.time_s, np.arange(len(quiet)) / log.rate_hz, quiet)
-    error = temperature(warm_up.log, model.time_constants, model.shares, model.h, warm_up.log.start_degc) - housing
-    assert np.sqrt(np.mean(error[late] ** 2)) < 0.01 * np.ptp(housing)
-    error = temperature(warm_up.log, model.time_constants[:1], np.ones(1), model.h, warm_up.log.start_degc) - housing
-    assert np.sqrt(np.mean(error[late] ** 2)) > 0.03 * np.ptp(housing)
+@settings(max_examples=15, deadline=None)
+@given(
+    cycles=st.integers(60, 240),
+    pause=st.sampled_from([0.0, 90.0]),
+    hold=st.sampled_from(["zero-order", "band-limited"]),
+)
+def test_a_warm_up_in_two_logs_is_the_warm_up(cycles: int, pause: float, hold: Any) -> None:
+    """Its work, its time, and the thermometer at its times; at rest in a pause between them."""
+    rate_hz, n, first = 20.0, 300 * 120, 120 * cycles
+    time_s = np.arange(n) / rate_hz
+    q = np.sin(2 * np.pi * (np.arange(n) + 0.5) / 120)
+    u, degc = 5 * np.sign(np.diff(q, append=1.0)), 20 + 0.01 * time_s
+    whole, *parts = (
+        FrictionRecord(
+            "log", "1", "warm_up", rate_hz, q[part], u[part], temperature=degc[part], hold=hold,
+            start_s=time_s[part][0] + (pause if part.start else 0.0), configuration=Configuration("c", [0.0]),
+        )
+        for part in (slice(0, n), slice(0, first), slice(first, n))
+    )  # fmt: skip
+    one, two = (warm_up_log(logs, [heat_of(log) for log in logs], None, None) for logs in ((whole,), parts))
+    assert one.time_s[-1] == time_s[-1]
+    assert two.time_s[-1] == time_s[-1] + pause
+    works = [float(log.power @ np.diff(log.time_s)) for log in (one, two)]
+    assert works == pytest.approx(2 * [5 * np.abs(np.diff(q)).sum()], rel=2e-3)
+    assert np.all(two.power[(two.time_s[:-1] >= time_s[first]) & (two.time_s[1:] <= time_s[first] + pause)] == 0)
+    late = two.time_s > time_s[first - 1] + pause / 2
+    np.testing.assert_allclose(two.temperature, 20 + 0.01 * (two.time_s - pause * late), atol=0.03)
 
 
 def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(

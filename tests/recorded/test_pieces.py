@@ -6,6 +6,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from plants.lab_logs import N, measured, study_of, with_names
 from plants.refusals import refused
 
@@ -53,18 +55,21 @@ def _same(a: Record, b: Record) -> None:
         np.testing.assert_allclose(getattr(a, role)[:], getattr(b, role), rtol=2.0**-24, atol=0)
 
 
-def test_pieces_are_whole_periods_and_cover_the_log(large: None) -> None:
-    """The last takes the rest; a log that fits has none."""
-    assert pieces(40 * N + 7, N, 4) == (
-        (0, 8 * N),
-        (8 * N, 16 * N),
-        (16 * N, 24 * N),
-        (24 * N, 32 * N),
-        (32 * N, 40 * N),
-    )
-    assert pieces(4000, None, 4) == ((0, 1333), (1333, 2666), (2666, 4000))
-    assert pieces(19 * N, N, 4) == ((0, 8 * N), (8 * N, 19 * N))
-    assert pieces(9 * N, N, 4) == pieces(15 * N, N, 4) == ()
+@given(n=st.integers(8 * N, 80 * N), is_periodic=st.booleans())
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_pieces_are_whole_periods_and_cover_the_log(large: None, n: int, is_periodic: bool) -> None:
+    """The first of eight periods, all of so many values that they fit; none where the log fits or has few periods."""
+    parts = pieces(n, N if is_periodic else None, 4)
+    if not parts:
+        assert n * 4 < 8000 or (is_periodic and n < 16 * N)
+        return
+    starts, ends = zip(*parts, strict=True)
+    assert (starts[0], starts[1:]) == (0, ends[:-1])
+    assert ends[-1] == (n // N * N if is_periodic else n)
+    sizes = np.diff([*starts, ends[-1]])
+    assert sizes[0] == 8 * N or not is_periodic
+    assert sizes.max() * 4 <= (2 if is_periodic else 1) * 8 * N * 4
+    assert not is_periodic or np.all(sizes % N == 0)
 
 
 def test_a_log_in_pieces_is_the_same_record(

@@ -94,7 +94,6 @@ def _all(change: Any) -> dict[str, FloatArray]:
 
 FAULTS: list[tuple[str, dict[str, FloatArray], dict[str, int], float]] = [
     ("nothing", CLEAN, {}, 1.0),
-    ("missing samples", _spoilt("y", [10, 11, 900, 2999], np.nan), {"missing samples filled": 4}, 1.2),
     ("a gap in all", _all(lambda x: np.r_[x[:800], np.full(30, np.inf), x[830:]]), {"missing samples filled": 90}, 1.5),
     (
         "most of a period missing",
@@ -102,18 +101,7 @@ FAULTS: list[tuple[str, dict[str, FloatArray], dict[str, int], float]] = [
         {"missing samples filled": 600, "repetitions left out": 1},
         1.5,
     ),
-    (
-        "spikes",
-        _spoilt("y", [77, 1234, 2500], 5 * CLEAN["y"].max()),
-        {"samples taken as missing": 3},
-        1.2,
-    ),
-    (
-        "a spike of the torque",
-        _spoilt("u", [1777], -5.0),
-        {"samples taken as missing": 1},
-        1.2,
-    ),
+    ("spikes", _spoilt("y", [77, 1234, 2500], 5 * CLEAN["y"].max()), {"samples taken as missing": 3}, 1.2),
     ("a drift", CLEAN | {"y": CLEAN["y"] + 100 * CLEAN["y"].std() * np.linspace(0, 1, P * N)}, {}, 1.2),
 ]
 
@@ -136,12 +124,13 @@ AT_ONCE = np.random.default_rng(7)
 
 @pytest.mark.parametrize("ppm", [40.0, -120.0])
 def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm: float, tmp_path: Path) -> None:
-    """y and r by a second logger: 40 ppm turn a line at 100 Hz by 9 degrees in six seconds."""
+    """y and r by a second logger without stamps: 40 ppm turn a line at 100 Hz by 9 degrees in six seconds."""
     other = log(np.arange(P * N) * (1 + 1e-6 * ppm) - 12.3, noise=1e-4)
-    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
+    write_log(tmp_path / "log.h5", {"t": np.arange(P * N) / RATE, "r": CLEAN["r"], "u": CLEAN["u"]})
     write_log(tmp_path / "encoder.h5", {"r": other["r"], "y": other["y"]})
     channels = (*CHANNELS[:2], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
-    record = measure(tmp_path, spec_of(channels=channels, files=(FileSpec("log.h5", "home", also=("encoder.h5",)),)))
+    files = (FileSpec("log.h5", "home", also=("encoder.h5",)),)
+    record = measure(tmp_path, spec_of(channels=channels, files=files, time="t"))
     clock = next(note for note in said(record.notes) if "clocks of encoder.h5 and log.h5 differ" in note)
     assert abs(float(clock.split("by ")[1].split()[0]) + ppm) < 2
     assert error_of(record) < 2 * error_of(record_of(tmp_path, CLEAN))
@@ -179,13 +168,11 @@ def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
     record = measure(tmp_path, spec_of(channels=channels))
     assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
     assert record.repairs == {"channels brought to another rate": 1}
-    assert error_of(record) < 2 * error_of(record_of(tmp_path, CLEAN))
-    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    assert error_of(record) < 0.02
     files = (FileSpec("log.h5", "home", samples=(N // 2, N // 2 + 4 * N)),)
     part = measure(tmp_path, spec_of(channels=channels, files=files))
     assert part.n_periods == 4
-    assert error_of(part) < 2 * error_of(record_of(tmp_path, CLEAN))
-    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    assert error_of(part) < 0.02
     slow = replace(CHANNELS[2], rate_hz=333.3)
     with refused("records/period-mismatch", holds=("333.3 Hz", "1 s")):
         measure(tmp_path, spec_of(channels=(*CHANNELS[:2], slow)))

@@ -10,8 +10,35 @@ from elastid.app.run import Run, carry_out
 from elastid.base.errors import StudyError
 from elastid.study import load
 
-SIMULATED = "experiment.simulated"
-DESIGN = "design={count: 1, candidates: {%s}}"
+CHANNELS = (
+    "{role: u, at: motor 1, channel: u}, {role: u, at: motor 2, channel: u}, "
+    "{role: y, at: motor 1, channel: y, quantity: position}"
+)
+FILES = ", ".join(f"{{path: a.csv, configuration: {name}}}" for name in "abcd")
+SHAKEN = (
+    "{role: u, at: shaker, channel: u, quantity: force}, {role: y, at: tip, channel: y, quantity: position, unit: mm}"
+)
+TAPPED = (
+    "{role: u, at: force tool x, channel: u, quantity: force}, {role: y, at: motor 1, channel: y, quantity: position}"
+)
+NO_RIG, FRAME = "experiment.simulated=null", "robot.frames=[{name: tool, body: fore}]"
+ONE = "files: [{path: a.csv, configuration: a}]"
+LOGS = (NO_RIG, f"experiment.recorded={{rate_hz: 500, period: 2, channels: [{CHANNELS}], files: [{FILES}]}}")
+LOAD = "{force: [0, 0, 1], frame: tool, deflection: [0, 0, 1 mm], std: 1 um}"
+# Overrides that make a study of a kind.
+KINDS: dict[str, tuple[str, ...]] = {
+    "simulated": (),
+    "designed": ("design={count: 1, candidates: {given: {e: [0, 0]}}}",),
+    "loaded": (FRAME, f"loads.tests=[{LOAD}]", "loads.tests.0.configuration=a"),
+    "recorded": LOGS,
+    "tapped": (*LOGS, FRAME, f"tool={{motors: free, responses: {{{ONE}, channels: [{TAPPED}]}}}}"),
+    "responses": (NO_RIG, f"experiment.responses={{channels: [{CHANNELS}], files: [{FILES}]}}"),
+    "structure": (
+        *(NO_RIG, "robot=null", "excitation=null", "seed=0", "fit={}"),
+        "experiment.configurations={a: []}",
+        f"experiment.recorded={{rate_hz: 500, channels: [{SHAKEN}], {ONE}}}",
+    ),
+}
 
 
 @pytest.fixture
@@ -33,51 +60,141 @@ def refusals(study: Path, *overrides: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("overrides", "key", "message"),
+    ("kind", "overrides", "keys"),
     [
-        (["experiment.experiments=3"], "experiment.experiments", "to 2 for 2 motors"),
+        *((kind, (), "") for kind in KINDS),
+        ("simulated", ("experiment.experiments=3",), "experiment.experiments"),
+        ("simulated", ("experiment.experiments=1", "estimator.method=arithmetic"), "experiment.experiments"),
         (
-            ["experiment.experiments=1", "estimator.method=arithmetic"],
-            "experiment.experiments",
-            "estimator.method arithmetic takes 2 to 2",
-        ),
-        (
-            ["robot.bodies.0.joints.0.limits={angle: [-0.45, 2]}", f"{SIMULATED}.carrier={{amplitude: 0.1}}"],
+            "simulated",
+            ("robot.bodies.0.joints.0.limits={angle: [-0.45, 2]}", "experiment.simulated.carrier={amplitude: 0.1}"),
             "experiment.configurations.c[0]",
-            "with the carrier's 0.1 rad to either side is outside its limits [-0.45, 2] rad",
         ),
-        (["fit.robots={A: [a, b], B: [c]}"], "fit.robots", "configuration d is assigned to no robot"),
-        (["experiment.configurations={}"], "experiment.configurations", "or add a section `design`"),
-        (["design={count: 2, robot_time: 5}"], "design.count", "give either count"),
-        ([DESIGN % "given: {e: [0, 0]}, random: 5"], "design.candidates.random", "only one of"),
-        ([DESIGN % "given: {a: [0, 0]}"], "design.candidates.given.a", "is a configuration of experiment.config"),
-        ([DESIGN % "given: {e: [0, 1 mm]}"], "design.candidates.given.e[1]", "joint 2 is a rotation"),
-        ([DESIGN % "margin: 1 mm"], "design.candidates.margin", "or one number for each motor"),
-        ([f"{SIMULATED}.carrier={{amplitude: 1 mm}}"], f"{SIMULATED}.carrier.amplitude", "is a rotation"),
-        ([f"{SIMULATED}.carrier={{amplitude: 0.1, cycles: 5}}"], f"{SIMULATED}.carrier", "5 cycles a period"),
-        (["validation.left_out=[a, b, c, d]"], "validation.left_out", "leave at least one to the fit"),
+        ("simulated", ("experiment.without_payload=[z]",), "experiment.without_payload experiment.without_payload[0]"),
+        ("simulated", ("fit.robots={A: [a, b], B: [c]}",), "fit.robots"),
+        ("simulated", ("fit.robots={A: [a, b, c, d, z]}",), "fit.robots.A[4]"),
+        ("designed", ("fit.robots={A: [a, b, c, d, c1]}",), ""),
+        ("simulated", ("fit.wanted=[k_9]",), "fit.wanted[0]"),
+        ("simulated", ("fit.weights.factors=[{factor: 0, output: motor 2}]",), ""),
+        (
+            "simulated",
+            ("experiment.simulated.outputs=[motor 1]", "fit.weights.factors=[{factor: 0, output: motor 2}]"),
+            "fit.weights.factors[0].output",
+        ),
+        ("simulated", ("fit.parameters.k_1={bounds: [1, 2], start: 9}",), "fit.parameters.k_1.bounds"),
+        ("simulated", ("excitation.torque_rms=[[1, 1 N], [2, 2]]",), "excitation.torque_rms[0][1]"),
+        ("simulated", ("experiment.configurations={}",), "experiment.configurations"),
+        ("simulated", ("design={count: 2, robot_time: 5}",), "design.count"),
+        ("designed", ("design.candidates.random=5",), "design.candidates.random"),
+        ("designed", ("design.candidates.given={a: [0, 0]}",), "design.candidates.given.a"),
+        ("designed", ("design.candidates.given={e: [0, 1 mm]}",), "design.candidates.given.e[1]"),
+        ("designed", ("design.candidates.margin=1 mm",), "design.candidates.margin"),
+        ("simulated", ("experiment.simulated.carrier={amplitude: 1 mm}",), "experiment.simulated.carrier.amplitude"),
+        ("simulated", ("experiment.simulated.carrier={amplitude: 0.1, cycles: 4}",), ""),
+        ("simulated", ("experiment.simulated.carrier={amplitude: 0.1, cycles: 5}",), "experiment.simulated.carrier"),
+        ("simulated", ("experiment.simulated.heat={conductance: 1}", "filter={}"), "experiment.simulated.heat filter"),
+        ("simulated", ("validation.left_out=[a, b, c]",), ""),
+        ("simulated", ("validation.left_out=[a, b, c, d]",), "validation.left_out"),
+        ("simulated", ("loads={}",), "loads"),
+        ("loaded", ("loads.tests.0.configuration=z",), "loads.tests[0].configuration"),
+        ("loaded", ("loads.tests.0.configuration=''", "loads.tests.0.angles=[0]"), "loads.tests[0].angles"),
+        ("loaded", ("loads.tests.0.configuration=''", "loads.tests.0.angles=[0, 1 mm]"), "loads.tests[0].angles[1]"),
+        ("loaded", ("loads.tests.0.measured_at=nowhere",), "loads.tests[0].measured_at"),
+        ("simulated", ("robot=null",), "robot"),
+        ("recorded", ("experiment.recorded.files.0.path=gone.csv",), "experiment.recorded.files[0].path"),
+        (
+            "recorded",
+            ("experiment.recorded.files.0.configuration=away",),
+            "experiment.configurations.a experiment.recorded.files[0].configuration",
+        ),
+        (
+            "recorded",
+            ("experiment.recorded.files.0={path: a.csv}",),
+            "experiment.configurations.a experiment.recorded.files[0].configuration",
+        ),
+        (
+            "recorded",
+            ("experiment.recorded.files.1.configuration=a",),
+            "experiment.configurations.b experiment.recorded.files[1]",
+        ),
+        ("recorded", ("experiment.recorded.channels.2.at=motor 7",), "experiment.recorded.channels[2].at"),
+        ("recorded", ("experiment.recorded.channels.0.at=joint 1",), "experiment.recorded.channels[0].at"),
+        ("recorded", ("experiment.recorded.channels.0.at=motor 2",), "experiment.recorded.channels[1].at"),
+        ("recorded", ("experiment.recorded.channels.1.role=r",), "experiment.recorded.channels[1].at"),
+        ("recorded", ("experiment.recorded.channels.2.unit=N*m",), "experiment.recorded.channels[2].unit"),
+        (
+            "recorded",
+            ("experiment.recorded.channels.1={role: d, at: joint 1, channel: d}",),
+            "experiment.recorded.channels[1].at",
+        ),
+        (
+            "recorded",
+            ("experiment.recorded.channels.1={role: d, at: motor 2, channel: d}",),
+            "experiment.recorded.channels[1].at",
+        ),
+        ("recorded", ("experiment.recorded.channels.1={role: d, at: motor 1, channel: d}",), ""),
+        (
+            "recorded",
+            ("experiment.recorded.channels.1={role: reference, at: motor 2, channel: q, quantity: position}",),
+            "",
+        ),
+        ("recorded", ("experiment.recorded.period=null",), ""),
+        ("recorded", ("experiment.recorded.period=null", "estimator.method=arithmetic"), "estimator.method"),
+        ("recorded", ("design={count: 1}", "experiment.ramp=1"), "design experiment.ramp"),
+        ("recorded", ("experiment.recorded.files.1.load=x",), "experiment.recorded.files[1].load"),
+        ("tapped", ("tool.motors=held",), "tool.responses.channels[1].at"),
+        ("tapped", ("tool.responses.channels.0.at=force nowhere x",), "tool.responses.channels[0].at"),
+        ("tapped", ("tool.responses.channels.1.at=motor 9",), "tool.responses.channels[1].at"),
+        ("tapped", ("tool.responses.channels.0.quantity=torque",), "tool.responses.channels[0].quantity"),
+        ("tapped", ("tool.motors=controlled", "tool.stiffness=[1]", "tool.damping=[1]"), "tool.stiffness"),
+        ("tapped", ("tool.motors=controlled", "tool.stiffness=[1, 1]", "tool.damping=[1, 1]"), ""),
+        ("responses", ("gears={}",), "gears"),
+        (
+            "responses",
+            ("experiment.responses.files.3.configuration=a",),
+            "experiment.configurations.d experiment.responses.files[3]",
+        ),
+        ("structure", ("experiment.configurations={a: [0]}",), "experiment.configurations.a"),
+        ("structure", ("experiment.recorded.channels.1.unit=",), "experiment.recorded.channels[1].unit"),
+        ("structure", ("fit.starts=3",), "fit"),
     ],
-    ids=lambda value: value if isinstance(value, str) and " " not in value else "",
 )
-def test_a_contradiction_is_reported_once_at_its_key(study: Path, overrides: list[str], key: str, message: str) -> None:
-    """And no other key is."""
-    assert refusals(study) == []
-    (line,) = refusals(study, *overrides)
-    assert f": {key}: " in line
-    assert message in line
+def test_a_contradiction_is_reported_once_at_its_key(
+    study: Path, kind: str, overrides: tuple[str, ...], keys: str
+) -> None:
+    """And no other key is; what does not contradict is no problem."""
+    found = refusals(study, *KINDS[kind], *overrides)
+    assert len(found) == len(keys.split()), found
+    for key in keys.split():
+        assert sum(f": {key}: " in line for line in found) == 1, found
+
+
+def test_load_tests_of_a_table_are_those_of_the_study(study: Path) -> None:
+    """Columns of numbers with their unit, of joints by their name; an empty cell is not given."""
+    (study.parent / "loads.csv").write_text(
+        "1,2 [deg],frame,fx,tz [kN*m],mass,y [mm],std [um],measured_at\n"
+        "0.1,30,tool,4,0.5,,1.5,2,\n"
+        "0.2,0,tool,,,5,2,1,fore\n"
+    )
+    first = "angles: [0.1, 30 deg], force: [4, 0, 0], torque: [0, 0, 500], deflection: [0, 1.5 mm, 0], std: 2 um"
+    second = "angles: [0.2, 0], mass: 5, deflection: [0, 2 mm, 0], std: 1 um, measured_at: fore"
+    listed = f"loads.tests=[{{frame: tool, {first}}}, {{frame: tool, {second}}}]"
+    of_table, of_list = (load(study, [FRAME, loads]).study.loads for loads in ("loads.file=loads.csv", listed))
+    assert of_table.tests == of_list.tests
+    assert load(study, [FRAME, listed, "loads.file=loads.csv"]).study.loads.tests == 2 * of_list.tests
 
 
 @pytest.mark.parametrize(
     ("override", "code"),
     [
-        (DESIGN % "given: {e: [0]}", "design/candidates"),
-        (DESIGN % "grid: [3]", "design/candidates"),
+        ("design={count: 1, candidates: {given: {e: [0]}}}", "design/candidates"),
+        ("design={count: 1, candidates: {grid: [3]}}", "design/candidates"),
         ("design={robot_time: 1 s}", "design/limits"),
         ("robot.chain={differentiator: 1 ms}", "experiment/simulated"),
         ("model={formulation: minimal, independent: [joint 9]}", "model/variant"),
-        (f"{SIMULATED}.model={{formulation: minimal, independent: [joint 9]}}", "model/variant"),
-        (f"{SIMULATED}.outputs=[nowhere]", "robot/unknown-name"),
-        (f"{SIMULATED}.saturation=true", "experiment/simulated"),
+        ("experiment.simulated.model={formulation: minimal, independent: [joint 9]}", "model/variant"),
+        ("experiment.simulated.outputs=[nowhere]", "robot/unknown-name"),
+        ("experiment.simulated.saturation=true", "experiment/simulated"),
         ("excitation.band_hz=[4.5, 5.5]", "excitation/power"),
         ("excitation.phases=schroeder", "excitation/lines"),
         ("excitation.torque_rms=[1, 2, 3]", "excitation/power"),
@@ -90,59 +207,3 @@ def test_what_cannot_be_designed_or_simulated_the_first_stage_refuses(study: Pat
     with refused(code):
         carry_out(run, "design")
         carry_out(run, "measure")
-
-
-CHANNELS = (
-    "{role: u, at: motor 1, channel: u}, {role: u, at: motor 2, channel: u}, "
-    "{role: y, at: motor 1, channel: y, quantity: position}"
-)
-FILES = ", ".join(f"{{path: a.csv, configuration: {name}}}" for name in "abcd")
-
-
-@pytest.mark.parametrize(
-    ("kind", "channels", "files", "key", "message"),
-    [
-        ("recorded", CHANNELS, FILES, "", ""),
-        ("responses", CHANNELS, FILES, "", ""),
-        (
-            "recorded",
-            f"{CHANNELS}, {{role: u, at: motor 2, channel: u}}",
-            FILES,
-            "channels[3].at",
-            "two channels of role u",
-        ),
-        (
-            "recorded",
-            f"{CHANNELS}, {{role: reference, at: motor 2, channel: q, quantity: position}}",
-            FILES,
-            "",
-            "",
-        ),
-        ("recorded", CHANNELS, f"{FILES}, {{path: a.csv, configuration: a, samples: [0, 9]}}", "", ""),
-        (
-            "recorded",
-            CHANNELS,
-            f"{FILES}, {{path: a.csv, configuration: a, period: 3, samples: [0, 9]}}",
-            "files[4]",
-            "give each its own numbers",
-        ),
-        (
-            "responses",
-            CHANNELS,
-            f"{FILES}, {{path: a.csv, configuration: a}}",
-            "files[4]",
-            "both claim configuration a",
-        ),
-        ("recorded", CHANNELS, FILES.replace(": d", ": c, experiment: 1"), "configurations.d", "no file holds"),
-    ],
-)
-def test_files_and_channels_are_each_given_once(
-    study: Path, kind: str, channels: str, files: str, key: str, message: str
-) -> None:
-    """One signal a channel; one response a file, or periods of one excitation; a file for every configuration."""
-    rate = "rate_hz: 500, period: 2, " if kind == "recorded" else ""
-    text = study.read_text().replace("simulated: {}", f"{kind}: {{{rate}channels: [{channels}], files: [{files}]}}")
-    study.write_text(text)
-    found = refusals(study)
-    assert len(found) == bool(key)
-    assert all(key in line and message in line for line in found)

@@ -7,14 +7,11 @@ from plants.linkages import LEVER, LOWER, linkage
 from plants.two_axes import ROBOT, STUDY
 
 from elastid.app.compare import variants
-from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.recorded.responses.reading import read_table
 from elastid.robot import Anchor, Body, Joint, Loop, Pin, Placement, Rod
 from elastid.study import load
 
@@ -42,22 +39,6 @@ def test_the_other_axis_of_a_pin_is_in_the_axes_of_the_second_body() -> None:
         linear = linearise(model, at, model.theta, model.inputs, "acceleration")
         G.append(frequency_response(linear, np.append(model.theta, 0.0), freq_hz))
     np.testing.assert_allclose(G[0], G[1], atol=1e-9 * np.abs(G[1]).max())
-
-
-def test_units_of_a_response_in_csv_are_those_of_the_study(tmp_path: Path) -> None:
-    """Frequencies in rad/s and phases in rad."""
-    freq_hz, G = np.array([2.0, 5.0]), np.array([1 + 2j, -3 + 0.5j])
-    rows = [f"{2 * np.pi * f},{abs(g)},{np.angle(g)}" for f, g in zip(freq_hz, G, strict=True)]
-    (tmp_path / "frf.csv").write_text("\n".join(["freq_hz,mag,phase", *rows]) + "\n")
-    spec = ResponsesSpec(
-        (ResponseFileSpec("frf.csv", "c"),),
-        (ChannelSpec("u", "motor 1", "u"), ChannelSpec("y", "motor 1", "y", quantity="acceleration")),
-        frequency_unit="rad/s",
-        columns=ResponseColumnsSpec(magnitude="mag", phase="phase", phase_unit="rad"),
-    )
-    table = read_table(tmp_path / "frf.csv", spec, "")
-    np.testing.assert_allclose(table.freq_hz(spec.frequency_unit), freq_hz, rtol=1e-12)
-    np.testing.assert_allclose(table.G[:, 0, 0], G, rtol=1e-12)
 
 
 def test_motor_coupling_of_a_variant_lets_rotors_turn_about_their_own_axes_only(tmp_path: Path) -> None:

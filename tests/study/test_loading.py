@@ -50,97 +50,74 @@ def test_true_inertias_are_possible_together_or_not_at_all() -> None:
     assert "truth.I_fore_arm_yy: no robot has this number: inertia of body fore_arm" in alone
 
 
-# (what stands in the study, what is written instead, the key path, part of the message)
+# (what stands in the study, what is written instead, the key path)
 WRONG = [
-    ("rate_hz: 500", "rate_hs: 500", "excitation.rate_hs", "unknown key; did you mean 'rate_hz'?"),
-    ("torque_rms: 0.1", "torque_rms: 0.1 kg", "excitation.torque_rms", "unit 'kg' measures kg, not N*m"),
-    ("torque_rms: 0.1", "torque_rms: [0.1 N*m, 0.2 kg]", "excitation.torque_rms[1]", "unit 'kg' measures kg"),
-    ("torque_rms: 0.1", "torque_rms: {a: 1}", "excitation.torque_rms", "expected a number in N*m"),
-    ("torque_rms: 0.1", "torque_rms: much", "excitation.torque_rms", "'much' is not a number with a unit"),
-    ("band_hz: [5, 100]", "band_hz: [5, 100, 3]", "excitation.band_hz", "expected a list of 2"),
-    ("band_hz: [5, 100]", "band_hz: [5, 300]", "excitation.band_hz", "300 Hz is not below half the sampling rate"),
-    ("band_hz: [5, 100]", "band_hz: [5, 100]\n  grid: ood", "excitation.grid", "expected one of full, odd"),
-    ("seed: 1", "seed: -1", "seed", "at least 0"),
-    ("seed: 1", "seed: 1.5", "seed", "expected a whole number"),
-    ("seed: 1", "seed: " + "9" * 30, "", "is out of the range of numbers"),
-    ("name: tiny", "name: a/b", "name", "cannot name a file"),
-    ("fit:\n  starts: 2", "fit: 3\nfoo:\n  starts: 2", "fit", "expected a mapping"),
-    ("a: [0]", "a: [0, 1]", "experiment.configurations.a", "2 angles for 1 driven joints (1)"),
-    ("a: [0]", "a: [100 deg]", "experiment.configurations.a[0]", "outside its limits"),
-    ("truth: {k_1: 60 N*m/rad}", "truth: {k_1: 60 N*m}", "experiment.simulated.truth.k_1", "measures N*m, not N*m/rad"),
-    ("truth: {k_1: 60 N*m/rad}", "truth: {k_l: 60}", "experiment.simulated.truth.k_l", "did you mean 'k_1'?"),
-    ("truth: {k_1: 60 N*m/rad}", "truth: {k_1: -60}", "experiment.simulated.truth.k_1", "above 0"),
-    ("    k_1: {}", "    k_1:", "fit.parameters.k_1", "expected a mapping ({} for the defaults)"),
-    ("    k_1: {}", "    k_1: {tie: {to: d_l}}", "fit.parameters.k_1.tie.to", "did you mean 'd_1'?"),
-    ("    k_1: {}", "    '*_1': {start: 1}", "fit.parameters.*_1.start", "parameters of different units"),
-    ("    k_1: {}", "    delay: {start: 1 m}", "fit.parameters.delay.start", "not s"),
-    ("report:", "validation: {left_out: [c]}\nreport:", "validation.left_out[0]", "no configuration is called 'c'"),
-    (
-        "  starts: 2",
-        "  weights: {factors: [{factor: 0, input: motor 2}]}",
-        "fit.weights.factors[0].input",
-        "did you mean 'motor 1'?",
-    ),
-    ("    k_1: {}", "    k_1: {tie: {to: d_1}, bounds: [1, 100]}", "fit.parameters.k_1", "bounds would not count"),
-    ("  starts: 2", "  profile: [k_1, d_l]", "fit.profile[1]", "did you mean 'd_1'?"),
-    (
-        "    noise:",
-        "    outputs: [motor 1, joint 1, motor 1]\n    noise:",
-        "experiment.simulated.outputs",
-        "is given twice",
-    ),
-    ("report:", "validation: {left_out: [a, a]}\nreport:", "validation.left_out", "a is given twice"),
-    (
-        "  simulated:",
-        "  realisations: 10001\n  simulated:",
-        "experiment.realisations",
-        "at most 10000",
-    ),
-    ("  starts: 2", "  starts: true", "fit.starts", "expected a whole number"),
-    ("  starts: 2", "  band_hz: [110, 120]", "fit.band_hz", "none of the excited lines from 5 to 99 Hz"),
-    ("  starts: 2", "  band_hz: [100, 10]", "fit.band_hz", "give [lowest, highest]"),
-    ("fit:\n", "estimator: {band_hz: [1, 4]}\nfit:\n", "estimator.band_hz", "none of the excited lines from 5 to 99"),
-    ("  starts: 2", "  start_factor: .inf", "fit.start_factor", "expected a finite number"),
-    ("  simulated:", "  periods: 1\n  simulated:", "experiment.periods", "it must be at least 2"),
-    ("    noise:", "    controller: {kind: cascade, integral_time: -1}\n    noise:", "", "integral_time is -1 s"),
-    ("    noise:", "    torque_ripple: [{amplitude: 1, periods: 0}]\n    noise:", "", "at least 1"),
-    ("robot: robot.yml", "robot: !!bool maybe", "", "'maybe' is no bool, as its tag says"),
-    ("robot: robot.yml", "robot: !!float x", "", "'x'"),
-    ("robot: robot.yml", r'robot: "\ud800"', "", "half of a character that UTF-8 cannot write"),
-    ("robot: robot.yml", "robot: " + "a" * 4000, "robot", "no such file"),
+    ("rate_hz: 500", "rate_hs: 500", "excitation.rate_hs"),
+    ("torque_rms: 0.1", "torque_rms: 0.1 kg", "excitation.torque_rms"),
+    ("torque_rms: 0.1", "torque_rms: {a: 1}", "excitation.torque_rms"),
+    ("band_hz: [5, 100]", "band_hz: [5, 100, 3]", "excitation.band_hz"),
+    ("band_hz: [5, 100]", "band_hz: [5, 300]", "excitation.band_hz"),
+    ("band_hz: [5, 100]", "band_hz: [5, 100]\n  grid: ood", "excitation.grid"),
+    ("seed: 1", "seed: -1", "seed"),
+    ("seed: 1", "seed: 1.5", "seed"),
+    ("seed: 1", "seed: " + "9" * 30, ""),
+    ("name: tiny", "name: a/b", "name"),
+    ("fit:\n  starts: 2", "fit: 3\nfoo:\n  starts: 2", "fit"),
+    ("a: [0]", "a: [0, 1]", "experiment.configurations.a"),
+    ("a: [0]", "a: [100 deg]", "experiment.configurations.a[0]"),
+    ("truth: {k_1: 60 N*m/rad}", "truth: {k_1: 60 N*m}", "experiment.simulated.truth.k_1"),
+    ("truth: {k_1: 60 N*m/rad}", "truth: {k_l: 60}", "experiment.simulated.truth.k_l"),
+    ("truth: {k_1: 60 N*m/rad}", "truth: {k_1: -60}", "experiment.simulated.truth.k_1"),
+    ("    k_1: {}", "    k_1:", "fit.parameters.k_1"),
+    ("    k_1: {}", "    k_1: {tie: {to: d_l}}", "fit.parameters.k_1.tie.to"),
+    ("    k_1: {}", "    '*_1': {start: 1}", "fit.parameters.*_1.start"),
+    ("    k_1: {}", "    delay: {start: 1 m}", "fit.parameters.delay.start"),
+    ("report:", "validation: {left_out: [c]}\nreport:", "validation.left_out[0]"),
+    ("  starts: 2", "  weights: {factors: [{factor: 0, input: motor 2}]}", "fit.weights.factors[0].input"),
+    ("    k_1: {}", "    k_1: {tie: {to: d_1}, bounds: [1, 100]}", "fit.parameters.k_1"),
+    ("  starts: 2", "  profile: [k_1, d_l]", "fit.profile[1]"),
+    ("    noise:", "    outputs: [motor 1, joint 1, motor 1]\n    noise:", "experiment.simulated.outputs"),
+    ("  simulated:", "  realisations: 10001\n  simulated:", "experiment.realisations"),
+    ("  starts: 2", "  starts: true", "fit.starts"),
+    ("  starts: 2", "  band_hz: [110, 120]", "fit.band_hz"),
+    ("  starts: 2", "  band_hz: [100, 10]", "fit.band_hz"),
+    ("fit:\n", "estimator: {band_hz: [1, 4]}\nfit:\n", "estimator.band_hz"),
+    ("  starts: 2", "  start_factor: .inf", "fit.start_factor"),
+    ("    noise:", "    controller: {kind: cascade, integral_time: -1}\n    noise:", ""),
+    ("robot: robot.yml", "robot: !!bool maybe", ""),
+    ("robot: robot.yml", "robot: !!float x", ""),
+    ("robot: robot.yml", r'robot: "\ud800"', ""),
+    ("robot: robot.yml", "robot: " + "a" * 4000, "robot"),
 ]
 
 # The same in the robot's own file.
 WRONG_ROBOT = [
-    ("ratio: 1", "ratio: 0", "bodies[0].joints[0].motor.ratio", "ratio is 0"),
-    ("    inertia: 1e-3\n", "    inertia: [1, 1, 9]\n", "bodies[0].inertia", "no body has the principal inertias"),
-    ("    inertia: 1e-3\n", "    inertia: [1, 2]\n", "bodies[0].inertia", "or a list of 3"),
-    ("    inertia: 1e-3\n", "    inertia: [1, 2 kg, 3]\n", "bodies[0].inertia[1]", "unit 'kg' measures kg"),
-    ("stiffness: 50", "stifness: 50", "bodies[0].joints[0].spring.stifness", "did you mean 'stiffness'?"),
-    ("axis: z", "axis: w", "bodies[0].joints[0].axis", "expected one of x, y, z, or a list of 3"),
-    ("name: load", "name: load\n    parent: bas", "bodies[0].parent", "its parent bas is not listed"),
-    ("name: load", "name: load\n    name: load", "", "key 'name' is given twice"),
-    ("gravity:", "\tgravity:", "", "broken YAML"),
+    ("ratio: 1", "ratio: 0", "bodies[0].joints[0].motor.ratio"),
+    ("    inertia: 1e-3\n", "    inertia: [1, 1, 9]\n", "bodies[0].inertia"),
+    ("    inertia: 1e-3\n", "    inertia: [1, 2]\n", "bodies[0].inertia"),
+    ("    inertia: 1e-3\n", "    inertia: [1, 2 kg, 3]\n", "bodies[0].inertia[1]"),
+    ("stiffness: 50", "stifness: 50", "bodies[0].joints[0].spring.stifness"),
+    ("axis: z", "axis: w", "bodies[0].joints[0].axis"),
+    ("name: load", "name: load\n    parent: bas", "bodies[0].parent"),
+    ("name: load", "name: load\n    name: load", ""),
+    ("gravity:", "\tgravity:", ""),
 ]
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "keys", "message", "file"),
+    ("old", "new", "keys", "file"),
     [(*row, "study.yml") for row in WRONG] + [(*row, "robot.yml") for row in WRONG_ROBOT],
     ids=[f"{row[2]}-{row[1][:20]}" for row in WRONG + WRONG_ROBOT],
 )
-def test_each_mistake_has_one_sentence_at_its_place(
-    tiny: Path, old: str, new: str, keys: str, message: str, file: str
-) -> None:
+def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: str, keys: str, file: str) -> None:
     """file:line:col: key.path: message; the line is the one that was edited, the path starts in its file."""
-    found = [line for line in errors(edited(tiny, old, new, file)) if message in line]
-    assert len(found) == 1, errors(tiny)
-    place, _, rest = found[0].partition(": ")
-    name, line, column = place.split(":")
+    of_file = (line for line in errors(edited(tiny, old, new, file)) if line.startswith(f"{file}:"))
+    (found,) = (line for line in of_file if f": {keys}" in line)
+    place, _, rest = found.partition(": ")
+    _, line, column = place.split(":")
     text = (tiny.parent / file).read_text()
     before = text[: text.index(new)].count("\n")
     assert before < int(line) <= before + new.count("\n") + 1
-    assert name == file
     assert int(column) >= 1
     assert rest.startswith(keys)
     assert "Input should" not in rest
@@ -199,9 +176,6 @@ def test_what_is_no_study_is_refused_by_place(tiny: Path, content: bytes, messag
             "excitation={band_hz: [5, 100], rate_hz: 500, period: 1, torque_rms: 0.1, lines: [5, 7, 300], grid: lines}",
             "line 300 is outside band_hz",
         ),
-        ("experiment.simulated.carrier={kind: offset}", "a carrier of kind offset is given by its velocity alone"),
-        ("experiment.simulated.carrier={amplitude: 0.1, velocity: 0.1}", "sine is given by its amplitude alone"),
-        ("experiment.simulated.carrier={kind: offset, velocity: [0.1, 0]}", "must not be 0 for any joint"),
         ("experiment.ramp=-1", "experiment.ramp: "),
     ],
 )
@@ -245,34 +219,16 @@ def test_the_schema_is_json_with_units_and_closed_sections() -> None:
     assert {"type": ["string", "number"]} in document["properties"]["robot"]["anyOf"]
 
 
-@pytest.mark.parametrize(
-    ("motion", "given", "says"),
-    [
-        ("", "28.6", "joint 1 at 28.6 rad, 4.6 turns, is farther than robots go"),
-        ("motion: translation", "150", "write '150 mm' if that is meant, or give the joint its limits"),
-    ],
-)
+@pytest.mark.parametrize(("motion", "given"), [("rotation", "28.6"), ("translation", "150")])
 def test_a_joint_without_limits_far_beyond_what_robots_do_was_given_in_another_unit(
-    tiny: Path, motion: str, given: str, says: str
+    tiny: Path, motion: str, given: str
 ) -> None:
     """Degrees taken for rad, millimetres for m; a joint that really goes there says so by its limits."""
-    limits = "        limits: {angle: [-90 deg, 90 deg]}\n"
-    edited(tiny, limits, f"        {motion}\n" if motion else "", "robot.yml")
-    if motion:
-        edited(tiny, "60 N*m/rad", "60", "study.yml")
-    edited(tiny, "a: [0]", f"a: [{given}]")
-    (error,) = [line for line in errors(tiny) if "experiment.configurations.a[0]" in line]
-    assert says in error
-    edited(tiny, "        motor:", "        limits: {angle: [-200, 200]}\n        motor:", "robot.yml")
-    assert not any("farther than robots go" in line for line in _errors_if_any(tiny))
-
-
-def _errors_if_any(study: Path) -> list[str]:
-    try:
-        load(study)
-    except StudyError as refusal:
-        return str(refusal).splitlines()
-    return []
+    overrides = [f"experiment.configurations.a=[{given}]", "experiment.simulated.truth={}"]
+    edited(tiny, "        limits: {angle: [-90 deg, 90 deg]}\n", f"        motion: {motion}\n", "robot.yml")
+    (error,) = errors(tiny, *overrides)
+    assert ": experiment.configurations.a[0]: " in error
+    load(tiny, [*overrides, "robot.bodies.0.joints.0.limits={angle: [-200, 200]}"])
 
 
 def test_a_folder_in_place_of_a_study_is_told_apart(tiny: Path) -> None:

@@ -66,7 +66,7 @@ class PassLimits:
 
 @dataclass(frozen=True)
 class PlannedPass:
-    """There and back between start and stop at `speed`; plateau: of each way, after ramp and settling, in s."""
+    """There and back between start and stop > start at `speed`; plateau: of each way, after ramp and settling, in s."""
 
     name: str
     speed: float
@@ -132,8 +132,7 @@ def pass_reference(planned: PlannedPass, limits: PassLimits, rate_hz: float) -> 
     x = (np.arange(n_ramp) + 0.5) / n_ramp
     rise = x**3 * (10 - 15 * x + 6 * x**2)
     way = np.concatenate([rise, np.ones(n_steady), rise[::-1], np.zeros(n_pause)])
-    sign = math.copysign(1.0, planned.stop - planned.start)
-    velocity = sign * planned.speed * np.concatenate([way, -way])
+    velocity = planned.speed * np.concatenate([way, -way])
     position = planned.start + np.cumsum(velocity) / rate_hz
     acceleration = np.gradient(velocity) * rate_hz
     first, last, n = n_ramp + round(settling_s * rate_hz), n_ramp + n_steady, len(way)

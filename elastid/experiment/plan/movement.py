@@ -76,8 +76,7 @@ def reach(carrier: CarrierSpec, n_u: int, period_s: float, before_s: float) -> F
 
 def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
     """StudyError for a carrier of other motors, among the analysed lines, or beyond the joints' limits, with ramps."""
-    lowest, spacing_hz = int(min(*plan.lines, *plan.detection)), plan.rate_hz / plan.period_samples
-    if refused := carrier.refusal(len(plan.inputs), lowest, spacing_hz):
+    if refused := carrier.refusal(len(plan.inputs), int(min(*plan.lines, *plan.detection))):
         raise StudyError("experiment/simulated", refused, "experiment.simulated.carrier")
     low, high = np.array([end(movement(carrier, plan).position, axis=0) for end in (np.min, np.max)])
     for configuration in plan.configurations:

@@ -177,8 +177,7 @@ class Structure:
 
     def count_refusal(self, count: int) -> str:
         """Why a configuration cannot have so many angles; empty where it can."""
-        noun = "angle" if count == 1 else "angles"
-        return f"{count} {noun}, and a study without a robot has no joints; write [], or give it" if count else ""
+        return "a study without a robot has no joints, and so no angles; write [], or give it" if count else ""
 
     def check_location(self, location: str) -> None:
         """Every name is a place."""
@@ -213,8 +212,6 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
             )
         needed = "a current needs torque_constant (N*m/A) to become a torque"
         return ("quantity", needed) if channel.drive else ("", "")
-    if not channel.at.strip():
-        return "at", "the place has no name; give one, for example tip x"
     if channel.side == "motor":
         return "side", "a study without a robot has no gears; drop side, and give scale where the sensor needs it"
     turning = QUANTITY_UNIT[channel.quantity]

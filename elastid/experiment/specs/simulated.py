@@ -163,16 +163,16 @@ class CarrierSpec:
         if self.velocity is not None and 0.0 in np.atleast_1d(self.velocity):
             raise ValueError("the carrier's velocity must not be 0 for any joint; friction would stick there")
 
-    def refusal(self, n_u: int, lowest: int, spacing_hz: float) -> str:
-        """Why it does not go with n_u motors and the lowest line, a multiple of spacing_hz; empty where it does."""
+    def refusal(self, n_u: int, lowest: int) -> str:
+        """Why it does not go with n_u motors and the lowest line, in periods; empty where it does."""
         given = self.amplitude if self.velocity is None else self.velocity
         if isinstance(given, tuple) and len(given) not in (1, n_u):
             return f"{len(given)} numbers for {n_u} motors; give one for all or one for each"
         if self.kind == "offset" or self.cycles < lowest:
             return ""
         return (
-            f"{self.cycles} cycles a period are {self.cycles * spacing_hz:g} Hz, not below the lowest excited "
-            f"frequency of {lowest * spacing_hz:g} Hz; take fewer, or raise excitation.band_hz"
+            f"{self.cycles} cycles a period are not below the lowest excited line, of {lowest} a period; take fewer, "
+            "or raise excitation.band_hz"
         )
 
     def velocities(self, n_u: int) -> FloatArray:

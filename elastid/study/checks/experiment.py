@@ -129,7 +129,7 @@ def check_excitation(study: Study) -> Iterator[Problem]:
     freq_hz, carrier = lines.excited / excitation.period, study.experiment.simulated.carrier
     if carrier is not None:
         lowest, n_u = int(min(*lines.excited, *lines.detection)), len(study.as_robot().driven)
-        if refused := carrier.refusal(n_u, lowest, 1 / excitation.period):
+        if refused := carrier.refusal(n_u, lowest):
             yield Problem((*_SIMULATED, "carrier"), refused)
     for key, band in (("estimator", study.estimator.band_hz), ("fit", study.fit.band_hz)):
         if band is not None and not any(band[0] <= f <= band[1] for f in freq_hz):

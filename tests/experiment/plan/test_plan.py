@@ -31,6 +31,7 @@ def test_plan_has_as_many_experiments_per_realisation_as_motors_and_knows_its_ti
     assert plan.R.shape == (2, 2, 2, len(plan.lines), 2)
     assert [e.name for e in plan.experiments][:3] == ["a-r0-e0", "a-r0-e1", "a-r1-e0"]
     assert plan.robot_time_s == 8 * ((3 + 1) * 2.0 + 2 * 0.5)
+    assert [[float(rms) for rms in row[-1].split(", ")] for row in plan.display.rows] == [[20.0, 5.0], [20.0, 5.0]]
     assert np.all(plan.lines % 2 == 1)
     assert plan.freq_hz[0] >= 1.0
     assert plan.freq_hz[-1] <= 60.0

@@ -10,6 +10,7 @@ import pytest
 from plants.friction_axis import LAW, axis, rig
 from plants.refusals import refused
 
+from elastid.experiment.plan.friction import pass_reference
 from elastid.experiment.simulated.friction_rig import heat_of
 from elastid.experiment.specs.simulated import HeatSpec, NoiseSpec, TorqueRippleSpec
 from elastid.friction_study.levels import find_levels, passes_of
@@ -27,13 +28,19 @@ def test_levels_of_the_rig_are_those_of_the_law() -> None:
     noise = NoiseSpec(encoder_counts=65536)
     simulated = rig(SHORT, noise=noise, torque_ripple=(TorqueRippleSpec(5e-3, 2),), substeps=4)
     records = [simulated.measure(motion) for motion in simulated.motions]
-    assert all(record.load_torque > 0 for record in records)
+    limits = simulated.plan.designs[0].limits
+    for motion, record in zip(simulated.motions, records, strict=True):
+        assert motion.planned is not None
+        path = pass_reference(motion.planned, limits, 500.0)
+        assert np.abs(record.position - path.position).max() < 0.6 * limits.lag  # friction over the gain is half
+        sliding = np.concatenate([path.position[slice(*window)] for window in (path.there, path.back) if window])
+        assert record.load_torque == pytest.approx(20 * 9.81 * 0.4 * np.abs(np.sin(sliding)).mean(), rel=0.06)
+        assert record.start_s == motion.start_s
     passes = [one for record in records for one in passes_of(replace(record, torque=record.torque + 1.25))]
-    found = find_levels(passes, True, simulated.plan.designs[0].limits.turn)
-    levels = found
-    assert levels.n_levels == 8
-    exact = 25.0 + 9.0 * np.exp(-((levels.speed / 0.08) ** 2)) + 15.0 * levels.speed  # Nm, link side
-    np.testing.assert_allclose(levels.torque, exact, rtol=4e-3)
+    found = find_levels(passes, True, limits.turn)
+    assert found.n_levels == 8
+    exact = 25.0 + 9.0 * np.exp(-((found.speed / 0.08) ** 2)) + 15.0 * found.speed  # Nm, link side
+    np.testing.assert_allclose(found.torque, exact, rtol=4e-3)
     assert found.shared["gravity.sin"][0] == pytest.approx(-20 * 9.81 * 0.4, rel=0.02)
     assert not {note for record in records for note in record.notes}
     # In another order, alone: the same bytes.
@@ -57,7 +64,9 @@ def test_loops_stay_stuck_and_the_joint_at_rest_is_a_spring() -> None:
     secant = np.ptp(loops.torque[first]) / np.ptp(loops.position[first])
     assert secant == pytest.approx(friction_numbers(axis())["s0_m1"][0], rel=0.05)
     assert np.ptp(loops.position) < 1e-3
-    rest = simulated.measure(next(m for m in simulated.motions if m.purpose == "at_rest"))
+    motion = next(m for m in simulated.motions if m.purpose == "at_rest")
+    rest = simulated.measure(motion)
+    assert rest.start_s == motion.start_s + 1.0
     assert rest.period_samples == 500
     assert len(rest.torque) == 16000
     np.testing.assert_allclose(rest.position[1000:2000], rest.position[2000:3000], atol=2e-3 * np.ptp(rest.position))
@@ -67,7 +76,7 @@ WARM = replace(LAW, temperature=TemperatureDependence(20.0, viscous=1.0e-3, deca
 
 
 def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
-    """T rises towards P / h with C / h; tests are colder at first; the log has power and thermometer at each test."""
+    """T rises towards P / h with C / h, P is the work of the motor; the log has both at each test."""
     heat = HeatSpec(conductance=0.5, time_constant=600.0, ambient=20.0, start=22.0, thermometer_std=0.5)
     spec = FrictionSpec(rate_hz=500.0, passes=PASSES, warm_up=WarmUpSpec(1.0, time=1800.0, test_every=600.0))
     simulated = rig(spec, axis(law=WARM), heat=heat)
@@ -82,6 +91,12 @@ def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
     fastest = [motion for motion in tests if motion.planned and motion.planned.speed > 1.0]
     cold, warm = (simulated.measure(motion) for motion in (fastest[0], fastest[-1]))
     assert warm.mean_temperature > cold.mean_temperature + 5
+    for test, record in zip((fastest[0], fastest[-1]), (cold, warm), strict=True):
+        during = (time_s[1:] > test.start_s + 1e-6) & (time_s[1:] < test.start_s + len(record.torque) / 500 + 0.1)
+        work = np.sum(record.torque * np.gradient(record.position))
+        assert np.sum((power * np.diff(time_s))[during]) == pytest.approx(work, rel=0.01)
+        at = record.start_s + np.arange(len(record.torque)) / 500
+        assert np.ptp(record.temperature - np.interp(at, time_s, T)) < 1e-9
     levels = find_levels([one for record in (cold, warm) for one in passes_of(record)], True)
     theta = levels.temperature - 20.0
     expected = [25.0 + (15.0 + 10.0 * math.expm1(-t / 15.0)) * v for t, v in zip(theta, levels.speed, strict=True)]

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from plants.notes import said
 from plants.refusals import refused
-from scipy.integrate import solve_ivp
 from scipy.signal import butter, freqs, welch
 
 from elastid.experiment.plan.plan import Plan
-from elastid.experiment.simulated.hardware import draw_noise
+from elastid.experiment.simulated.hardware import draw_noise, loads_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, ColoredNoiseSpec, NoiseSpec, SimulatedSpec, TorqueRippleSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linear_model import elements, state_space
+from elastid.linear.linear_model import state_space
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.robot import Body, Chain, Friction, Joint, Limits, LuGre, Motor, Robot, Spring
+from elastid.robot import Body, Chain, ChannelGain, Friction, Joint, Limits, LuGre, Motor, Placement, Robot, Spring
 from elastid.simulation.dynamics import contacts
 from elastid.simulation.spec import ControllerSpec
 
@@ -71,62 +71,6 @@ def linear(robot: Robot, freq_hz: np.ndarray) -> np.ndarray:
     model = serial(robot)
     point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "position")
     return frequency_response(point, point.theta_ref, freq_hz)[:, 0, 0]
-
-
-# --- friction with states in the loop -------------------------------------------------------------------------------
-
-
-def axis_with(friction: Friction) -> Robot:
-    """A rotor of 20 kg m^2, link side, with friction of the link side, ratio one."""
-    return Robot("axis", (Body("rotor", joints=(Joint("1", "z", motor=Motor(20.0, friction=friction)),), mass=1.0),))
-
-
-LUGRE = Friction(30.0, 45.0, 0.02, lugre=LuGre(1e5, 300.0, 0.5))
-
-
-def moved(friction: Friction, torque: np.ndarray, step: float) -> np.ndarray:
-    """Velocities (n,) at the ends of steps of held torque (n,), by the loop's own Runge-Kutta step."""
-    import casadi as ca
-
-    from elastid.simulation.dynamics import FIFTH_ORDER, free_acceleration, runge_kutta_step
-
-    model = serial(axis_with(friction))
-    sliding = contacts(model, frictions(model.robot))
-    free, curves = free_acceleration(model), ca.DM(sliding.curves)
-    q, v, z, u = ca.SX.sym("q"), ca.SX.sym("v"), ca.SX.sym("z", sliding.n_states), ca.SX.sym("u")
-    after = runge_kutta_step(
-        lambda q, v, z, u: free(q, v, u - sliding.torque(v, z, ca.SX(curves))),
-        lambda z, v, h: sliding.advanced(v, z, ca.SX(curves), h),
-        *(q, v, z), (u,) * 6, step, FIFTH_ORDER,
-    )  # fmt: skip
-    walk = ca.Function("step", [q, v, z, u], [*after]).mapaccum("walk", len(torque), 3, {})
-    return walk(0, 0, np.zeros(sliding.n_states), torque[None])[1].full()[0]
-
-
-def test_a_rotor_with_bristles_moves_as_radau_says() -> None:
-    """Over pushes that stick, slip and turn back the velocity is right to 1e-3 of its peak; finer steps, better."""
-    law, J = LUGRE.lugre, 20.0
-    assert law is not None
-    pushes = np.random.default_rng(1).normal(0, 80, 20)
-
-    def rate(t: float, x: np.ndarray) -> list[float]:
-        v, z = x
-        g = LUGRE.coulomb + (LUGRE.break_away - LUGRE.coulomb) * math.exp(-((v / 0.02) ** 2))
-        dz = v - law.stiffness * abs(v) * z / g
-        friction = law.stiffness * z + law.damping * math.exp(-((v / 0.5) ** 2)) * dz
-        return [(pushes[min(int(t / 0.05), 19)] - friction) / J, dz]
-
-    x, found = np.zeros(2), []
-    for i in range(20):
-        x = solve_ivp(rate, (i * 0.05, (i + 1) * 0.05 - 1e-12), x, "Radau", rtol=1e-9, atol=1e-12).y[:, -1]
-        found.append(x[0])
-    truth = np.array(found)
-    errors = []
-    for steps in (100, 400):
-        ends = moved(LUGRE, np.repeat(pushes, steps), 0.05 / steps)[steps - 1 :: steps]
-        errors.append(np.abs(ends - truth).max() / np.abs(truth).max())
-    assert errors[0] < 1e-3
-    assert errors[1] < errors[0] / 4
 
 
 # --- controller -----------------------------------------------------------------------------------------------------
@@ -177,45 +121,26 @@ def test_a_drive_that_is_always_at_its_limit_is_refused() -> None:
 # --- noise ----------------------------------------------------------------------------------------------------------
 
 
-def test_colored_noise_has_its_standard_deviation_and_its_slope() -> None:
-    """The spectrum falls by the given dB a decade above the corner; white noise stays."""
-    size = (60_000, 1000.0, 1)
-    white = draw_noise(NoiseSpec(torque_std=1.0), *size, ("motor 1",), (1,))
-    fall = ColoredNoiseSpec("disturbance", 2.0, corner_hz=5.0, slope=-40.0)
-    rise = ColoredNoiseSpec("torque", 3.0, corner_hz=50.0, slope=20.0)
-    both = draw_noise(NoiseSpec(torque_std=1.0, colored=(fall, rise)), *size, ("motor 1",), (1,))
-    np.testing.assert_array_equal(both.outputs, white.outputs)
-    np.testing.assert_allclose(both.disturbance.std(), 2.0, rtol=0.03)
-    np.testing.assert_allclose((both.torque - white.torque).std(), 3.0, rtol=0.03)
-    f, power = welch(both.disturbance[:, 0], 1000.0, nperseg=8192)
-    level = [10 * np.log10(power[(f > low) & (f < 1.3 * low)].mean()) for low in (30.0, 300.0)]
-    np.testing.assert_allclose(level[1] - level[0], -40.0, atol=1.5)
-
-
-# --- the chain ------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_the_sensor_filter_is_butterworths(order: int) -> None:
-    """Of the corner 1 / (2 pi T), as scipy has it."""
-    f, T = np.array([0.1, 1.0, 5.0, 20.0, 90.0]), 1 / (2 * np.pi * 20.0)
-    (element,) = elements(Chain(sensor_lag=T, sensor_order=order))  # type: ignore[arg-type]
-    b, a = butter(order, 2 * np.pi * 20.0, analog=True)
-    np.testing.assert_allclose(element.response(2j * np.pi * f, T), freqs(b, a, 2 * np.pi * f)[1], rtol=1e-10)
-
-
-@pytest.mark.parametrize("quantity", ["position", "acceleration"])
-def test_the_state_space_holds_the_lags(quantity: str) -> None:
-    """Its response is that of the kernel; a differentiator is refused."""
-    model = serial(arm(chain=Chain(2e-3, 2, 0.6, 1.5e-3, 3)))
-    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), quantity)  # type: ignore[arg-type]
-    freq_hz = np.array([2.0, 11.0, 70.0])
-    expected = frequency_response(point, point.theta_ref, freq_hz)
-    np.testing.assert_allclose(state_space(point, point.theta_ref).response(freq_hz), expected, rtol=1e-9)
-    model = serial(arm(chain=Chain(differentiator=1e-3)))
-    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "velocity")
-    with refused("linear/state-space", place="chain.differentiator"):
-        state_space(point, point.theta_ref)
+def test_noise_has_the_power_that_its_section_states() -> None:
+    """At every frequency; the sum has the stated deviation, and no mean of what is colored alone."""
+    colored = (
+        ColoredNoiseSpec("disturbance", 2.0, corner_hz=5.0, slope=-40.0),
+        ColoredNoiseSpec("torque", 3.0, corner_hz=50.0, slope=20.0),
+        ColoredNoiseSpec("angle", 1.0, corner_hz=100.0, slope=-20.0),
+    )
+    spec = NoiseSpec(1.0, 0.5, acceleration_std=2.5, colored=colored)
+    noise = draw_noise(spec, 60_000, 1000.0, 1, ("motor 1", "accelerometer tool x"), (1,))
+    angles = np.hstack([noise.reading, noise.outputs[:, :1]])
+    signals = {"disturbance": noise.disturbance, "torque": noise.torque, "angle": angles}
+    for (signal, x), std in zip(signals.items(), (2.0, math.sqrt(10.0), math.sqrt(1.25)), strict=True):
+        np.testing.assert_allclose(x.std(axis=0), std, rtol=0.05)
+        freq_hz, power = welch(x, 1000.0, nperseg=1024, axis=0)
+        stated = spec.variances(signal, freq_hz[2:-1], 1000.0)  # type: ignore[arg-type]
+        assert np.all(np.abs(np.log(500 * power[2:-1].T / stated)) < 0.5)
+    np.testing.assert_allclose(noise.outputs[:, 1].std(), 2.5, rtol=0.02)
+    assert abs(noise.disturbance.mean()) < 1e-9
+    levels = spec.variances("disturbance", np.array([50.0, 500.0]), 1000.0)
+    np.testing.assert_allclose(10 * np.log10(levels[1] / levels[0]), -40.0, atol=0.2)
 
 
 # --- towards the linear model ---------------------------------------------------------------------------------------
@@ -226,6 +151,41 @@ def departure(robot: Robot, rms: float, reference: np.ndarray | None, **spec: ob
     simulated = rig(robot, SimulatedSpec(**spec), rms=rms, runs=2)  # type: ignore[arg-type]
     G = response(simulated)
     return G, 0.0 if reference is None else float(np.sqrt(np.mean(np.abs(G / reference - 1) ** 2)))
+
+
+def test_the_chain_and_a_constant_velocity_leave_the_linear_response() -> None:
+    """Behind a lag of second order and Butterworth's filter as scipy has them, times gains; as state space, too."""
+    gains = (ChannelGain("u", "motor 1", 1.6), ChannelGain("y", "motor 1", 0.8))
+    chain = Chain(2e-3, 2, 0.6, 1 / (2 * np.pi * 40.0), 3, gains=gains)
+    carrier = CarrierSpec(kind="offset", velocity=0.1)
+    robot = replace(arm(), gravity=(0.0, 0.0, 0.0))
+    G, _ = departure(replace(robot, chain=chain), 20.0, None, carrier=carrier)
+    freq_hz = plan(1.0).freq_hz
+    s = 2j * np.pi * freq_hz
+    b, a = butter(3, 2 * np.pi * 40.0, analog=True)
+    lags = freqs(b, a, 2 * np.pi * freq_hz)[1] / (1 + 2 * 0.6 * 2e-3 * s + (2e-3 * s) ** 2)
+    expected = 0.5 * lags * linear(robot, freq_hz)
+    np.testing.assert_allclose(G, expected, rtol=3e-3)
+    model = serial(replace(robot, chain=chain))
+    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "position")
+    space = state_space(point, point.theta_ref).response(freq_hz)
+    np.testing.assert_allclose(space[:, 0, 0], expected, rtol=1e-9)
+
+
+def test_friction_is_loaded_by_what_its_joint_holds() -> None:
+    """A motor by the torque that lifts both links, a spring behind it by its own: m g r of what it carries."""
+    rubbing = Friction(1.0)
+    far = Joint("2", "y", Spring(4e4), friction=rubbing)
+    near = Joint("1", "y", motor=Motor(2e-3, 80.0), friction=rubbing)
+    upper = Body("upper", joints=(near,), mass=30.0, center_of_mass=(0.4, 0, 0), inertia=1.5)
+    fore = Body("fore", "upper", Placement((0.8, 0, 0)), (far,), 10.0, (0.3, 0, 0), 0.5)
+    robot = Robot("arm", (upper, fore))
+    model = serial(robot)
+    point = equilibrium(model, model.theta, Configuration("c1", np.array([0.0])))
+    sliding = contacts(model, frictions(robot))
+    expected = {"joint 1": 9.81 * (30 * 0.4 + 10 * 1.1), "joint 2": 9.81 * 10 * 0.3}
+    loads = loads_of(sliding, robot, point)
+    np.testing.assert_allclose(loads, [expected[law.place] for law in sliding.laws], rtol=1e-3)
 
 
 def test_without_friction_the_response_tends_to_the_linear_one_with_the_square_of_the_amplitude() -> None:

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from plants.limited_arm import EXCITATION, arm, experiment
+from scipy.linalg import eigh
 
-from elastid.experiment.plan.movement import reference
+from elastid.excitation.spec import Signal
 from elastid.experiment.plan.plan import make_plan
-from elastid.experiment.simulated.plant import closed_loop_of, feed_forward_of
+from elastid.experiment.simulated.plant import (
+    DAMPING,
+    MASSES,
+    SHAKEN,
+    STIFFNESSES,
+    closed_loop_of,
+    shake,
+    true_response,
+)
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.model.formulation import serial
 from elastid.robot import Limits
 from elastid.robot.simplified import without_dry_friction
-from elastid.study import load
 
 
 def test_the_closed_loop_response_is_what_the_simulation_does() -> None:
-    """Without friction and gravity, position and torque at all lines, to aliasing."""
+    """Without friction and gravity, the torque and all motions at all lines, to aliasing."""
     machine = arm(Limits()).with_parameters({"fm_1": 1e-6, "fm_2": 1e-6})
     machine = replace(without_dry_friction(machine), gravity=(0.0, 0.0, 0.0))
     spec = experiment(simulated=SimulatedSpec(substeps=4), transient_periods=6)
@@ -29,41 +34,26 @@ def test_the_closed_loop_response_is_what_the_simulation_does() -> None:
     rig = SimulatedRig(machine, spec, plan, 0)
     loop = closed_loop_of(machine, spec.as_simulated().controller, 500.0)(plan.configurations[0], plan.freq_hz)
     rehearsal = rig.rehearse(rig.experiments[1])
-    position, torque = rehearsal.position, rehearsal.torque
-    last = slice(plan.first_sample + 6 * 500, plan.first_sample + 7 * 500)
-    R = plan.R[0, 0, 1]
-    for signal, T in ((position, loop.position), (torque, loop.torque)):
+    (last,) = np.nonzero((rehearsal.time_s > 5.999) & (rehearsal.time_s < 6.999))
+    signals: tuple[Signal, ...] = ("torque", "position", "velocity", "acceleration")
+    for signal, quantity in zip(rehearsal.signals, signals, strict=True):
         measured = np.fft.rfft(signal[last], axis=0)[plan.lines] / 250
-        expected = np.einsum("foi,fi->fo", T, R)
+        expected = np.einsum("foi,fi->fo", loop.stacked((quantity,)), plan.R[0, 0, 1])
         assert np.abs(measured - expected).max() < 0.01 * np.abs(expected).max()
 
 
-def test_references_hold_the_robot_up_and_inject_the_plans_torque_under_a_ramp() -> None:
-    """Feed-forward is the weight at rest; the injected torque is the period's, at the right sample."""
-    spec = experiment(hold=0.1)
-    plan = make_plan(replace(EXCITATION, torque_rms=10.0), spec, arm(), 0)
-    one = reference(plan, None, feed_forward_of(serial(arm())), plan.configurations[0])
-    assert one.position.shape == (plan.run_samples, 2)
-    np.testing.assert_allclose(one.feed_forward[:, 0], 0, atol=1e-9)
-    weight = -9.81 * 40 * 0.3 * math.sin(0.4)  # gravity about the beam's axis; the motor holds against it
-    np.testing.assert_allclose(one.feed_forward[:, 1], weight, rtol=1e-3)
-    period = plan.torque(plan.experiments[1])
-    r = one.injected(period)
-    np.testing.assert_array_equal(r[one.first_sample : one.first_sample + 500], period)
-    np.testing.assert_array_equal(r[:50], 0)
-    assert np.all(np.diff(one.scale[: one.first_sample]) >= 0)
-
-
-def test_steps_that_nobody_gives_are_right_up_to_the_end_of_the_band(tiny: Path) -> None:
-    """A mode at 55 Hz, at 500 Hz: of the motion at most 3e-6 differs from that by ten steps, of one step 3e-5."""
-    study = load(tiny, ["experiment.configurations={a: [0]}", "excitation.band_hz=[5, 70]"]).study
-    robot, spec = study.as_robot(), study.experiment
-    plan = make_plan(study.excitation, spec, robot, 1)
-
-    def moved(substeps: int | None) -> np.ndarray:
-        rig = SimulatedRig(robot, replace(spec, simulated=SimulatedSpec(substeps=substeps)), plan, 1)
-        return rig.rehearse(rig.experiments[0]).position
-
-    exact = moved(10)
-    one, found = (float(np.linalg.norm(moved(n) - exact) / np.linalg.norm(exact)) for n in (1, None))
-    assert found < 3e-6 < 3e-5 < one
+def test_shaken_masses_move_as_their_equations_say() -> None:
+    """G = -omega^2 C (K - omega^2 M + j omega D)^-1 B of forces of 5 N rms, D of the damping ratio of each mode."""
+    M, stretch = np.diag(MASSES), np.eye(3) - np.eye(3, k=-1)
+    K = stretch.T @ np.diag(STIFFNESSES) @ stretch
+    squares, modes = eigh(K, M)
+    D = M @ modes @ np.diag(2 * np.array(DAMPING) * np.sqrt(squares)) @ modes.T @ M
+    lines = np.arange(6, 205)
+    omega = 2 * np.pi * 0.5 * lines[:, None, None]
+    G = -(omega**2) * np.linalg.solve(K - omega**2 * M + 1j * omega * D, np.eye(3)[:, SHAKEN].astype(complex))
+    np.testing.assert_allclose(true_response(0.5 * lines), G, rtol=1e-9)
+    logs = np.array([log.reshape(4, 512, 5).mean(axis=0) for log in shake(256.0, 512, 4, 3)])
+    np.testing.assert_allclose(logs[:, :, :2].std(axis=1), 5.0, rtol=0.01)
+    spectra = np.moveaxis(np.fft.rfft(logs, axis=1)[:, lines], 0, 2)
+    Y = spectra[:, 2:] @ np.linalg.inv(spectra[:, :2])
+    assert np.abs(Y - G).max() < 0.1 * np.abs(G).max()

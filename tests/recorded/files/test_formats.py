@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -31,8 +32,8 @@ from plants.ros_bag import LogArrays, write_bag
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files import formats
-from elastid.recorded.files.formats import Format, contents, read_channels
+from elastid.recorded.files import foreign, formats, ros_bag
+from elastid.recorded.files.formats import Format, contents, opened_log, read_channels
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
 
@@ -128,7 +129,8 @@ def write_parquet(base: Path, log: LogArrays) -> ExperimentSpec:
     import pyarrow.parquet as pq
 
     drive = pa.StructArray.from_arrays([pa.array(log["i1"]), pa.array(log["i2"])], ["i1", "i2"])
-    table = pa.table({"drive": drive, "phi": log["phi"], "w2": log["w2"]})
+    instants = np.datetime64("2026-05-01T10:00:00", "ns") + np.arange(len(log["i1"])) * np.timedelta64(10_000_000, "ns")
+    table = pa.table({"drive": drive, "phi": log["phi"], "w2": log["w2"], "at": instants})
     pq.write_table(table, base / "log.parquet", row_group_size=300)
     return study_of("log.parquet", with_names({"i1": "drive.i1", "i2": "drive.i2", "phi": "phi", "w2": "w2"}))
 
@@ -184,6 +186,31 @@ def test_every_format_gives_the_same_record_in_si_on_the_link_side(
     assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
     assert record.rate_is_known
     assert said(record.notes) == ()
+
+
+@pytest.mark.parametrize(
+    ("write", "opened"),
+    [
+        (write_matlab, foreign.opened_matlab),
+        (write_tdms, foreign.opened_tdms),
+        (write_parquet, foreign.opened_parquet),
+        (write_bag_folder, ros_bag.opened),
+    ],
+)
+def test_a_file_holds_the_same_here_and_in_the_process_that_reads(
+    write: Callable[[Path, LogArrays], ExperimentSpec], opened: Any, tmp_path: Path, log: LogArrays
+) -> None:
+    """Names, shapes, units, rates and values, whole and in pieces."""
+    path = tmp_path / write(tmp_path, log).as_recorded().files[0].path
+    with opened(path, TEXT) as here, opened_log(path, TEXT) as there:
+        assert here.shapes() == there.shapes()
+        for name, ours in here.arrays.items():
+            theirs = there.arrays[name]
+            assert (ours.dtype, ours.units, ours.rate_hz) == (theirs.dtype, theirs.units, theirs.rate_hz)
+            np.testing.assert_array_equal(ours, theirs)
+            np.testing.assert_array_equal(np.concatenate(list(ours.blocks())), theirs)
+            if theirs.rows is not None:
+                np.testing.assert_array_equal(theirs.rows(slice(300, 500)), np.asarray(ours)[300:500])
 
 
 @pytest.mark.parametrize(

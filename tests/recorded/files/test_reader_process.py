@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files.formats import contents, opened_log, read_channels
+from elastid.recorded.files.formats import contents, read_channels
 
 
 def test_a_reader_of_matlab_files_that_dies_takes_nothing_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -22,25 +22,6 @@ def test_a_reader_of_matlab_files_that_dies_takes_nothing_along(tmp_path: Path, 
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     with refused("files/damaged", holds="log.mat"):
         contents(tmp_path / "log.mat", TextFormatSpec())
-
-
-def test_what_matlab_files_hold_comes_whole_from_the_process_that_reads(tmp_path: Path):
-    """Types, shapes and texts, names of struct members and cells; what is no array is left out."""
-    from scipy.sparse import eye_array
-
-    cells = np.empty(2, object)
-    cells[:] = [np.arange(3), "ab"]
-    values = {"a": np.array([[1 + 2j, 3]]), "b": np.array([[True, False]]), "c": cells, "s": {"x": np.float32([1, 2])}}
-    savemat(tmp_path / "log.mat", values | {"sparse": eye_array(5)})
-    with opened_log(tmp_path / "log.mat", TextFormatSpec()) as log:
-        found = {name: (array.shape, array.dtype.kind, array.read().tolist()) for name, array in log.arrays.items()}
-    assert found == {
-        "a": ((1, 2), "c", [[1 + 2j, 3]]),
-        "b": ((1, 2), "u", [[1, 0]]),
-        "c{1}": ((1, 3), "i", [[0, 1, 2]]),
-        "c{2}": ((1,), "U", ["ab"]),
-        "s.x": ((1, 2), "f", [[1.0, 2.0]]),
-    }
 
 
 def test_no_module_of_the_users_folder_is_loaded_to_read_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

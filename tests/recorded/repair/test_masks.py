@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
-from plants.waves import CLEAN, DRIFT, LOG, NOISE, N, P, wave
+from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import Log, counts
@@ -18,48 +18,34 @@ from elastid.recorded.repair.masks import (
     without_spikes,
     without_standstill,
 )
-from elastid.recorded.repair.missing import FILLED, filled
-
-
-def test_spikes_are_found_and_nothing_else_is_touched() -> None:
-    """Five spikes of 30 sigma of the noise, on a drift and a decaying transient; noise, not truth, is what is left."""
-    ring = np.exp(-np.arange(P * N) / 80) * np.cos(2 * np.pi * np.arange(P * N) / 12.5)
-    signals = CLEAN + DRIFT + NOISE + ring[:, None] * np.array([0.1, 300.0])
-    spoilt, where = signals.copy(), [640, 1033, 1034, 2222, 2990]
-    spoilt[where, 1] += np.array([40, -40, -40, 30, 50.0])
-    repaired = without_spikes(spoilt, N, 1, LOG)
-    untouched = np.ones(signals.shape, dtype=bool)
-    untouched[where, 1] = False
-    np.testing.assert_array_equal(repaired.signals[untouched], signals[untouched])
-    assert counts(repaired.findings) == {MASKED: 5}
-    assert np.flatnonzero(np.isnan(repaired.signals[:, 1])).tolist() == where
-    assert (
-        "angle: 5 of 3000 samples differ from the other periods, the first is sample 640 (0.64 s)"
-        in repaired.findings[0].text
-    )
+from elastid.recorded.repair.missing import FILLED, filled, repair
+from elastid.recorded.repair.periodicity import repetition
+from elastid.recorded.repair.time_stamps import RESAMPLED
 
 
 @settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 10**6), level=st.sampled_from([0.0, 1e-3, 1.0]), q=st.sampled_from([0.0, 0.01, 3.0]))
-def test_noise_and_steps_of_an_encoder_are_no_spikes(seed: int, level: float, q: float) -> None:
-    """White noise of any size, coarse steps, or both: not one sample changes."""
-    signals = wave(np.arange(4 * N), seed)
-    signals += level * signals.std(axis=0) * np.random.default_rng(seed).normal(size=signals.shape)
+@given(
+    seed=st.integers(0, 10**6),
+    level=st.sampled_from([0.0, 1e-3, 1.0]),
+    q=st.sampled_from([0.0, 0.01, 3.0]),
+    transient=st.sampled_from([0.0, 3.0]),
+)
+@example(seed=4, level=0.01, q=0.0, transient=3.0)
+@example(seed=16, level=0.01, q=0.0, transient=3.0)
+def test_noise_steps_of_an_encoder_and_a_transient_are_no_spikes(
+    seed: int, level: float, q: float, transient: float
+) -> None:
+    """White noise of any size, coarse steps, a start that rings: not one sample changes."""
+    t = np.arange(4 * N)
+    signals = wave(t, seed)
+    ringing = transient * np.exp(-t / 300) * np.cos(2 * np.pi * t / 40)
+    noise = level * np.random.default_rng(seed).normal(size=signals.shape)
+    signals += signals.std(axis=0) * (noise + ringing[:, None])
     if q:
         signals[:, 1] = q * np.round(signals[:, 1] / q)
     repaired = without_spikes(signals, N, 1, LOG)
     assert repaired.findings == ()
     np.testing.assert_array_equal(repaired.signals, signals)
-
-
-@pytest.mark.parametrize("seed", [4, 16, 17])
-def test_a_transient_in_the_first_period_makes_no_spikes_of_noise(seed: int) -> None:
-    """Twelve periods; in these draws a sample stands out of its neighbours, but not of the bend that they lie on."""
-    t = np.arange(12 * N)
-    signals, rng = wave(t, seed), np.random.default_rng(seed)
-    transient = 3.0 * np.exp(-t / 300) * np.cos(2 * np.pi * t / 40)
-    signals += signals.std(axis=0) * (0.01 * rng.normal(size=signals.shape) + transient[:, None])
-    assert without_spikes(signals, N, 1, LOG).findings == ()
 
 
 def test_what_is_no_single_spike_is_left_with_a_word() -> None:
@@ -69,7 +55,7 @@ def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     many[rng.choice(P * N, 60, replace=False), 0] += 1.0
     repaired = without_spikes(many, N, 1, LOG)
     np.testing.assert_array_equal(repaired.signals, many)
-    assert "differ from the other periods: too many for spikes, left unchanged" in repaired.findings[0].text
+    assert [finding.kind for finding in repaired.findings] == ["spikes left"]
     burst = CLEAN + NOISE
     burst[1200:1260, 0] += np.sin(np.arange(60) * 2.0)
     assert without_spikes(burst, N, 1, LOG).findings == ()
@@ -102,17 +88,6 @@ def sines(seed: int = 0) -> FloatArray:
     return np.asarray(sum(parts) + 1e-3 * rng.normal(size=(4 * M, 2)))
 
 
-def test_a_channel_that_hangs_lacks_these_samples() -> None:
-    """From the second sample of one value on, the first of which was measured; the other channel is as it was."""
-    signals = sines()
-    signals[530:590, 1] = signals[530, 1]
-    repaired = without_standstill(signals, M, LOG)
-    assert np.flatnonzero(np.isnan(repaired.signals[:, 1])).tolist() == list(range(531, 590))
-    np.testing.assert_array_equal(repaired.signals[:, 0], signals[:, 0])
-    assert counts(repaired.findings) == {MASKED: 59}
-    assert "angle stands still or at 0 for 59 samples from sample 531 (0.531 s) on" in repaired.findings[0].text
-
-
 def test_what_stands_in_every_period_or_within_a_count_does_not_hang() -> None:
     """An excitation with a pause, a joint that rests, a coarse encoder, a short hold and a limit."""
     signals = sines()
@@ -132,8 +107,7 @@ def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:
     assert finding.count == pytest.approx(np.sum(np.abs(CLEAN[:, 1]) > 2 * CLEAN[:, 1].std()), rel=0.5)
     with refused("records/clipped", place="log.csv", holds=("torque", "-1 and 1")):
         find_clipping(at_one, N, LOG)
-    assert find_clipping(CLEAN, N, LOG) == ()
-    assert find_clipping(200 * np.round(CLEAN / 200), N, LOG) == ()
+    assert find_clipping(CLEAN, N, LOG) == find_clipping(200 * np.round(CLEAN / 200), N, LOG) == ()
 
 
 def test_a_force_at_rest_under_its_window_is_not_clipped() -> None:
@@ -156,23 +130,8 @@ def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     assert step(CLEAN[:, 0]) == 0
     signals = np.stack([CLEAN[:, 0], coarse], axis=1)
     (finding,) = find_steps(signals, N, 1, LOG)
-    assert f"angle: steps of {1e3 * q:.4g} make noise of {1e3 * q / np.sqrt(12):.3g}" in finding.text
+    assert finding.count == 1
     assert find_steps(np.stack([CLEAN[:, 0], fine], axis=1), N, 1, LOG) == ()
-
-
-def test_missing_samples_come_back_exactly_where_nothing_else_is_wrong() -> None:
-    """Single ones, a gap, both ends, with a drift of a hundred times the signal: equal to the signal to 1e-9."""
-    signals = CLEAN + DRIFT
-    signals[[0, 7, 2 * N, P * N - 1], 1] = np.nan
-    signals[3 * N + 100 : 3 * N + 130] = np.nan
-    repaired = filled(signals, N, 1, LOG)
-    np.testing.assert_allclose(repaired.signals, CLEAN + DRIFT, atol=1e-6 * CLEAN.std(axis=0).max())
-    assert counts(repaired.findings) == {FILLED: 30 + 34}
-    assert repaired.left_out == ()
-    assert (
-        "angle: 34 of 3000 samples are missing, the first is sample 0 (0 s)"
-        in [f.text.split(":")[0] + ":" + f.text.split(":")[1] for f in repaired.findings][1]
-    )
 
 
 @settings(max_examples=25, deadline=None)
@@ -195,7 +154,6 @@ def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() ->
     signals[2 * N + 50 : 2 * N + 101] = np.nan
     repaired = filled(signals, N, 1, LOG)
     assert repaired.left_out == (2,)
-    assert "repetitions 3 of 6 lack more than 10%" in repaired.findings[-1].text
     everywhere = CLEAN.copy()
     everywhere[40::N, 1] = np.nan
     with refused("records/missing-samples", holds=("log.csv: angle", "6 of 3000", "sample 40")):
@@ -206,3 +164,33 @@ def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() ->
     two[100:200] = np.nan
     with refused("records/missing-samples", place="log.csv", holds=("1 of 2", "10%")):
         filled(two, N, 1, LOG)
+
+
+ROLES = {"r": [], "u": [0], "y": [1]}
+
+
+@pytest.mark.parametrize(("half_wave", "excess"), [(False, 0.0), (True, 0.0), (False, 0.2), (False, -0.13)])
+@pytest.mark.parametrize("scale", [1e-7, 1.0, 1e7])
+def test_repairs_restore_the_log_in_any_unit(half_wave: bool, excess: float, scale: float) -> None:
+    """Missing samples, spikes, a channel that hangs, a clock that differs, half a wave: to noise of a thousandth."""
+    lines = LINES[LINES % 2 == 1] if half_wave else LINES
+    t = np.arange(round(P * (N + excess))) * N / (N + excess)
+    rng, clean = np.random.default_rng(2), wave(t, lines=lines)
+    size = clean.std(axis=0)
+    spoilt = clean + 1e-3 * size * rng.normal(size=clean.shape)
+    spoilt[[700, 1490, 1491], 1] = np.nan
+    if not excess:  # resampling smears what is one sample
+        spoilt[[1733, 2250], 0] += 8 * size[0]
+    spoilt[2600:2640, 1] = spoilt[2600, 1]
+
+    def is_periodic(drivers: FloatArray) -> None:
+        assert repetition(scale * drivers, N).is_as_stated
+
+    repaired = repair(scale * spoilt, ROLES, float(N), half_wave, LOG, is_periodic)
+    exact = wave(np.arange(len(repaired.signals)), lines=lines)
+    error = (repaired.signals / scale - exact)[40:-40] / size
+    assert np.abs(error).max() < (0.02 if excess else 7e-3)  # resampling leaves 2 % of what bridges a gap
+    kinds = counts(repaired.findings)
+    assert (RESAMPLED in kinds) == bool(excess)
+    assert excess or (kinds[FILLED], kinds[MASKED]) == (3 + 39, 39 + 2)
+    assert repaired.left_out == ((10,) if half_wave else ())

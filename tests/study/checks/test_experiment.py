@@ -55,6 +55,7 @@ def studies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Study]:
 @pytest.mark.parametrize("kind", [*TEMPLATES, "friction-recorded", "responses", "frf-responses"])
 def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[str, Study]) -> None:
     """The table of stages says which sections count; comparisons are a command of studies of elasticity."""
+    assert studies[kind].name in repr(studies[kind])
     handed = {key.partition(".")[0] for stage in stages_of(kind).values() for key in stage.keys.split()}
     used = handed | {
         "name",
