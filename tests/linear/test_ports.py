@@ -39,16 +39,17 @@ def outside(motors: Motors, loop: JointLoop | None = None) -> tuple[np.ndarray, 
     """Accelerations of the tool (F, 3, 3), along its own axes, and of the motors (F, 2, 3), by forces on it."""
     robot = Outside(arm())
     M, D, K, rest = robot.matrices(ANGLES)
-    n = len(robot.chain)
-    if loop is not None:
+    n, drift = len(robot.chain), 0 * K
+    if loop is not None:  # (k_p + k_d s) (1 + k_i / s)
         D[n:, n:] += np.diag(loop.kd)
-        K[n:, n:] += np.diag(loop.kp)
+        K[n:, n:] += np.diag(loop.kp + loop.kd * loop.ki)
+        drift[n:, n:] = np.diag(loop.kp * loop.ki)
     size = n if motors == "held" else len(M)
     Jv, _, R = robot.jacobian(rest, n - 1, np.array(TOOL))
     J = np.zeros((3, size))
     J[:, :n] = R.T @ Jv
     s = 2j * np.pi * LINES[:, None, None]
-    X = s**2 * np.linalg.inv(s**2 * M[:size, :size] + s * D[:size, :size] + K[:size, :size]) @ J.T
+    X = s**2 * np.linalg.inv((s**2 * M + s * D + K + drift / s)[:, :size, :size]) @ J.T
     return J @ X, X[:, n:]
 
 
@@ -62,7 +63,9 @@ def tapped(outputs: tuple[str, ...], motors: Motors = "free", loop: JointLoop | 
 @pytest.mark.parametrize("motors", ["held", "free", "controlled"])
 def test_a_tapped_robot_is_that_of_equations_of_its_own(motors: Motors) -> None:
     """To 1e-9 of the largest element: tool by force, and motor by force where these turn; a delay is no part of it."""
-    loop = JointLoop(np.array([3e5, 1e5]), np.array([2e3, 9e2]), np.zeros(2)) if motors == "controlled" else None
+    loop = (
+        JointLoop(np.array([3e5, 1e5]), np.array([2e3, 9e2]), np.array([5.0, 9.0])) if motors == "controlled" else None
+    )
     linearisation = Linearisation.of_robot(arm())
     theta = np.append(linearisation.model.theta, 2e-3)
     at_tool, at_motors = outside(motors, loop)
