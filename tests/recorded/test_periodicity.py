@@ -194,7 +194,7 @@ def test_a_period_is_found_however_often_it_is_logged(
 
 
 @settings(max_examples=30, deadline=None)
-@given(x=arrays(np.float64, st.integers(2, 40), elements=st.floats(-1, 1) | st.just(np.nan)))
+@given(x=arrays(np.float64, st.integers(2, 40), elements=st.integers(-9, 9).map(float) | st.just(np.nan)))
 def test_the_autocorrelation_is_its_sum(x: np.ndarray) -> None:
     """Over pairs of samples that are both known."""
     found = autocorrelation(x)
@@ -203,5 +203,5 @@ def test_the_autocorrelation_is_its_sum(x: np.ndarray) -> None:
         a, b = x[: len(x) - lag], x[lag:]
         both = np.isfinite(a) & np.isfinite(b)
         size = np.sqrt(np.sum(a[both] ** 2) * np.sum(b[both] ** 2))
-        if size > 1e-6 * np.nansum(x**2):
+        if size > 0:
             assert rho == pytest.approx(np.sum(a[both] * b[both]) / size, abs=1e-6)
