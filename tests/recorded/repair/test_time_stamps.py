@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
-from plants.waves import LOG, N, P, wave
+from plants.waves import CLEAN, DRIFT, LOG, N, P, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import counts
-from elastid.recorded.repair.time_stamps import GAPS, delay, even_grid, on_grid, steps_in_words
+from elastid.recorded.repair.time_stamps import GAPS, delay, even_grid, on_grid, resampled, steps_in_words
 
 RNG = np.random.default_rng(5)
 
@@ -129,3 +129,25 @@ def test_the_delay_between_two_logs_is_found_to_a_hundredth_of_a_sample(tau: flo
     assert found == pytest.approx(tau, abs=0.03 if noise else 1e-6)
     assert correlation > 0.9
     assert delay(a, rng.normal(size=P * N), N)[1] < 0.5
+
+
+@pytest.mark.parametrize("drift", [0.0, 1.0])
+@pytest.mark.parametrize("excess", [0.2, -0.13, 0.03])
+def test_a_clock_that_differs_is_taken_out(excess: float, drift: float) -> None:
+    """A period of N + e samples: the signal is back to 2e-4 of its size, drift or not."""
+    t = np.arange(int(np.ceil(P * (N + excess)))) * N / (N + excess)
+    signals = wave(t) + drift * np.outer(t / (P * N), [0.0, 5e4])
+    repaired = resampled(signals, signals[:, :1], N, LOG)
+    error = repaired.signals - CLEAN - drift * DRIFT
+    # Near its ends the log leans on what it is continued with.
+    assert np.all(np.abs(error[50:-50]).max(axis=0) < 2e-4 * CLEAN.std(axis=0))
+    assert counts(repaired.findings) == {"samples resampled": P * N}
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6), noise=st.sampled_from([0.0, 0.01, 0.5]))
+def test_clocks_that_agree_are_left_alone(seed: int, noise: float) -> None:
+    """Noise alone looks like no drift."""
+    signals = wave(np.arange(4 * N), seed)
+    signals += noise * np.random.default_rng(seed).normal(size=signals.shape)
+    assert resampled(signals, signals[:, :1], N, LOG).findings == ()
