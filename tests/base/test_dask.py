@@ -72,6 +72,17 @@ class DyingOnce:
         return item * item
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_work_outlives_the_only_worker_of_a_cluster(tmp_path, monkeypatch):
+    """And with it the function that the items share: its successor is given both."""
+    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 2.0)
+    alone = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
+    with distributed.LocalCluster(**alone) as cluster, on_dask(cluster.scheduler_address):
+        assert Execution(1).ordered(DyingOnce(tmp_path), list(range(6))) == [0, 1, 4, 9, 16, 25]
+    assert (tmp_path / "died").exists()
+
+
 def process(item: int) -> int:
     return os.getpid()
 

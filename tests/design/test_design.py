@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.refusals import refused
 
+import elastid
 from elastid.app.console import forecast_table
 from elastid.design.design import design, sticking
 from elastid.design.problem import DesignProblem
@@ -269,3 +271,13 @@ def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(coulomb: 
         ("design/sticking-motor", place) for place in places
     ]
     assert not sticking(plan, robot, CarrierSpec(amplitude=0.1))
+
+
+@pytest.mark.slow
+def test_a_study_without_configurations_runs_on_those_chosen(tiny: Path, tmp_path: Path) -> None:
+    """Two of thirty candidates, from the plan to the page."""
+    tiny.write_text(tiny.read_text().replace("  configurations:\n    a: [0]\n    b: [30 deg]\n", ""))
+    done = elastid.run(tiny, tmp_path / "run", set=["design={count: 2, candidates: {random: 30}}"])
+    assert len(done.responses) == 2
+    assert done.result.status == "converged"
+    assert done.report.is_file()

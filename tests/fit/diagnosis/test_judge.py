@@ -20,6 +20,7 @@ from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, Load, ScoreT
 from elastid.fit.diagnosis.sensitivities import HeldResponse
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
+from elastid.robot import Tolerances
 
 
 @cache
@@ -165,4 +166,16 @@ def test_an_invented_hypothesis_is_found_first_where_it_is_true() -> None:
     assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)
     assert first.share > 0.95
     assert first.steps[0] == pytest.approx(SHARE, rel=0.05)
+    assert "fit/likely-cause" in {note.code for note in result.notes}
+
+
+@pytest.mark.slow
+def test_a_mass_beyond_its_tolerance_is_named_though_the_fit_converged() -> None:
+    """The fore arm is 30 % lighter than its file: data move it there, and the sentence says so."""
+    case = true_case()
+    heavy = case.robot.with_parameters({"m_fore": 1.4 * case.robot.parameters()["m_fore"][0]})
+    robot = replace(heavy, tolerances=Tolerances())
+    result = identify(drawn(case, np.random.default_rng(0)), robot, SPEC)
+    first = result.indices[0]
+    assert first.name in ("m_fore", "payload_fore")
     assert "fit/likely-cause" in {note.code for note in result.notes}

@@ -57,6 +57,14 @@ def test_the_browser_shows_the_uncertainty_of_the_model(visit, written):
     assert numbers["std of the model"] == pytest.approx(20 * np.log10(content.dense[0][1][line, 0, 0]), abs=0.011)
 
 
+def test_a_thumbnail_opens_large_and_the_frequency_becomes_linear(opened):
+    opened.get_by_label("Enlarge motor 1 → place 2").click()
+    assert hovered(opened, 0, 0.4)[0] == "motor 1 → place 2"
+    logarithmic = hovered(opened, 0, 0.5)[1]
+    opened.locator("#explorer select").nth(2).select_option("linear")
+    assert hovered(opened, 0, 0.5)[1] > 2 * logarithmic
+
+
 @pytest.mark.parametrize("kind", ["svg", "png"])
 def test_the_view_is_saved_as_it_is_drawn(opened, tmp_path, kind):
     """A circle each measured line and a path each curve in the SVG; a PNG of twice the size."""
@@ -159,6 +167,18 @@ def test_the_browser_plays_and_pauses(table):
     page.wait_for_timeout(150)
     assert sticks(page) == held
     button.click()
+    page.wait_for_timeout(300)
+    assert sticks(page) != held
+
+
+def test_the_browser_moves_nothing_on_its_own_for_those_who_want_it_calm(table):
+    """prefers-reduced-motion: a chosen mode stands at its end until it is played."""
+    page = table(reduced_motion="reduce")
+    page.locator("tr[data-mode] button").nth(1).click()
+    held = sticks(page)
+    page.wait_for_timeout(200)
+    assert sticks(page) == held
+    page.locator("#mode-viewer button").click()
     page.wait_for_timeout(300)
     assert sticks(page) != held
 

@@ -181,10 +181,14 @@ def test_the_modes_of_the_chosen_configuration_are_those_of_the_fit(opened, fold
     opened.locator("#mode-viewer button").click()
 
 
-def test_everything_folded_opens_and_every_cell_of_the_strip_shows_its_element(opened):
+def test_everything_folded_opens_and_every_link_of_the_page_leads_somewhere(opened):
     for i in range(opened.locator("details").count()):
         opened.locator("details summary").nth(i).click()
         assert opened.locator("details").nth(i).evaluate("one => one.open && one.scrollHeight > 40")
+    dead = opened.evaluate(
+        "() => [...document.querySelectorAll('a[href^=\"#\"]')].filter((a) => !document.querySelector(a.hash)).length"
+    )
+    assert dead == 0
     for i in range(opened.locator(".strip button").count()):
         opened.locator(".strip button").nth(i).click()
         label_text = opened.locator(".strip button").nth(i).get_attribute("aria-label")
