@@ -19,6 +19,7 @@ from elastid.report.modes import ModeRow
 from elastid.report.page.page import html, write_page
 from elastid.response import Covariance, Response
 from elastid.validation.agreement import validate
+from elastid.validation.torque_balance import DRY, INERTIA, TorqueBalance, torque_balance
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 
@@ -135,15 +136,9 @@ def write_report(content: ReportContent, folder: Path, formats: Collection[str])
     return write_page(partial(html, content), drawings(content), folder, formats)
 
 
-def lines_of(axes):
-    """Lines of a panel by label."""
-    return {line.get_label(): line for line in axes.get_lines()}
-
-
-def bars_of(axes):
-    """Points with intervals of a panel, x and y by label."""
-    points = {}
-    for container in axes.containers:
-        x, y = container.lines[0].get_data()
-        points[str(container.get_label())] = np.asarray(x), np.asarray(y)
-    return points
+def balance() -> TorqueBalance:
+    """Two parts and a rest at 3, 6 and 20 Hz."""
+    t = np.arange(1000) / 200.0
+    slow, middle, fast = (a * np.sin(2 * np.pi * f * t) for a, f in ((4.0, 3.0), (2.0, 6.0), (1.0, 20.0)))
+    parts = {INERTIA: slow, DRY: middle}
+    return torque_balance("joint 1", "log", "N*m", 200.0, slow + middle + fast, parts, (0.0, 32.0))

@@ -12,7 +12,6 @@ from elastid.base.errors import Note
 from elastid.friction_study.result import FrictionResult
 from elastid.nonlinear.gear_result import ARCMIN, ARCSEC, GearNumber, GearResult, GearSheet
 from elastid.report.content import gear_table, parameter_rows
-from elastid.report.figures.fit import hysteresis
 from elastid.report.page.page import html
 from elastid.validation.twin import TORQUE, TwinFindings, TwinRun, TwinSignal
 
@@ -72,16 +71,6 @@ def test_numbers_are_in_makers_units_with_intervals_or_bounds() -> None:
     assert unseen[3:6] == ["< 0.30", "–", "not seen"]
     assert unseen[6] == "0.10 %"
     assert float(friction[5].split(" to ")[0]) == 0.0
-
-
-def test_the_figure_draws_the_loop_and_what_is_beyond_its_spring() -> None:
-    """Torsion in arcmin over torque; below, less torque over k, which is nothing of a linear gear."""
-    upper, lower = (axes for axes in hysteresis(sheets(), None).axes if axes.axison)
-    torsion = [line for line in upper.lines if line.get_label() == "torsion, to and fro"]
-    assert len(torsion) == 2
-    assert np.max(torsion[0].get_ydata()) == pytest.approx(300 / 2e5 * ARCMIN)
-    assert max(np.max(np.abs(np.asarray(line.get_ydata()))) for line in lower.lines) < 1e-9
-    assert math.isclose(ARCSEC, 60 * ARCMIN)
 
 
 def test_numbers_are_good_where_the_least_known_of_them_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 from plants import friction_study as study
 from plants.arm_modes import ARM, mode_row
-from plants.report_values import TRUTH, bars_of, fit_result, pair, report_content, write_report
+from plants.report_values import TRUTH, balance, fit_result, pair, report_content, write_report
 from plants.taken_friction import LEFT, taken_friction
 
 from elastid.base.display import number
@@ -24,12 +25,13 @@ from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.report.answer import Answer
 from elastid.report.content import ResponsesContent, parameter_rows
 from elastid.report.figures.drawings import drawings
-from elastid.report.figures.fit import fleet_parameter
 from elastid.report.page.page import correlated, first_screen, html, html_of_responses
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.report.page.page_of_use import write_page_of_answer
+from elastid.store.friction_study import FRICTION, write_friction_result
+from elastid.store.results import read_twin
 from elastid.validation.agreement import validate
-from elastid.validation.fleet import FleetValue
+from elastid.validation.twin import LINK, MOTION, TORQUE, SignalKind, TwinFindings, TwinRun, TwinSignal
 
 
 class Page(HTMLParser):
@@ -120,17 +122,6 @@ def test_text_of_a_script_has_the_colour_of_the_scheme(name: str) -> None:
     assert 'fill: "#' not in (files("elastid.report.page") / name).read_text("utf-8")
 
 
-def test_values_are_in_the_column_of_their_robot_and_findings_apart() -> None:
-    """Two dates of each robot lie left and right of its name."""
-    values = [FleetValue(robot, day, "k_1", i + day, 0.1) for i, robot in enumerate("AB") for day in (0.0, 1.0)]
-    axes = fleet_parameter("k_1", "N*m/rad", values, {"B"}).axes[0]
-    assert [label.get_rotation() for label in axes.get_xticklabels()] == [0, 0]  # names of few robots are read across
-    assert fleet_parameter("a_1", "", values, ()).axes[0].get_ylabel() == "a_1"
-    points = bars_of(axes)
-    np.testing.assert_allclose(points["robot, dates from left to right"], ((-0.15, 0.15), (0.0, 1.0)))
-    np.testing.assert_allclose(points["differs or drifts"], ((0.85, 1.15), (1.0, 2.0)))
-
-
 def page(friction: FrictionTakenOut | None) -> str:
     return html(report_content(friction=friction), [])
 
@@ -178,6 +169,30 @@ def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth
     assert " | ".join(cells[0]) == expected
     assert [bool(marked) for marked, _ in rows] == [False, True, False]
     assert "no speed below nu_s / 3" in friction_page
+
+
+def run() -> TwinRun:
+    """Motion, torque and link of a motor, and those of another."""
+    t = np.arange(1000) / 200.0
+    slow, fast = np.sin(2 * np.pi * 3 * t), np.sin(2 * np.pi * 20 * t)
+    rows: list[tuple[SignalKind, str]] = [
+        (MOTION, "motor 1"), (TORQUE, "motor 1"), (LINK, "joint 1"), (TORQUE, "motor 2"),
+    ]  # fmt: skip
+    signals = tuple(TwinSignal(*row, "N*m", slow + 0.1 * fast, slow) for row in rows)
+    return TwinRun("log", "torque", 0.5, 5.0, 200.0, signals)
+
+
+def test_both_come_back_from_their_file_and_are_on_the_page(tmp_path: Path) -> None:
+    path, twin = tmp_path / "friction.h5", TwinFindings((balance(),), (run(), replace(run(), signals=(), lost="fast")))
+    write_friction_result(path, study.friction_result(), twin=twin)
+    assert repr(read_twin(path, FRICTION)) == repr(twin)
+    write_friction_result(path, study.friction_result())
+    assert read_twin(path, FRICTION) == TwinFindings()
+    html = html_of_friction(replace(study.friction_content(), twin=twin), ())
+    assert "Twin against its log" in html
+    assert "the twin is lost: fast" in html
+    assert html.count('<td class="text">link motion</td>') == 1
+    assert "Twin against its log" not in html_of_friction(study.friction_content(), ())
 
 
 def test_a_number_is_named_beside_the_one_it_is_most_correlated_with() -> None:
