@@ -20,6 +20,7 @@ from elastid.report.page.page import html, write_page
 from elastid.response import Covariance, Response
 from elastid.validation.agreement import validate
 from elastid.validation.torque_balance import DRY, INERTIA, TorqueBalance, torque_balance
+from plants.arm_modes import mode_row
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 
@@ -112,22 +113,9 @@ def report_content(**changes):
     return replace(content, **changes)
 
 
-def modes(configuration="c1"):
-    """Two modes of four coordinates, the second with damping that turns the phase."""
-    return ModeRow(
-        configuration,
-        np.array([9.125, 14.2]),
-        np.array([0.04, 0.06]),
-        np.array([0.012, 0.1]),
-        np.array([0.002, 0.01]),
-        ("joint 1", "joint 2", "motor 1", "motor 2"),
-        np.array([[1.0, 0.2], [-0.75, 1.0], [0.1, -0.4 + 0.1j], [0.0, 0.6]]),
-    )
-
-
 def full_content():
     """A report of everything."""
-    content = report_content(modes=(modes("c1"), modes("c2")))
+    content = report_content(modes=(mode_row(),))
     return replace(content, dense=tuple((G, 0.01 * np.abs(G.G)) for _, G in content.frf))
 
 

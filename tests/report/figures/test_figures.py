@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -101,7 +102,7 @@ def limits() -> Drawn:
 
 def hysteresis(slides: bool) -> Drawn:
     """A loop of a gear of 2e5 Nm/rad, to and fro; in arcmin, of a joint that slides in mm."""
-    torque = 300 * np.concatenate([np.linspace(-1, 1, 50), np.linspace(1, -1, 50)])
+    torque = 300 * np.r_[-1:1:50j, 1:-1:50j]
     straight, std = torque / 2e5, np.linspace(1e-6, 2e-6, 100)
     loop = 1e-5 * np.repeat([1.0, -1.0], 50)
     k = GearNumber("k_1", "stiffness", "stiffness", "N*m/rad", 2e5, 200.0)
@@ -164,11 +165,11 @@ def torque() -> Drawn:
 
 def fleet() -> Drawn:
     """Two dates of twenty robots, of which one differs."""
-    values = [FleetValue(f"R{i}", day, "k_1", i + day, 0.1) for i in range(20) for day in (0.0, 1.0)]
+    values = [FleetValue(f"robot {i}", day, "k_1", i + day, 0.1) for i in range(20) for day in (0.0, 1.0)]
     y = np.arange(20)[:, None] + [0.0, 1.0]
-    panel = {"differs or drifts": y[1], "robot, dates from left to right": np.delete(y, 1, axis=0)}
-    panel = {label: np.concatenate([about(y.ravel(), 0.1), [y.ravel()]]) for label, y in panel.items()}
-    return fit.fleet_parameter("k_1", "N*m/rad", values, {"R1"}), [panel]
+    rows = {"differs or drifts": y[1], "robot, dates from left to right": np.delete(y, 1, axis=0)}
+    panel = {label: [numbers, *about(numbers, 0.1)] for label, numbers in rows.items()}
+    return fit.fleet_parameter("k_1", "N*m/rad", values, {"robot 1"}), [panel]
 
 
 def law(levels: Any) -> Drawn:
@@ -184,19 +185,16 @@ def law(levels: Any) -> Drawn:
     return friction.friction_curve(found), [panel, {"": (y - found.torque(levels.conditions)) / levels.std}]
 
 
-def taken_out(*kinds: str, unit: str = "N*m", known: bool = False) -> Drawn:
+def taken_out(*shapes: Shape) -> Drawn:
     """After a reversal out of sliding, or in sliding where no bristle is; both signs of the file's law; amplitudes."""
-    thresholds, n, of = {"sign": 0.0, "oil": 0.01, "stop": 2e-3}, len(kinds), taken_friction()
-    shapes = tuple(Shape("motor 1", "stop" if kind == "stop" else "sign", thresholds[kind]) for kind in kinds)
-    found = replace(of, shapes=shapes, levels=of.levels[:n], covariance=of.covariance[:n, :n], place_units=(unit,) * 2)
-    curve = found.reversal if "stop" in kinds else found.sliding
-    x = np.linspace(0, 8e-3, 400) if "stop" in kinds else np.linspace(-1, 1, 400) * (0.05 if "oil" in kinds else 1e-3)
-    y, std = curve("motor 1", x) if kinds else (x, x)
-    panel = {"friction": y, "95 % interval": about(y, std)}
-    panel |= {"F_c of the robot's file": [4.0, -4.0]} if known else {}
+    of, n = taken_friction(), len(shapes)
+    found = replace(of, shapes=shapes, levels=of.levels[:n], covariance=of.covariance[:n, :n])
+    is_bristle, x = shapes[-1].kind == "stop", np.linspace(-1, 1, 400) * (5 * shapes[0].threshold or 1e-3)
+    y, std = found.reversal("motor 1", np.linspace(0, 8e-3, 400)) if is_bristle else found.sliding("motor 1", x)
+    panel = {"friction": y, "95 % interval": about(y, std), "F_c of the robot's file": [4.0, -4.0]}
     labels = ("unexplained, with friction", "unexplained, friction taken out")
     panels = [dict(zip(labels, (found.before[:, i], found.after[:, i]), strict=True)) for i in range(2)]
-    return friction.friction_taken_out(found, robot((4.0, 7.0)) if known else None), [panel] * bool(kinds) + panels
+    return friction.friction_taken_out(found, robot((4.0, 7.0))), [panel, *panels]
 
 
 def arm_map() -> WorkspaceMap:
@@ -218,10 +216,9 @@ CASES: dict[str, Callable[[], Drawn]] = {
     "fleet": fleet,
     "law": lambda: law(study.levels()),
     "conditions": lambda: law(drawn(published_levels(loads=(0.0, 1.0), temperatures=(33.0, 62.0, 80.0)), 1)),
-    "sign": partial(taken_out, "sign", known=True),
-    "oil": partial(taken_out, "oil"),
-    "bristle": partial(taken_out, "sign", "stop", unit="N"),
-    "no friction": taken_out,
+    "sign": partial(taken_out, Shape("motor 1", "sign")),
+    "oil": partial(taken_out, Shape("motor 1", "sign", 0.01)),
+    "bristle": partial(taken_out, *taken_friction().shapes),
     "motion": lambda: (friction_records.friction_motion(study.motion()), [{}, {}]),
     "map": lambda: (use.workspace_figure(arm_map()), [{}, {}]),
 }
@@ -249,11 +246,12 @@ def test_a_figure_draws_the_numbers_of_its_result_and_can_be_read(name: str, mon
             last = 0.501 * 10.0 ** -len(text.get_text().partition(".")[2])
             assert not text.get_text() or float(text.get_text()) == pytest.approx(value, abs=last)
     assert {text.get_text() for legend in figure.legends for text in legend.get_texts()} == labels
-    places = [(text.get_text(), text.get_window_extent()) for text in texts if text is not None]
-    for i, (text, box) in enumerate(places):
+    boxes = {text: text.get_window_extent() for text in texts if text is not None}
+    for text, box in boxes.items():
         assert np.all((box.min >= 0) & (box.max <= figure.bbox.max)), text
-        covered = [(other, Bbox.intersection(box, place)) for other, place in places[:i]]
-        assert [other for other, over in covered if over is not None and min(over.width, over.height) > 3] == []
+    for pair_of in combinations(boxes, 2):
+        over = Bbox.intersection(*(boxes[text] for text in pair_of))
+        assert over is None or min(over.size) < 3, pair_of
 
 
 def test_cells_have_their_numbers_where_these_say_something() -> None:
@@ -290,34 +288,30 @@ def test_a_motion_shows_friction_without_inertia_and_its_regression() -> None:
         fast = np.abs(v[label]) > 0.3
         known = 20 * np.sign(v[label]) + 200 * v[label]
         np.testing.assert_allclose(force[label][fast], known[fast], atol=within)
-    assert (v["regression"].min(), v["regression"].max()) == (v[""].min(), v[""].max())
+    moved = over_v.lines[0].get_xdata()
+    assert (v["regression"].min(), v["regression"].max()) == (moved.min(), moved.max())
     np.testing.assert_allclose(of_time["measured − regression"], of_time["measured"] - of_time["regression"])
 
 
-def test_dots_are_positions_coloured_by_the_value() -> None:
-    """From above x, y, from the side the distance from the axis and z; colours in the unit of the figure."""
-    workspace = arm_map()
-    above, side, _ = use.workspace_figure(workspace).axes
-    order = np.argsort(workspace["softest_compliance"].value)
-    x, y, z = workspace.position[order].T
-    np.testing.assert_allclose(above.collections[0].get_offsets(), np.column_stack([x, y]))
-    np.testing.assert_allclose(side.collections[0].get_offsets(), np.column_stack([np.hypot(x, y), z]))
-    np.testing.assert_allclose(above.collections[0].get_array(), 1e6 * workspace["softest_compliance"].value[order])
-    np.testing.assert_allclose(above.lines[0].get_xydata(), [(x[-1], y[-1])])
-
-
 @pytest.mark.parametrize("quantity", ["frequency_1", "depth_of_cut", "deflection"])
-def test_every_quantity_has_a_unit_and_its_colours_all_values(quantity: str) -> None:
-    """Also where some values are infinite: nothing chatters there; by their logarithm where they span a decade."""
+def test_dots_are_positions_coloured_by_the_value(quantity: str) -> None:
+    """From above x, y, from the side the distance from the axis and z; what is infinite is below and has no colour.
+
+    Colours go by the logarithm where the values span a decade.
+    """
     workspace = arm_map()
-    value = workspace[quantity].value.copy()
+    value, soft = workspace[quantity].value.copy(), workspace["softest_compliance"]
     value[0] = np.inf
-    others = [each for each in workspace.quantities if each.name != quantity]
-    changed = replace(workspace, quantities=(replace(workspace[quantity], value=value), *others))
-    *sides, bar = use.workspace_figure(changed, quantity).axes
+    changed = replace(workspace, quantities=(soft, replace(workspace[quantity], value=value)))
+    above, side, bar = use.workspace_figure(changed, quantity).axes
     unit, factor = use.SHOWN[workspace[quantity].unit]
     assert unit in bar.get_ylabel()
-    low, high = factor * value[1:].min(), factor * value[1:].max()
-    dots = sides[0].collections[0]
-    np.testing.assert_allclose(dots.get_clim(), (low, high))
-    assert (dots.norm(np.sqrt(low * high)) == pytest.approx(0.5)) == (high > 10 * low)
+    order = [0, *(1 + np.argsort(value[1:]))]
+    x, y, z = workspace.position.T
+    for axes, places in ((above, np.column_stack([x, y])), (side, np.column_stack([np.hypot(x, y), z]))):
+        np.testing.assert_allclose(axes.collections[0].get_offsets(), places[order])
+        np.testing.assert_allclose(axes.lines[0].get_xydata(), places[[np.argmax(soft.value)]])
+    dots, colors = above.collections[0], factor * value[order][1:]
+    np.testing.assert_allclose(dots.get_array()[1:], colors)
+    np.testing.assert_allclose(dots.get_clim(), colors[[0, -1]])
+    assert (dots.norm(np.sqrt(colors[0] * colors[-1])) == pytest.approx(0.5)) == (colors[-1] > 10 * colors[0])

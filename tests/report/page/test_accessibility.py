@@ -1,13 +1,11 @@
 """Every kind of page can be read by keyboard and by ear, and its text stands out, light and dark."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from plants import friction_study as study
-from plants.arm_modes import mode_row
 from plants.report_values import full_content, pair
 
 from elastid.base.errors import Note
@@ -96,7 +94,7 @@ FAINT = """
 
 
 def elasticity(folder: Path) -> Path:
-    return written(folder, html(replace(full_content(), modes=(mode_row(),)), []))
+    return written(folder, html(full_content(), []))
 
 
 def friction(folder: Path) -> Path:
