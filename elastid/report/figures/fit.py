@@ -360,9 +360,8 @@ def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: 
             color = style.FITTED if is_marked else style.TOTAL
             curves.append(Curve(x, y, text, color, True, style.about(y, std)))
     of_unit, names_fit = f" in {style.pretty_unit(unit)}" if unit else "", len(robots) <= 40
-    panel = Panel(curves, "" if names_fit else "robot", f"{name}{of_unit}")
+    columns = robots if names_fit else ()
+    panel = Panel(curves, "" if names_fit else "robot", f"{name}{of_unit}", columns=columns)
     figure = style.matrix(f"{name} over the fleet", [[panel]])
     figure.axes[0].ticklabel_format(axis="y", useOffset=False)
-    if names_fit:
-        style.set_names(figure.axes[0].xaxis, robots, rotation=90 if len(robots) > 12 else 0)
     return figure

@@ -163,6 +163,7 @@ class Panel:
     """One pair of axes: curves or a heat map, labels, and horizontal lines at `marks`, dashed.
 
     frequency: lines (F,) whose ends are those of a logarithmic x axis.  scale: of y.  span: of x, that is shaded.
+    columns: names at x of 0, 1, 2 ..., upright where they are many.
     """
 
     curves: Sequence[Curve] = ()
@@ -176,6 +177,7 @@ class Panel:
     x_ends: tuple[float, float] | None = None
     y_ends: tuple[float | None, float | None] | None = None
     span: tuple[float, float] | None = None
+    columns: Sequence[str] = ()
 
     @property
     def height(self) -> float:
@@ -198,6 +200,8 @@ class Panel:
             axes.spines[["top", "right"]].set_visible(False)
             axes.tick_params(labelsize=SMALL)
             axes.set_yscale(self.scale)
+        if self.columns:
+            set_names(axes.xaxis, self.columns, rotation=90 if len(self.columns) > 12 else 0)
         if self.frequency is not None:
             low, high = float(self.frequency[0]), float(self.frequency[-1])
             axes.set_xscale("log")
@@ -225,7 +229,7 @@ def matrix(
     given = [panel for row in rows for panel in row if panel is not None]
     texts = {text for panel in given for curve in panel.curves for text in (curve.label, curve.band_label) if text}
     columns = max(1, int((width - 0.3) / (0.065 * max(map(len, texts), default=1) + 0.5)))
-    below = max((len(name) for panel in given if panel.cells for name in panel.cells.columns), default=0)
+    below = max((len(name) for panel in given for name in (panel.cells or panel).columns), default=0)
     names = [name for panel in given if panel.cells for name in panel.cells.rows]
     left = left or max([0.85, *(0.4 + 0.075 * len(name) for name in names)])
     top = 0.4 + 0.17 * -(-len(texts) // columns) + 0.3 * any(panel.title for panel in given)

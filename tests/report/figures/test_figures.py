@@ -165,11 +165,11 @@ def torque() -> Drawn:
 
 def fleet() -> Drawn:
     """Two dates of twenty robots, of which one differs."""
-    values = [FleetValue(f"robot {i}", day, "k_1", i + day, 0.1) for i in range(20) for day in (0.0, 1.0)]
+    values = [FleetValue(f"cell {i:02} west", day, "k_1", i + day, 0.1) for i in range(20) for day in (0.0, 1.0)]
     y = np.arange(20)[:, None] + [0.0, 1.0]
     rows = {"differs or drifts": y[1], "robot, dates from left to right": np.delete(y, 1, axis=0)}
     panel = {label: [numbers, *about(numbers, 0.1)] for label, numbers in rows.items()}
-    return fit.fleet_parameter("k_1", "N*m/rad", values, {"robot 1"}), [panel]
+    return fit.fleet_parameter("k_1", "N*m/rad", values, {"cell 01 west"}), [panel]
 
 
 def law(levels: Any) -> Drawn:
