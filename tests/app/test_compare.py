@@ -35,7 +35,6 @@ def test_the_model_that_made_the_responses_predicts_best(study: Path) -> None:
     for name in ("without motor coupling", "1x rigid", "2x rigid"):
         assert np.mean(models[name]["misfit"]) > 2 * np.mean(own["misfit"])
         assert models[name]["criterion"] > 100
-    assert "worse by more than the standard error" in found(run)["verdict"]
 
 
 @pytest.mark.slow
