@@ -3,7 +3,6 @@
 import csv
 import json
 import os
-import re
 import shutil
 import signal
 import time
@@ -91,12 +90,6 @@ def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
     table = pyarrow.parquet.read_table(folder / "fleet.parquet")
     assert {"robot", "date", "parameter", "value", "std", "low", "high"} <= set(table.column_names)
     assert table.schema.metadata[b"format"] == b"1"
-    log = (folder / "run.log").read_text(encoding="utf-8")
-    for library in ("elastid", "Python", "numpy", "scipy", "casadi"):
-        assert f"{library} ".encode() in table.schema.metadata[b"made by"]
-        assert f"{library} " in page
-        assert f"{library} " in log
-    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC: elastid\b", log)
 
 
 @pytest.mark.slow

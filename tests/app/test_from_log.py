@@ -120,6 +120,8 @@ def test_logs_are_at_the_motors_that_they_name(suffix: str, units: str, tmp_path
     assert {(c.at, c.channel.split(" ")[0]) for c in recorded.channels} == {
         (f"motor {joint}", f"{signal}_{joint}") for joint in joints for signal in ("tau", "q")
     }
+    forces = {c.at for c in recorded.channels if c.quantity == "force"}
+    assert forces == {f"motor {joint.name}" for joint in study.as_robot().driven if joint.slides}
     wanted = np.outer((0.2, -0.3), np.arange(len(joints), 0, -1))
     np.testing.assert_allclose([*study.experiment.configurations.values()], wanted, atol=1e-3)
     assert {*study.fit.parameters} == {"k_*", "d_*", "fm_*", "Jm_*"}

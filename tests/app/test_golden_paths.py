@@ -88,12 +88,6 @@ def test_half_periods_are_stated_as_such(tmp_path: Path) -> None:
     assert taken(tmp_path, period_samples=int(period), half_wave=True).period_samples == N
 
 
-def test_a_log_of_no_whole_period_is_taken_without_one(tmp_path: Path) -> None:
-    log(tmp_path, 360, np.arange(1, 60))
-    assert pasted(r"(period: none)", refused(tmp_path))
-    assert not taken(tmp_path, period_samples=None, period="none").is_periodic
-
-
 def test_the_longest_piece_without_a_gap_is_taken(tmp_path: Path) -> None:
     content = log(tmp_path, 4 * N, np.arange(1, 60))
     content["w2"][100:130] = np.nan

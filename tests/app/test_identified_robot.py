@@ -9,7 +9,7 @@ import pytest
 from plants.taken_friction import taken_friction
 from plants.two_mass_gear import RATIO, Gear, robot
 
-from elastid.app.identified_robot import SLOPE, WITH_COULOMB, contents, truth
+from elastid.app.identified_robot import SLOPE, WITH_COULOMB, contents, truth, with_findings
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_linear_springs
@@ -43,6 +43,14 @@ def test_no_viscous_friction_that_takes_up_coulomb_friction_is_called_true() -> 
     assert known is not None
     assert {"k_1", "d_1", "f_1", "fm_3", "f_3"} <= set(known)
     assert not {"fm_1", "fm_2", "f_2"} & set(known)
+
+
+def test_a_level_that_was_taken_out_leaves_the_viscous_friction_of_its_motor() -> None:
+    """No other dry friction of the file is left."""
+    first, second, _ = with_findings(ROBOT, taken_friction(), None).driven
+    assert first.motor.friction.coulomb == pytest.approx(4.5 / 50)
+    assert first.motor.viscous == pytest.approx(ROUGH.viscous)
+    assert second.motor == replace(ROUGH, coulomb=0.0)
 
 
 FOUND = {

@@ -36,7 +36,6 @@ def test_a_fitted_study_gets_loops(fitted_arm: Path, capsys: pytest.CaptureFixtu
     [
         (("--delay", "21"), "--delay"),
         (("--rate", "0"), "--rate"),
-        (("--rate", "nan"), "--rate"),
         (("--draws", "-1"), "--draws"),
     ],
 )
@@ -59,10 +58,7 @@ NOTCH = {"joint": "2", "freq_hz": 20, "width": 0.5, "depth": 0.2}
         ({"gains": {**GAINS, "position_gain": -1}}, "gains.position_gain: "),
         ({"gains": {**GAINS, "low_pass_hz": 100}}, "low_pass_hz: 100 Hz is not below half the controller's rate"),
         ({"gains": {**GAINS, "notches": [{**NOTCH, "joint": "3"}]}}, "notches[0].joint: "),
-        ({"gains": {**GAINS, "notches": [{**NOTCH, "freq_hz": 120}]}}, "notches[0].freq_hz: 120 Hz is not below half"),
         ({"gains": {**GAINS, "notches": [{**NOTCH, "depth": 2}]}}, "depth"),
-        ({"gains": GAINS, "integral_time": 0.3}, "one of gains"),
-        ({"delay_samples": 30}, "at most 20"),
     ],
 )
 def test_a_wrong_controller_is_said_at_its_line(changed: dict[str, object], says: str, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Maps and draws of a study from the command line."""
+"""Maps of a study from the command line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 from plants.arm_study import command
 
 from elastid.store.results import read_fit, read_map
-from elastid.study import load_robot
 
 
 @pytest.mark.slow
@@ -40,14 +39,8 @@ def test_a_fitted_study_is_mapped_at_random_on_a_path_and_by_poses(fitted_arm: P
 
 
 @pytest.mark.slow
-def test_draws_are_written_as_robots_and_wrong_options_end_in_words(
-    fitted_arm: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A robot file is read back; two places at once and a frame that is not there are refused."""
-    assert command("export", fitted_arm, "--to", "draws", "--count", "5") == 0
-    folder = fitted_arm.parent / "run" / "export" / "draws"
-    assert len(list((folder / "robots").iterdir())) == len(list((folder / "mujoco").iterdir())) == 5
-    assert load_robot(folder / "robots" / "robot_3.yml").name == "arm"
+def test_wrong_options_end_in_words(fitted_arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two places at once and a frame that is not there are refused."""
     for words, says in (
         (("--random", "3", "--grid"), "exclude one another"),
         (("--frame", "nose"), "has no frame nose"),

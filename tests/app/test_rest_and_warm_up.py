@@ -81,17 +81,3 @@ def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
     assert joint.levels is not None
     assert {"Tc1_m1", "Tc2_m1", "h_m1"} <= {number.name for number in joint.numbers}
     assert (tmp_path / "run" / "report.html").is_file()
-
-
-@pytest.mark.slow
-def test_logs_of_a_warm_up_with_pauses_between_them_are_one(tmp_path: Path) -> None:
-    """The first half hour, then after the pause of ten minutes, not logged, the next twenty: as if it had been."""
-    log = warm_rig.warm_log(1.0)
-    n, m = (round(minutes * 60 * log.rate_hz) for minutes in (30, 40))
-    files = (
-        f"{{path: log.csv, purpose: warm_up, samples: [0, {n}]}}",
-        f"{{path: log.csv, purpose: warm_up, samples: [{m}, {len(log.torque)}], start: 40 min}}",
-    )
-    thermal = result_of(warm(tmp_path, log, *files)).at("1").thermal
-    assert thermal is not None
-    assert thermal.h == pytest.approx(warm_rig.OUTER, rel=0.05)

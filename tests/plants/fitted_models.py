@@ -50,8 +50,8 @@ def scara() -> Robot:
     """Two turning axes, an elastic tilt of the first, and a screw that slides; products of inertia."""
     axes = (
         Joint("1", "z", Spring(2e5, 150.0), Motor(1.2e-3, 100, 1e-3)),
-        Joint("1x", "x", Spring(4e5, 100.0)),
-        Joint("2", "z", Spring(8e4, 60.0), Motor(8e-4, 80, 8e-4)),
+        Joint("1x", "x", Spring(4e5, 100.0), viscous=40.0),
+        Joint("2", "z", Spring(8e4, 60.0), Motor(8e-4, 80, 8e-4), point=(0.03, 0.02, 0.0)),
         Joint("3", "z", Spring(3e6, 900.0), Motor(2e-4, 600.0, 1e-4), motion="translation"),
     )
     inertia = (0.2, 0.6, 0.7, 0.02, 0.01, 0.0)

@@ -38,19 +38,6 @@ def test_csv_responses_are_what_a_study_reads(model: FittedRobot, tmp_path: Path
         assert close(G.G, expected, 1e-12)
 
 
-def test_csv_parameters_are_the_fits(serial_model: FittedRobot, tmp_path: Path) -> None:
-    write_csv(tmp_path, serial_model)
-    table, result = {row["parameter"]: row for row in rows(tmp_path / "parameters.csv")}, serial_model.result
-    for name, value in result.values.items():
-        assert float(table[name]["value"]) == value
-    for name, std in result.std.items():
-        assert float(table[name]["std"]) == std
-        assert (float(table[name]["lower_95"]), float(table[name]["upper_95"])) == result.interval(name)
-    held = [name for name in table if name not in result.std]
-    assert held
-    assert all(table[name]["std"] == table[name]["lower_95"] == table[name]["upper_95"] == "" for name in held)
-
-
 def test_csv_modes_are_those_of_every_configuration(serial_model: FittedRobot, tmp_path: Path) -> None:
     """Frequency and damping ratio, numbered from 1."""
     write_csv(tmp_path, serial_model)
@@ -97,10 +84,6 @@ def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedR
         assert close(delayed, responses_of(model, i), 1e-8 if model.robot.loops else 1e-9)
         for kind, expected in (("fitted", responses_of(model, i)), ("measured", model.measured[i].G)):
             assert close(np.moveaxis(content[kind][i, 0]["ResponseData"], 2, 0), expected, 1e-14)
-    for row in content["parameters"][:, 0]:
-        name = row["name"].item()
-        assert row["value"].item() == model.result.values[name]
-        assert row["std"].item() == pytest.approx(model.result.std.get(name, np.nan), nan_ok=True)
     assert "idfrd(" in script.read_text()
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.arm import result
+from plants.fitted_models import fitted_model
 
 from elastid.study import load_robot
 from elastid.targets.draws import write_draws
@@ -32,10 +33,11 @@ def test_table_and_robot_files_hold_the_same_numbers(tmp_path: Path) -> None:
         assert (tmp_path / "mujoco" / f"robot_{row[0]}.xml").read_text().startswith("<mujoco")
 
 
-def test_an_engine_loads_each_draw_with_its_own_stiffness(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["arm", "linkage_arm minimal"])
+def test_an_engine_loads_each_draw_with_its_own_stiffness(name: str, tmp_path: Path) -> None:
     """MuJoCo: joints' stiffness differs from draw to draw as the table says."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
-    draws = draw_robots(result(), 3, seed=4)
+    draws = draw_robots(fitted_model(name).result, 3, seed=4)
     write_draws(tmp_path, draws, "arm")
     models = [mujoco.MjModel.from_xml_path(str(path)) for path in sorted((tmp_path / "mujoco").iterdir())]
     stiff = np.array([np.unique(np.round(model.jnt_stiffness[model.jnt_stiffness > 0], 6)) for model in models])

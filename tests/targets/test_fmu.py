@@ -1,7 +1,9 @@
 """Functional mock-up units: accepted by a validator, and equal to the simulation of the same robot."""
 
 import shutil
+import zipfile
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -102,10 +104,16 @@ def test_a_unit_moves_as_our_simulation(unit: tuple[FittedRobot, Path], version:
 
 
 def test_a_validator_has_no_complaint(unit: tuple[FittedRobot, Path]) -> None:
-    """About description and archive of both versions."""
+    """About description and archive of both versions, each of which has the sources that it names and no others."""
     validation = pytest.importorskip("fmpy.validation")
-    for version in (2, 3):
-        assert validation.validate_fmu(str(unit[1] / f"robot_fmi{version}.fmu")) == []
+    for version, description in ((2, "modelDescription.xml"), (3, "sources/buildDescription.xml")):
+        path = unit[1] / f"robot_fmi{version}.fmu"
+        assert validation.validate_fmu(str(path)) == []
+        with zipfile.ZipFile(path) as archive:
+            named = {each.get("name") for each in ET.fromstring(archive.read(description)).iter() if "File" in each.tag}
+            inside = {name for name in archive.namelist() if name.endswith((".c", "buildDescription.xml"))}
+        build = {description} if version == 3 else set()
+        assert inside == {f"sources/{name}" for name in named if name} | build
 
 
 @needs_compiler

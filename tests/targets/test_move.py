@@ -3,6 +3,7 @@
 import ctypes
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +18,8 @@ from scipy.io import loadmat
 
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.extended_kalman_filter import FilterNoise, KalmanFilter
+from elastid.robot import Friction
+from elastid.robot.simplified import with_joints
 from elastid.targets.friction import write_compensation, write_observers
 from elastid.targets.move import write_move, write_move_c
 from elastid.use.tune import Outcome, TunedMove
@@ -83,6 +86,7 @@ def test_a_trajectory_of_ros_and_a_mat_file_hold_the_samples(tmp_path: Path) -> 
     write_move(tmp_path, move)
     message = YAML(typ="safe").load(tmp_path / "trajectory.yaml")
     assert message["joint_names"] == ["1", "axis: 2"]
+    assert message["header"]["stamp"] == {"sec": 0, "nanosec": 0}  # it begins at once
     points = message["points"]
     for key, values in (("positions", move.position), ("velocities", move.velocity), ("effort", move.torque)):
         np.testing.assert_array_equal([point[key] for point in points], values)
@@ -95,8 +99,11 @@ def test_a_trajectory_of_ros_and_a_mat_file_hold_the_samples(tmp_path: Path) -> 
 
 @C
 def test_friction_compensation_in_c_is_the_law_of_the_robot(tmp_path: Path) -> None:
-    """Coulomb and viscous friction of each motor, link side, opposite for opposite velocities."""
-    robot = arm(friction=0.2)
+    """Coulomb, viscous and quadratic friction of each motor, link side, opposite for opposite velocities."""
+    law = Friction(0.2, quadratic=1e-6)
+    robot = with_joints(
+        arm(), lambda joint: replace(joint, motor=joint.motor and replace(joint.motor, coulomb=0.0, friction=law))
+    )
     source, _, table = write_compensation(tmp_path, robot, "arm", ())
     c = library(tmp_path, source)
     u = (ctypes.c_double * 2)()

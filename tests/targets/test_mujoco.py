@@ -13,7 +13,7 @@ from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.robot import Anchor, CoilSpring, Compensator, Friction, Joint
+from elastid.robot import Anchor, CoilSpring, Compensator, Friction, Joint, Spring
 from elastid.robot.simplified import with_joints
 from elastid.targets.mujoco import write_mujoco
 from elastid.targets.urdf import write_urdf
@@ -27,14 +27,18 @@ def slopes(f: Callable[[FloatArray], FloatArray], n: int, step: float = 1e-3) ->
 
 
 def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, serial_model: FittedRobot) -> None:
-    """A cubic gear or a compensator has no place in MJCF: refused by name."""
+    """A cubic gear, a compensator or a shaft that gives way has no place in MJCF: refused by name."""
     body = next(body for body in serial_model.robot.bodies if any(j.spring is not None for j in body.joints))
     joints = tuple(replace(j, spring=replace(j.spring, cubic=1.0)) if j.spring is not None else j for j in body.joints)
     bodies = tuple(replace(b, joints=joints) if b.name == body.name else b for b in serial_model.robot.bodies)
     ends = (Anchor("base"), Anchor(body.name, (0.0, 0.0, 0.1)))
     bent = replace(serial_model.robot, bodies=bodies, compensators=(Compensator("c", ends, coil=CoilSpring(1.0)),))
-    with refused("export/not-representable"):
-        write_mujoco(tmp_path, replace(serial_model, model=replace(serial_model.model, robot=bent)))
+    shafts = with_joints(
+        serial_model.robot, lambda joint: replace(joint, motor=joint.motor and replace(joint.motor, spring=Spring(1e3)))
+    )
+    for robot in (bent, shafts):
+        with refused("export/not-representable"):
+            write_mujoco(tmp_path, replace(serial_model, model=replace(serial_model.model, robot=robot)))
 
 
 class Linearised:

@@ -26,7 +26,9 @@ def test_modes_are_read_back(tmp_path: Path, outputs: tuple[str, ...]) -> None:
     bench = Configuration("bench", np.zeros(0))
     response = Response(freq_hz, G, ("shaker",), outputs, "position", bench)
     path = write_uff(tmp_path, "study", [response], [estimate_modes(response)])[0]
-    sets = [each for each in pyuff.UFF(str(path)).read_sets() if each["type"] == 55]
+    written = pyuff.UFF(str(path)).read_sets()
+    assert {each["orddenom_spec_data_type"] for each in written if each["type"] == 58} == {13}  # a force
+    sets = [each for each in written if each["type"] == 55]
     poles = natural * (1j * np.sqrt(1 - zeta**2) - zeta)
     np.testing.assert_allclose([each["eig"] for each in sets], poles, rtol=1e-4)
     for each, shape in zip(sets, (shapes / np.abs(shapes).max(axis=0)).T, strict=True):

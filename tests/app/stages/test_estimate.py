@@ -8,7 +8,6 @@ import pytest
 from elastid.app.console import Console
 from elastid.app.identified_robot import SLOPE
 from elastid.app.run import Run, run_all
-from elastid.base.display import digits, number
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.measured import read_friction
 from elastid.study import load, load_robot
@@ -24,8 +23,8 @@ def run_of(tiny: Path, friction: str) -> Run:
 
 
 @pytest.mark.slow
-def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """frf.h5, summary, page, figures, robot.yml and terminal show the same; the model explains more."""
+def test_what_was_taken_out_is_in_every_result(tiny: Path) -> None:
+    """frf.h5, summary and robot.yml have the same; the model explains more."""
     run = run_of(tiny, "coulomb")
     friction = read_friction(run.path("estimate"))
     assert friction is not None
@@ -39,10 +38,3 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.Captur
     numbers = friction_numbers(load_robot(run.folder / "identified_robot.yml"))
     assert numbers["Fc_m1"][0] == pytest.approx(level, rel=1e-9)
     assert numbers["f_m1"][0] == pytest.approx(viscous["value"], rel=1e-9)
-    shown = number(level, digits(level, std))
-    page = (run.folder / "report.html").read_text("utf-8")
-    assert f"<td>{shown}</td>" in page[page.index('id="friction"') :]
-    assert (run.folder / "figures" / "friction.png").exists()
-    said = capsys.readouterr().out
-    assert said.count("estimate: motor 1: friction of ") == 1
-    assert f"fm_1: {SLOPE}" in said

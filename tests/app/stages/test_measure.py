@@ -131,9 +131,8 @@ def write(tiny: Path, further: str = LISTED + TOOL) -> Path:
     return tiny
 
 
-@pytest.mark.slow
-def test_a_study_with_load_tests_and_a_hammer(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The simulated rig measures the deflections; the hammer's response is predicted; both are on the page."""
+def test_a_study_with_load_tests_and_a_hammer(tiny: Path) -> None:
+    """The simulated rig measures the deflections; the hammer's response is predicted."""
     path = write(tiny, LISTED + TOOL + TAPPED)
     folder = tiny.parent / "run"
     assert cli.run_command(["run", str(path), "--run", str(folder)]) == 0
@@ -153,8 +152,3 @@ def test_a_study_with_load_tests_and_a_hammer(tiny: Path, capsys: pytest.Capture
     assert at_tool["cause"] == ""
     assert abs(at_tool["ratio"] - 1) < 3 * at_tool["ratio_std"]
     assert [each["configuration"] for each in at_tool["responses"]] == ["a at the tool"]
-    page = (folder / "report.html").read_text()
-    assert "Predicted where it was not fitted" in page
-    assert "static load tests" in page
-    assert "Responses at the tool that were fitted" in page
-    assert "predicted: b, motors held: frame tool y by force tool y" in " ".join(capsys.readouterr().out.split())

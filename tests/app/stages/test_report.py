@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastid.app.cli import run_command
-from elastid.experiment.simulated.plant import true_modes
+from elastid.experiment.simulated.plant import true_modes, true_response
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.recorded.responses.reading import read_table
 from elastid.store.measured import read_responses
@@ -18,15 +18,34 @@ from elastid.study import load
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The template frf, run to its end."""
+    """The template frf with amplifiers of 20 N/V before both shakers, run to its end."""
     folder = tmp_path_factory.mktemp("frf") / "bench"
     assert run_command(["new", str(folder), "--template", "frf"]) == 0
-    study = str(folder / "study.yml")
-    assert (
-        run_command(["run", study, "--run", str(folder / "run"), "--jobs", "1", "--set", "report.formats=[png]", "-q"])
-        == 0
-    )
+    for log in (folder / "logs").iterdir():
+        table = np.loadtxt(log, delimiter=",", skiprows=1) / [20, 20, 1, 1, 1]
+        header = log.read_text().partition("\n")[0]
+        np.savetxt(log, table, "%.9g", ",", header=header, comments="")
+    study = folder / "study.yml"
+    study.write_text(study.read_text().replace("quantity: force, unit: N", "quantity: voltage, unit: V"))
+    command = ["run", str(study), "--run", str(folder / "run"), "--jobs", "1", "--set", "report.formats=[png]", "-q"]
+    assert run_command(command) == 0
     return folder
+
+
+def peaks(run: Path) -> list[float]:
+    """Frequencies in the table of a run, Hz."""
+    rows = csv.DictReader((run / "modes.csv").read_text().splitlines())
+    return [float(row["frequency"]) for row in rows]
+
+
+def test_a_structure_that_is_driven_by_a_voltage(bench: Path) -> None:
+    """A response per volt in its 95 % regions, P(|error|^2 / variance > x) = (1 + x / dof)^-dof, and its peaks."""
+    (found,) = read_responses(bench / "run" / "frf.h5")
+    assert found.unit == "(m/s^2)/(V)"
+    assert found.total is not None
+    ratio, dof = np.abs(found.G - 20 * true_response(found.freq_hz)) ** 2 / found.total.variance, found.total.dof
+    assert np.mean(ratio < dof * (0.05 ** (-1 / dof) - 1)) > 0.9
+    np.testing.assert_allclose(peaks(bench / "run"), true_modes()[0] / (2 * np.pi), rtol=1e-4)
 
 
 def exported(bench: Path, target: str) -> Path:
@@ -63,7 +82,7 @@ def test_responses_from_elsewhere_need_no_robot(
     pytest.importorskip("pyuff")
     (measured,) = read_responses(bench / "run" / "frf.h5")
     channels = [
-        {"role": "u", "at": f"shaker {i}", "channel": u, "quantity": "force", "unit": "N"}
+        {"role": "u", "at": f"shaker {i}", "channel": u, "quantity": "voltage", "unit": "V"}
         for i, u in enumerate(measured.inputs)
     ]
     channels += [
@@ -86,8 +105,7 @@ def test_responses_from_elsewhere_need_no_robot(
     np.testing.assert_allclose(again.G, measured.G, rtol=1e-9)
     assert (again.unit, again.inputs) == (measured.unit, ("shaker 0", "shaker 1"))
     assert "place 2" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    rows = list(csv.DictReader((tmp_path / "run" / "modes.csv").read_text().splitlines()))
-    np.testing.assert_allclose([float(row["frequency"]) for row in rows], true_modes()[0] / (2 * np.pi), rtol=1e-3)
+    np.testing.assert_allclose(peaks(tmp_path / "run"), true_modes()[0] / (2 * np.pi), rtol=1e-3)
     for target in ("uff", "matlab", "csv", "control"):
         assert run_command(["export", str(study), *run, "--to", target]) == 0
     assert run_command(["run", str(study), "measure", *run]) == 2

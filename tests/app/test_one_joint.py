@@ -1,0 +1,72 @@
+"""What is done with the fit of one elastic joint, and a live session: closed forms, and the truth in the intervals."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.app import cli
+from elastid.store.measured import read_plan
+from elastid.store.results import read_fit
+from elastid.study import load_robot
+
+
+@pytest.fixture(scope="module")
+def folder(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the study that was run."""
+    return Path(shutil.copytree(finished, tmp_path_factory.mktemp("joint") / "study"))
+
+
+def command(name: str, folder: Path, run: Path, *words: str | Path) -> int:
+    return cli.run_command([name, f"{folder}/study.yml", "--run", f"{run}", "-q", "--jobs", "1", *map(str, words)])
+
+
+def test_the_impulse_of_a_move_is_that_of_viscous_friction(folder: Path) -> None:
+    """The integral of u = J q_m'' + f_m q_m' + I q_l'' from rest to rest is f_m times the way."""
+    (folder / "move.csv").write_text("1 deg\n0\n20\n")
+    words = ("--path", folder / "move.csv", "--time", "0.5", "--draws", "2")
+    assert command("tune", folder, folder / "run", *words) == 0
+    with (folder / "run" / "tune.csv").open(encoding="utf-8") as file:
+        t, position, torque = np.array(
+            [[float(row[key]) for key in ("t", "position 1", "torque 1")] for row in csv.DictReader(file)]
+        ).T
+    assert position[-1] - position[0] == pytest.approx(np.deg2rad(20), rel=1e-3)
+    friction = read_fit(folder / "run" / "fit.h5").values["fm_1"]
+    assert np.trapezoid(torque, t) == pytest.approx(friction * np.deg2rad(20), rel=1e-2)
+
+
+def test_draws_scatter_about_the_fit(folder: Path) -> None:
+    assert command("export", folder, folder / "run", "--to", "draws", "--count", "9") == 0
+    robots = [load_robot(path) for path in (folder / "run" / "export" / "draws" / "robots").iterdir()]
+    result = read_fit(folder / "run" / "fit.h5")
+    z = (np.array([robot.parameters()["k_1"][0] for robot in robots]) - result.values["k_1"]) / result.std["k_1"]
+    assert len(z) == 9
+    assert 0.3 < z.std() < 2
+    assert np.abs(z).max() < 4
+
+
+def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder: Path, tmp_path: Path) -> None:
+    """Torque and motion of its twin within 1 %."""
+    run = folder / "run"
+    assert command("predict", folder, tmp_path, "--with", run, "--set", "seed=5") == 0
+    prediction = json.loads((tmp_path / "prediction.json").read_text(encoding="utf-8"))
+    assert all(signal["error"] < 1e-2 for each in prediction["twin"] for signal in each["signals"])
+    assert command("predict", folder, run, "--with", run, "--set", "seed=5") == 2
+    assert command("predict", folder, run, "--with", run) == 0
+
+
+def test_a_live_session_reaches_its_goal_and_takes_no_other_logs(folder: Path, tmp_path: Path) -> None:
+    """References are those of its plan; logs of a simulated rig are not those of a robot."""
+    words = ("--goal", "k_1: 0.012 %")
+    assert command("live", folder, tmp_path, *words, "--simulate") == 0
+    low, high = read_fit(tmp_path / "fit.h5").interval("k_1")
+    assert low < 60.0 < high < 1.00024 * low
+    plan = read_plan(tmp_path / "live" / "x1.h5")
+    references = {path.stem for path in (tmp_path / "live" / "references").iterdir()}
+    assert references == {run.name for run in plan.experiments}
+    assert command("live", folder, tmp_path, *words) == 2
