@@ -1,14 +1,19 @@
-"""Files and folders below a run folder: none is reached through a symbolic link."""
+"""Files and folders below a run folder, whole or absent and not through a symbolic link; tables with their lines."""
 
 from __future__ import annotations
 
+import csv
+import errno
+import io
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
+from hypothesis import given, settings, strategies
 from plants.refusals import refused
 
 from elastid.base.errors import ElastidError
-from elastid.base.files import clear_folder, own_path, unlinked
+from elastid.base.files import clear_folder, own_path, read_table, replacing, unlinked
 
 
 @pytest.fixture
@@ -54,3 +59,42 @@ def test_a_file_that_is_a_link_is_not_opened(mode: str, tmp_path: Path, elsewher
             open(path, mode, opener=unlinked).close()
     assert (elsewhere / "victim").read_text() == "untouched"
     assert not (elsewhere / "new").exists()
+
+
+CELL = strategies.text('ab #,"1.', min_size=1).map(str.strip).filter(lambda cell: cell and not cell.startswith("#"))
+ROW = strategies.lists(CELL, min_size=3, max_size=3)
+
+
+@given(
+    ROW.filter(lambda row: len(set(row)) == 3), strategies.lists(ROW | strategies.sampled_from(["", "# a, b", ",,"]))
+)
+def test_a_table_has_its_cells_with_their_lines(heads: list[str], rows: list[list[str] | str]) -> None:
+    """As the writer of the library of Python writes them, without empty rows and remarks; short rows are refused."""
+    lines = [row if isinstance(row, str) else written(row) for row in (heads, *rows)]
+    expected = [(n, dict(zip(heads, row, strict=True))) for n, row in enumerate(rows, start=2) if isinstance(row, list)]
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "table.csv"
+        path.write_text("\n".join(lines))
+        if expected:
+            assert list(read_table(path)) == expected
+        path.write_text("\n".join([*lines, "alone"]))
+        with refused("files/table", place=f"{path}:{len(lines) + 1}:1"):
+            list(read_table(path))
+
+
+@pytest.mark.parametrize("about", [None, "unfinished", "another"])
+def test_a_file_that_cannot_be_written_whole_stays_as_it_was(about: str | None, tmp_path: Path) -> None:
+    """The error is of the file, not of that beside it; another file keeps its own."""
+    path = tmp_path / "file"
+    path.write_text("before")
+
+    def write() -> None:
+        with replacing(path) as beside:
+            beside.write_text("half")
+            raise OSError(errno.ENOSPC, "full", str(beside) if about == "unfinished" else about)
+
+    with pytest.raises(OSError, match="full") as caught:
+        write()
+    assert caught.value.errno == errno.ENOSPC
+    assert caught.value.filename == ("another" if about == "another" else str(path))
+    assert [each.read_text() for each in tmp_path.iterdir()] == ["before"]
