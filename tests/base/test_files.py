@@ -65,6 +65,14 @@ CELL = strategies.text('ab #,"1.', min_size=1).map(str.strip).filter(lambda cell
 ROW = strategies.lists(CELL, min_size=3, max_size=3)
 
 
+def written(row: list[str]) -> str:
+    """A line of a table."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="").writerow(row)
+    return text.getvalue()
+
+
+@settings(max_examples=40)
 @given(
     ROW.filter(lambda row: len(set(row)) == 3), strategies.lists(ROW | strategies.sampled_from(["", "# a, b", ",,"]))
 )

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies
-from modal.structures import FREQ_HZ, modal_response
+from modal.structures import FREQ_HZ, NATURAL, ZETA, modal_response
 
-from elastid.modal.estimate import by_differences, modal_data, smoothed
+from elastid.modal.estimate import by_differences, line_variance, modal_data, smoothed
 from elastid.modal.model import Basis, ModalFit
 from elastid.modal.modes import mac
-from elastid.modal.poles import drops, own_drops
+from elastid.modal.poles import LIMITS, drops, levels, own_drops
 from elastid.record import MOTION_ORDER
+from elastid.response import Covariance
 
 KINDS = strategies.sampled_from(["position", "velocity", "acceleration"])
 
@@ -39,6 +40,10 @@ def test_what_a_fit_states_is_what_fits_beside_it_have(seed: int, n: int, n_y: i
     np.testing.assert_allclose(
         exact.residues.T * data.basis.scale, expected, rtol=1e-6, atol=1e-8 * abs(expected).max()
     )
+    level, lines = levels(exact)
+    assert np.all((level >= data.variance.min(axis=0)) & (level <= data.variance.max(axis=0)))
+    about = 2 * np.maximum(LIMITS.lines, LIMITS.half_widths * zeta * natural / 0.5)
+    assert np.all((lines <= about + 1) & (lines >= 2 * LIMITS.lines - n - 2.5))
     np.testing.assert_allclose(exact.synthesis(), response.G[:, :, 0], atol=1e-8 * np.abs(response.G).max())
     off = 1e-5 * zeta.min() * rng.normal(size=(n, 2)) * np.abs(exact.poles)[:, None]
     near = ModalFit(data, exact.poles + off @ (1, 1j))
@@ -88,3 +93,6 @@ def test_variances_are_those_of_neighbours_or_of_outputs_and_inputs(seed: int) -
     power = np.exp(rng.normal(size=(400, 2, 1)))
     variance = rng.uniform(1, 3, (2, 1)) + rng.uniform(0, 2, (2, 1)) * power
     np.testing.assert_allclose(smoothed(variance, power), variance, rtol=1e-6)
+    response = modal_response(FREQ_HZ, NATURAL, ZETA, rng.normal(size=(2, 5)))
+    stated = rng.uniform(1, 2, response.G.shape)
+    np.testing.assert_array_equal(line_variance(replace(response, noise=Covariance(stated, np.inf))), stated)

@@ -6,9 +6,10 @@ from hypothesis import given, settings, strategies
 from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 
 from elastid.experiment.simulated.plant import true_modes, true_response
-from elastid.modal.estimate import estimate_modes
+from elastid.modal.estimate import estimate_modes, modal_data
+from elastid.modal.model import ModalFit
 from elastid.modal.modes import mac
-from elastid.modal.poles import HIGHEST, clusters, poles_over_orders, stabilisation
+from elastid.modal.poles import HIGHEST, clusters, poles_over_orders, residual_peaks, stabilisation
 from elastid.response import Covariance, Response
 
 
@@ -42,6 +43,14 @@ def test_poles_that_three_orders_share_are_one_in_the_middle() -> None:
     orders = [(n, np.append(steady + shift * 1j, -3 + 1j * (10 * n + 5))) for n, shift in enumerate(drift, start=2)]
     brief = [(n, np.append(poles, -1 + 30j)) for n, poles in orders[:2]]
     np.testing.assert_allclose(np.sort(clusters((*brief, *orders[2:])).imag), steady.imag + 0.1)
+
+
+def test_what_a_model_leaves_has_candidates_at_its_peaks() -> None:
+    """On the lines of all modes that it lacks, at several dampings."""
+    data = modal_data(modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5))), np.ones((len(FREQ_HZ), 1, 1)))
+    found = residual_peaks(ModalFit(data, np.empty(0, complex))) * data.basis.scale / (2 * np.pi)
+    assert set(NATURAL) <= set(found.imag.round(9))
+    assert np.all(found.real < 0)
 
 
 @settings(max_examples=30)
