@@ -24,7 +24,7 @@ def test_mac_ignores_factors_and_sees_angles() -> None:
     np.testing.assert_allclose(mac(first, second), 0.75)
 
 
-@settings(max_examples=15)
+@settings(deadline=None, max_examples=15)
 @given(strategies.integers(0, 2**32 - 1), strategies.integers(1, 4), strategies.integers(1, 3), KINDS)
 def test_what_a_fit_states_is_what_fits_beside_it_have(seed: int, n: int, n_y: int, quantity: str) -> None:
     """Residues and curvature of exact data, slopes of the squares elsewhere, these with one pole more or less."""
@@ -64,7 +64,7 @@ def test_what_a_fit_states_is_what_fits_beside_it_have(seed: int, n: int, n_y: i
     np.testing.assert_allclose(drops(fit, more), squares - beside, rtol=1e-5, atol=1e-7 * squares.max())
 
 
-@settings(max_examples=10)
+@settings(deadline=None, max_examples=10)
 @given(strategies.floats(0.5, 5), strategies.integers(3, 30), strategies.floats(0.005, 0.1))
 def test_columns_by_segments_are_integrals_over_the_window(segment_s: float, first: int, damping: float) -> None:
     """Of Hann's autocorrelation, in closed form; up to images of the sampled integral."""
@@ -81,7 +81,7 @@ def test_columns_by_segments_are_integrals_over_the_window(segment_s: float, fir
         np.testing.assert_allclose(found, column, atol=errors * np.abs(column).max())
 
 
-@settings(max_examples=10)
+@settings(deadline=None, max_examples=10)
 @given(strategies.integers(0, 2**32 - 1))
 def test_variances_are_those_of_neighbours_or_of_outputs_and_inputs(seed: int) -> None:
     """White noise on a cubic along uneven lines, as it scatters; a + b |G|^2 of a few degrees of freedom, as stated."""

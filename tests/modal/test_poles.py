@@ -53,7 +53,7 @@ def test_what_a_model_leaves_has_candidates_at_its_peaks() -> None:
     assert np.all(found.real < 0)
 
 
-@settings(max_examples=30)
+@settings(deadline=None, max_examples=30)
 @given(strategies.integers(0, 2**32 - 1), *(strategies.integers(1, 3) for _ in range(3)))
 def test_a_matrix_fraction_of_the_order_has_its_poles_and_no_other(seed: int, n_u: int, n_y: int, half: int) -> None:
     """Residues of rank 1 along z and a constant matrix are a fraction of order 2 n / n_u, for any weights."""
