@@ -65,7 +65,7 @@ def test_what_a_fit_states_is_what_fits_beside_it_have(seed: int, n: int, n_y: i
 
 
 @settings(deadline=None, max_examples=10)
-@given(strategies.floats(0.5, 5), strategies.integers(3, 30), strategies.floats(0.005, 0.1))
+@given(strategies.floats(0.5, 5), strategies.integers(3, 30), strategies.floats(0.005, 0.05))
 def test_columns_by_segments_are_integrals_over_the_window(segment_s: float, first: int, damping: float) -> None:
     """Of Hann's autocorrelation, in closed form; up to images of the sampled integral."""
     freq_hz = np.arange(first, 100) / segment_s
