@@ -1,9 +1,8 @@
-"""Files and folders below a run folder, whole or absent and not through a symbolic link; tables with their lines."""
+"""Files and folders below a run folder: none is reached through a symbolic link; tables with their lines."""
 
 from __future__ import annotations
 
 import csv
-import errno
 import io
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,7 +12,7 @@ from hypothesis import given, settings, strategies
 from plants.refusals import refused
 
 from elastid.base.errors import ElastidError
-from elastid.base.files import clear_folder, own_path, read_table, replacing, unlinked
+from elastid.base.files import clear_folder, own_path, read_table, unlinked
 
 
 @pytest.fixture
@@ -88,21 +87,3 @@ def test_a_table_has_its_cells_with_their_lines(heads: list[str], rows: list[lis
         path.write_text("\n".join([*lines, "alone"]))
         with refused("files/table", place=f"{path}:{len(lines) + 1}:1"):
             list(read_table(path))
-
-
-@pytest.mark.parametrize("about", [None, "unfinished", "another"])
-def test_a_file_that_cannot_be_written_whole_stays_as_it_was(about: str | None, tmp_path: Path) -> None:
-    """The error is of the file, not of that beside it; another file keeps its own."""
-    path = tmp_path / "file"
-    path.write_text("before")
-
-    def write() -> None:
-        with replacing(path) as beside:
-            beside.write_text("half")
-            raise OSError(errno.ENOSPC, "full", str(beside) if about == "unfinished" else about)
-
-    with pytest.raises(OSError, match="full") as caught:
-        write()
-    assert caught.value.errno == errno.ENOSPC
-    assert caught.value.filename == ("another" if about == "another" else str(path))
-    assert [each.read_text() for each in tmp_path.iterdir()] == ["before"]

@@ -58,20 +58,6 @@ def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
     assert not unexplained_error(parameters, [replace(unexplained, notes=())]).any()
 
 
-NOISE = noise_of(plant())
-
-
-def test_profiles_of_a_nearly_linear_problem_are_the_intervals():
-    """Under little noise V_p is a parabola: the interval of 95 % is 1.96 standard deviations to each side."""
-    response = measured(plant(), NOISE / 100, np.random.default_rng(0))
-    end, sure = estimate(response, plant())
-    ends = profile_ends(fit_of(response, plant()).problem, end.x, np.diag(sure.covariance), ["k_g", "d_a"])
-    assert np.isnan(ends[1:3]).all()
-    for place in (0, 3):
-        reach = 1.96 * np.sqrt(sure.covariance[place, place])
-        np.testing.assert_allclose(ends[place], end.x[place] + np.array([-reach, reach]), atol=0.05 * reach)
-
-
 def test_a_profile_knows_that_data_only_bound_a_parameter():
     """r = exp(-x) - 0 under noise of 1: any large x will do, and the interval is open to that side."""
     free = Parameters((Parameter("x", 3.0, lower=-50, upper=50), Parameter("y", 0.1, lower=-9, upper=9)))

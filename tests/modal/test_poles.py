@@ -9,7 +9,7 @@ from elastid.experiment.simulated.plant import true_modes, true_response
 from elastid.modal.estimate import estimate_modes, modal_data
 from elastid.modal.model import ModalFit
 from elastid.modal.modes import mac
-from elastid.modal.poles import HIGHEST, clusters, poles_over_orders, residual_peaks, stabilisation
+from elastid.modal.poles import HIGHEST, poles_over_orders, residual_peaks, stabilisation
 from elastid.response import Covariance, Response
 
 
@@ -35,14 +35,6 @@ def test_a_pole_is_stable_where_the_order_before_has_it_within_a_hundredth() -> 
     diagram = stabilisation(((4, before), (6, np.array([same, moved, damped]))))
     np.testing.assert_array_equal(diagram.order, [4, 4, 6, 6, 6])
     np.testing.assert_array_equal(diagram.stable, [False, False, True, False, False])
-
-
-def test_poles_that_three_orders_share_are_one_in_the_middle() -> None:
-    """Within half a half width from order to order; those of two orders, or farther apart, are none."""
-    steady, drift = np.array([-1 + 50j, -2 + 90j]), (0.1, -0.3, 0.1, 0.4)
-    orders = [(n, np.append(steady + shift * 1j, -3 + 1j * (10 * n + 5))) for n, shift in enumerate(drift, start=2)]
-    brief = [(n, np.append(poles, -1 + 30j)) for n, poles in orders[:2]]
-    np.testing.assert_allclose(np.sort(clusters((*brief, *orders[2:])).imag), steady.imag + 0.1)
 
 
 def test_what_a_model_leaves_has_candidates_at_its_peaks() -> None:
