@@ -173,14 +173,11 @@ def test_the_measured_covariance_is_corrected_for_its_part_in_its_own_weight():
         assert seen / unseen == pytest.approx(1.0, abs=0.015)
 
 
-def test_exact_data_have_a_smooth_covariance_too():
+@pytest.mark.parametrize("n", [1, 2])
+def test_exact_data_have_a_smooth_covariance_too(n):
     """A variance of zero everywhere is no division by zero."""
-    one = response_smoothed_noise(np.random.default_rng(4), OUTPUTS, 2)
-    right = np.zeros_like(one.noise.right)
-    known = replace(one.noise, right=right, variance=np.zeros(G_SMOOTHED_NOISE.shape))
-    assert np.all(np.isfinite(smooth_noise(replace(one, noise=known)).variance))
-    known = replace(
-        known, right=right[:, :1, :1], left=known.left[:, :1, :1], variance=np.zeros((len(G_SMOOTHED_NOISE), 1, 1))
-    )
-    alone = replace(one, G=one.G[:, :1, :1], outputs=one.outputs[:1], inputs=one.inputs[:1], noise=known)
-    assert np.all(smooth_noise(alone).variance > 0)
+    one, zero = response_smoothed_noise(np.random.default_rng(4), OUTPUTS, 2), np.zeros((len(OUTPUTS), n, n))
+    known = Covariance(zero, 2, one.noise.left[:, :n, :n], zero + 0j)
+    exact = replace(one, G=one.G[:, :n, :n], outputs=one.outputs[:n], inputs=one.inputs[:n], noise=known)
+    variance = smooth_noise(exact).variance
+    assert np.all((variance > 0) & np.isfinite(variance))
