@@ -102,10 +102,10 @@ def test_a_ratio_with_the_name_of_a_number_is_refused():
 FREQ = np.linspace(2, 60, 60)
 
 
-def bench(viscous=1e-3, d=0.05, k=100.0) -> Robot:
+def bench(viscous=1e-3, k=100.0) -> Robot:
     """Two axes about the vertical, one upon the other, each with an elastic gear."""
-    lower = Body("lower", joints=(Joint("1", "z", Spring(2 * k, 2 * d), Motor(1e-3, viscous=viscous)),), inertia=5e-3)
-    upper = Body("upper", "lower", joints=(Joint("2", "z", Spring(k, d), Motor(1e-3, viscous=1e-3)),), inertia=2e-3)
+    lower = Body("lower", joints=(Joint("1", "z", Spring(2 * k, 0.1), Motor(1e-3, viscous=viscous)),), inertia=5e-3)
+    upper = Body("upper", "lower", joints=(Joint("2", "z", Spring(k, 0.05), Motor(1e-3, viscous=1e-3)),), inertia=2e-3)
     return Robot("bench", (lower, upper), gravity=(0.0, 0.0, 0.0))
 
 

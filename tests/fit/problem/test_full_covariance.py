@@ -22,7 +22,7 @@ UNEQUAL = FitSpec(weights=replace(DIAGONAL.weights, factors=(FactorSpec(30.0, ba
 OUTPUTS, INPUTS = (0, 1, 2), (0, 2)
 
 
-def correlated(rng: np.random.Generator, form: str = "full", dof: float = np.inf) -> Response:
+def correlated(rng: np.random.Generator, form: str = "full") -> Response:
     """A disturbing torque at the gear moves all outputs at once, beside a tenth of it in each of them alone."""
     model = plant(OUTPUTS, INPUTS)
     exact = measured(model, np.array([1.0]))
@@ -33,13 +33,10 @@ def correlated(rng: np.random.Generator, form: str = "full", dof: float = np.inf
     left = np.array([[1.0, 0.4j], [-0.4j, 1.0]]) * np.ones((len(FREQ), 1, 1))
     noise = np.linalg.cholesky(np.einsum("fab,fcd->facbd", left, right).reshape(len(FREQ), 6, 6))
     e = (noise @ circular(rng, (len(FREQ), 6, 1))).reshape(len(FREQ), 2, 3).transpose(0, 2, 1)
-    if np.isfinite(dof):
-        z = np.linalg.cholesky(right) @ circular(rng, (len(FREQ), 3, int(dof)))
-        right = z @ z.conj().transpose(0, 2, 1) / dof
     variance = np.einsum("faa->fa", right).real[:, :, None] * np.ones((1, 1, 2))
-    known = Covariance(variance, dof, left, right)
+    known = Covariance(variance, np.inf, left, right)
     if form == "full":
-        known = Covariance(variance, dof, matrix=known.full())
+        known = Covariance(variance, np.inf, matrix=known.full())
     return replace(exact, G=exact.G + e, noise=known)
 
 
