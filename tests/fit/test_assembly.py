@@ -145,9 +145,6 @@ def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
 def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     """What is found for robot B from b1 and b2 predicts b3; without any of B's, the mean of the others does."""
     data = both(0)
-    result = identify([G for G in data if G.configuration.name != "b3"], data_sheet_arm.arm(), SPEC)
-    (predicted,) = FittedRobot.of(result, data_sheet_arm.arm(), data[-1:]).responses
-    assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
     own = ComparedVariant("own", data_sheet_arm.arm(), SPEC, EXACT)
     fold = refit(data, (own, ("b3",)))
     assert fold.left_out["b3"].misfit < 1.2
