@@ -51,7 +51,7 @@ def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none() -> None:
     strong = FittedMode(50.0, 0.01, 0.01, 1e-4, np.array([[1.0, 2.0j, -1.0]]), np.full((1, 3), 1e-3))
     twin = replace(strong, freq_hz=50.1, residue=0.01j * strong.residue)
     other = replace(twin, residue=np.array([[0.02, 0.01j, 0.0]]))
-    alike = replace(twin, residue=0.01 * np.array([[1.0, 2.0j, -0.4]]))
+    alike = replace(twin, residue=0.01 * np.array([[1.0, 2.0j, -0.3]]))
     for mode in (twin, alike):
         assert without_twins([strong, mode]) == [strong]
     for mode in (other, replace(twin, freq_hz=60.0), replace(twin, residue=0.9 * strong.residue)):
@@ -70,15 +70,3 @@ def test_a_broad_pole_that_is_lower_than_its_surroundings_or_unknown_is_backgrou
     for fault in ({"residue": 0.08 * residue, "residue_std": 0 * broad.residue_std}, {"residue_std": np.abs(residue)}):
         assert replace(broad, **fault).is_background(flat)
         assert not replace(broad, zeta=0.02, **fault).is_background(flat)
-
-
-def test_units_of_the_response_and_of_the_frequency_do_not_matter() -> None:
-    """Of a response whose noise is not stated: a factor 1e4 of G, and times in ms."""
-    response = modal_response(FREQ_HZ, NATURAL, ZETA, np.outer([1.0, 0.5], np.ones(5)), noise=0.01)
-    bare = replace(response, noise=None)
-    modes, scaled = (estimate_modes(each, None, 16) for each in (bare, replace(bare, G=1e4 * bare.G)))
-    slow = estimate_modes(replace(bare, freq_hz=bare.freq_hz / 1000), None, 16)
-    for name, power, order in (("freq_hz", 0, 1), ("freq_std", 0, 1), ("zeta", 0, 0), ("zeta_std", 0, 0),
-                               ("participation", 1, 1), ("shape_std", 0, 0)):  # fmt: skip
-        for other, factor in ((scaled, 1e4**power), (slow, 1000.0**-order)):
-            np.testing.assert_allclose(getattr(other, name), factor * getattr(modes, name), rtol=1e-3)
