@@ -54,7 +54,7 @@ class Basis:
     def of(cls, response: Response) -> Basis:
         """The columns for a response, smoothed where its segments had a window."""
         correlation = None
-        if response.window and response.n_lines > 1:
+        if response.window:
             correlation = window_correlation(response)
         scale = 2 * np.pi * float(response.freq_hz[-1])
         order = MOTION_ORDER[response.quantity]

@@ -1,14 +1,18 @@
-"""Files and folders below a run folder: none is reached through a symbolic link."""
+"""Files and folders below a run folder: none is reached through a symbolic link; tables with their lines."""
 
 from __future__ import annotations
 
+import csv
+import io
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
+from hypothesis import given, settings, strategies
 from plants.refusals import refused
 
 from elastid.base.errors import ElastidError
-from elastid.base.files import clear_folder, own_path, unlinked
+from elastid.base.files import clear_folder, own_path, read_table, unlinked
 
 
 @pytest.fixture
@@ -54,3 +58,32 @@ def test_a_file_that_is_a_link_is_not_opened(mode: str, tmp_path: Path, elsewher
             open(path, mode, opener=unlinked).close()
     assert (elsewhere / "victim").read_text() == "untouched"
     assert not (elsewhere / "new").exists()
+
+
+CELL = strategies.text('ab #,"1.', min_size=1).map(str.strip).filter(lambda cell: cell and not cell.startswith("#"))
+ROW = strategies.lists(CELL, min_size=3, max_size=3)
+
+
+def written(row: list[str]) -> str:
+    """A line of a table."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="").writerow(row)
+    return text.getvalue()
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    ROW.filter(lambda row: len(set(row)) == 3), strategies.lists(ROW | strategies.sampled_from(["", "# a, b", ",,"]))
+)
+def test_a_table_has_its_cells_with_their_lines(heads: list[str], rows: list[list[str] | str]) -> None:
+    """As the writer of the library of Python writes them, without empty rows and remarks; short rows are refused."""
+    lines = [row if isinstance(row, str) else written(row) for row in (heads, *rows)]
+    expected = [(n, dict(zip(heads, row, strict=True))) for n, row in enumerate(rows, start=2) if isinstance(row, list)]
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "table.csv"
+        path.write_text("\n".join(lines))
+        if expected:
+            assert list(read_table(path)) == expected
+        path.write_text("\n".join([*lines, "alone"]))
+        with refused("files/table", place=f"{path}:{len(lines) + 1}:1"):
+            list(read_table(path))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plants import data_sheet_arm
 from plants.marks import SEEDS
-from plants.measured_robots import deviations, responses_of
+from plants.measured_robots import deviation, deviations, responses_of
 from plants.refusals import refused
 
 from elastid.fit.assembly import Assembly, relinearise
@@ -15,7 +15,6 @@ from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
@@ -125,11 +124,6 @@ SPEC = FitSpec(
 TRUTH = {"k_1@A": 3e4, "k_1@B": 3.6e4, "k_2": 2e4, "fm_1@A": 1e-2, "fm_1@B": 3e-2, "fm_2@A": 1e-2, "fm_2@B": 5e-3}
 
 
-def off(result: Result, name: str, truth: float) -> float:
-    i = result.parameters.free_names.index(name)
-    return float(abs(result.x[i] - math.log(truth)) / math.sqrt(result.covariance[i, i]))
-
-
 @pytest.mark.parametrize("seed", SEEDS)
 def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     """Each robot's stiffness and friction by its name, what they share once, all within the claimed intervals."""
@@ -138,7 +132,7 @@ def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     )
     assert result.status == "converged"
     assert set(result.parameters.free_names) == {*TRUTH, "d_1", "d_2"}
-    assert max(off(result, name, truth) for name, truth in TRUTH.items()) < 3.5
+    assert max(deviation(result, name, truth) for name, truth in TRUTH.items()) < 3.5
     assert not {"fit/responses", "fit/unlike-responses"} & {note.code for note in result.notes}
     place = result.parameters.index("k_1")
     assert result.parameters.expand(result.x, "b3")[place] == result.values["k_1@B"]
@@ -151,9 +145,6 @@ def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
 def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     """What is found for robot B from b1 and b2 predicts b3; without any of B's, the mean of the others does."""
     data = both(0)
-    result = identify([G for G in data if G.configuration.name != "b3"], data_sheet_arm.arm(), SPEC)
-    (predicted,) = FittedRobot.of(result, data_sheet_arm.arm(), data[-1:]).responses
-    assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
     own = ComparedVariant("own", data_sheet_arm.arm(), SPEC, EXACT)
     fold = refit(data, (own, ("b3",)))
     assert fold.left_out["b3"].misfit < 1.2

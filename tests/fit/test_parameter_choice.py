@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.linkages import LOWER, linkage
-from plants.measured_robots import responses_of
+from plants.measured_robots import deviation, responses_of
 from plants.refusals import refused
 
-from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, WeightSpec
@@ -103,20 +102,15 @@ def test_a_ratio_with_the_name_of_a_number_is_refused():
 FREQ = np.linspace(2, 60, 60)
 
 
-def bench(viscous=1e-3, d=0.05, k=100.0) -> Robot:
+def bench(viscous=1e-3, k=100.0) -> Robot:
     """Two axes about the vertical, one upon the other, each with an elastic gear."""
-    lower = Body("lower", joints=(Joint("1", "z", Spring(2 * k, 2 * d), Motor(1e-3, viscous=viscous)),), inertia=5e-3)
-    upper = Body("upper", "lower", joints=(Joint("2", "z", Spring(k, d), Motor(1e-3, viscous=1e-3)),), inertia=2e-3)
+    lower = Body("lower", joints=(Joint("1", "z", Spring(2 * k, 0.1), Motor(1e-3, viscous=viscous)),), inertia=5e-3)
+    upper = Body("upper", "lower", joints=(Joint("2", "z", Spring(k, 0.05), Motor(1e-3, viscous=1e-3)),), inertia=2e-3)
     return Robot("bench", (lower, upper), gravity=(0.0, 0.0, 0.0))
 
 
 def measure(robot: Robot, name: str, rng: np.random.Generator, relative: float = 0.01) -> Response:
     return responses_of(robot, {name: (0.0, 0.3)}, rng, FREQ, relative, 0.01 * relative)[0]
-
-
-def off(result, name: str, truth: float) -> float:
-    i = result.parameters.free_names.index(name)
-    return abs(result.x[i] - np.log(truth)) / np.sqrt(result.covariance[i, i])
 
 
 def test_friction_of_its_own_for_each_temperature_is_found_in_one_fit():
@@ -131,14 +125,11 @@ def test_friction_of_its_own_for_each_temperature_is_found_in_one_fit():
     )
     result = identify(data, bench(5e-3), spec)
     assert result.parameters.free_names == ("k_1", "d_1", "k_2", "d_2", "fm_1@cold", "fm_1@warm")
-    assert result.status == "converged"
     for name, truth in (("fm_1@cold", 3e-2), ("fm_1@warm", 1e-2), ("k_2", 100.0)):
-        assert off(result, name, truth) < 4
+        assert deviation(result, name, truth) < 4
     place = result.parameters.index("fm_1")
     assert result.parameters.expand(result.x, "c2")[place] == result.values["fm_1@cold"]
     assert result.parameters.expand(result.x, "c3")[place] == result.values["fm_1@warm"]
-    for response, fitted in zip(data, FittedRobot.of(result, bench(), data).responses, strict=True):
-        assert np.median(np.abs(fitted.G / response.G - 1)) < 0.03
     # What informs the friction of the cold is where it is cold.
     cold = result.parameters.free_names.index("fm_1@cold")
     assert result.share[:2, cold].sum() > 0.9
@@ -159,7 +150,7 @@ def test_one_ratio_damps_all_springs():
         )
         result = identify(data, bench(), spec)
         assert "ratio" in result.parameters.free_names
-        assert off(result, "ratio", truth) < 4
+        assert deviation(result, "ratio", truth) < 4
         assert result.values["d_2"] / result.values["k_2"] == pytest.approx(result.values["d_1"] / result.values["k_1"])
 
 

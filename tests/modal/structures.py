@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from elastid.record import Configuration
+from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.response import Covariance, Response
 
 BENCH = Configuration("bench", np.zeros(0))
@@ -18,13 +18,14 @@ def modal_response(
     n_u: int = 1,
     noise: float = 0.0,
     seed: int = 0,
+    quantity: Motion = "acceleration",
 ) -> Response:
-    """Acceleration per force of shapes (n_y, n), driven at the first n_u outputs; noise: over the rms of G."""
+    """Motion per force of shapes (n_y, n), driven at the first n_u outputs; noise: over the rms of G."""
     omega, natural = 2 * np.pi * freq_hz[:, None], 2 * np.pi * natural_hz
-    modal = -(omega**2) / (natural**2 - omega**2 + 2j * zeta * natural * omega)
+    modal = (1j * omega) ** MOTION_ORDER[quantity] / (natural**2 - omega**2 + 2j * zeta * natural * omega)
     G = np.einsum("ir,fr,jr->fij", shapes, modal, shapes[:n_u])
     rng, std = np.random.default_rng(seed), noise * float(np.sqrt(np.mean(np.abs(G) ** 2)))
     G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
     covariance = Covariance(np.full(G.shape, std**2), np.inf) if noise else None
     names = tuple(f"u{j}" for j in range(n_u)), tuple(f"y{i}" for i in range(len(shapes)))
-    return Response(freq_hz, G, *names, "acceleration", BENCH, noise=covariance)
+    return Response(freq_hz, G, *names, quantity, BENCH, noise=covariance)

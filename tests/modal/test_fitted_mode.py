@@ -39,10 +39,11 @@ def test_the_intervals_of_a_draw_are_its_errors(kind: str) -> None:
 
 
 def test_a_window_that_no_pole_went_through_is_named() -> None:
-    """0.05 s takes more damping out than light modes have; 10 s does not."""
+    """0.05 s takes more damping out than light modes have; 10 s does not, nor 1.326 s, all that one of them has."""
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
     assert "modal/damping" in {note.code for note in estimate_modes(response, exponential_s=0.05).notes}
-    assert "modal/damping" not in {note.code for note in estimate_modes(response, exponential_s=10.0).notes}
+    for all_of_one in (10.0, 1 / (2 * np.pi * NATURAL[0] * ZETA[0])):
+        assert "modal/damping" not in {note.code for note in estimate_modes(response, exponential_s=all_of_one).notes}
 
 
 def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none() -> None:
@@ -50,6 +51,22 @@ def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none() -> None:
     strong = FittedMode(50.0, 0.01, 0.01, 1e-4, np.array([[1.0, 2.0j, -1.0]]), np.full((1, 3), 1e-3))
     twin = replace(strong, freq_hz=50.1, residue=0.01j * strong.residue)
     other = replace(twin, residue=np.array([[0.02, 0.01j, 0.0]]))
-    assert without_twins([strong, twin]) == [strong]
+    alike = replace(twin, residue=0.01 * np.array([[1.0, 2.0j, -0.3]]))
+    for mode in (twin, alike):
+        assert without_twins([strong, mode]) == [strong]
     for mode in (other, replace(twin, freq_hz=60.0), replace(twin, residue=0.9 * strong.residue)):
         assert without_twins([strong, mode]) == [strong, mode]
+
+
+@pytest.mark.parametrize("unit", [1e-4, 1.0, 1e4])
+def test_a_broad_pole_that_is_lower_than_its_surroundings_or_unknown_is_background(unit: float) -> None:
+    """By its peak R / (2 pi zeta f) over a flat response of size 1, in any unit; a light one is a mode all the same."""
+    response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((2, 5)))
+    flat = replace(response, G=np.full(response.G.shape, unit / np.sqrt(2)))
+    residue = 2 * np.pi * 0.05 * 41 * unit * np.array([[0.6], [0.8j]])
+    broad = FittedMode(41.0, 0.01, 0.05, 1e-3, residue, 0.1 * np.abs(residue))
+    assert not broad.is_background(flat)
+    assert not replace(broad, residue=0.12 * residue, residue_std=0.01 * np.abs(residue)).is_background(flat)
+    for fault in ({"residue": 0.08 * residue, "residue_std": 0 * broad.residue_std}, {"residue_std": np.abs(residue)}):
+        assert replace(broad, **fault).is_background(flat)
+        assert not replace(broad, zeta=0.02, **fault).is_background(flat)

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies
 from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 
 from elastid.experiment.simulated.plant import true_modes, true_response
-from elastid.modal.estimate import estimate_modes
+from elastid.modal.estimate import estimate_modes, modal_data
+from elastid.modal.model import ModalFit
 from elastid.modal.modes import mac
-from elastid.modal.poles import stabilisation
+from elastid.modal.poles import HIGHEST, poles_over_orders, residual_peaks, stabilisation
 from elastid.response import Covariance, Response
 
 
@@ -33,6 +35,36 @@ def test_a_pole_is_stable_where_the_order_before_has_it_within_a_hundredth() -> 
     diagram = stabilisation(((4, before), (6, np.array([same, moved, damped]))))
     np.testing.assert_array_equal(diagram.order, [4, 4, 6, 6, 6])
     np.testing.assert_array_equal(diagram.stable, [False, False, True, False, False])
+
+
+def test_what_a_model_leaves_has_candidates_at_its_peaks() -> None:
+    """On the lines of all modes that it lacks, at several dampings."""
+    data = modal_data(modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5))), np.ones((len(FREQ_HZ), 1, 1)))
+    found = residual_peaks(ModalFit(data, np.empty(0, complex))) * data.basis.scale / (2 * np.pi)
+    assert set(NATURAL) <= set(found.imag.round(9))
+    assert np.all(found.real < 0)
+
+
+@settings(deadline=None, max_examples=30)
+@given(strategies.integers(0, 2**32 - 1), *(strategies.integers(1, 3) for _ in range(3)))
+def test_a_matrix_fraction_of_the_order_has_its_poles_and_no_other(seed: int, n_u: int, n_y: int, half: int) -> None:
+    """Residues of rank 1 along z and a constant matrix are a fraction of order 2 n / n_u, for any weights."""
+    rng, n = np.random.default_rng(seed), half * n_u
+    freq_hz = np.cumsum(rng.uniform(0.5, 1.5, 150))
+    size = 2 * np.pi * freq_hz[-1] * (np.linspace(0.1, 0.9, n) + rng.uniform(-0.03, 0.03, n))
+    poles = size * (1j - rng.uniform(0.01, 0.1, n))
+    step_s = HIGHEST / (2 * freq_hz[-1])
+    z, roots = np.exp(-2j * np.pi * freq_hz * step_s)[:, None], np.exp(-step_s * poles)
+    left = np.exp(2j * np.pi * rng.random((n_y, n)))
+    right = np.tile(np.eye(n_u), half) + 0.1 * rng.normal(size=(n_u, n, 2)) @ (1, 1j)
+    columns, residues = 1 / (z - roots), np.einsum("ir,jr->rij", left, right)
+    mirrored = np.tensordot(1 / (z - roots.conj()), residues.conj(), 1)
+    G = np.tensordot(columns, residues, 1) + mirrored + rng.normal(size=(n_y, n_u))
+    orders = dict(poles_over_orders(freq_hz, G, rng.uniform(0.5, 2, 150), 2 * half + 2))
+    assert list(orders) == list(range(2, 2 * half + 3))
+    found = orders[2 * half]
+    np.testing.assert_allclose(found[np.argsort(found.imag)], poles, rtol=1e-6)
+    assert np.abs(orders[2 * half + 2][:, None] / poles - 1).min(axis=0).max() < 1e-6
 
 
 def test_a_double_root_is_two_modes() -> None:

@@ -44,3 +44,9 @@ def deviations(result: Result, robot: Robot) -> FloatArray:
     table = robot.parameters(robot.geometry)
     truth = np.array([p.to_x(table[p.name][0]) for p in result.parameters.free])
     return np.asarray(np.abs(result.x - truth) / np.sqrt(np.diag(result.covariance)))
+
+
+def deviation(result: Result, name: str, truth: float) -> float:
+    """Distance of a free, logarithmic parameter from its true value, in claimed standard deviations."""
+    i = result.parameters.free_names.index(name)
+    return float(abs(result.x[i] - np.log(truth)) / np.sqrt(result.covariance[i, i]))

@@ -18,10 +18,11 @@ from elastid.response import Covariance, Response
 
 FULL = FitSpec(weights=WeightSpec(floor=0.0, covariance="auto"))
 DIAGONAL = FitSpec(weights=WeightSpec(floor=0.0, covariance="diagonal"))
+UNEQUAL = FitSpec(weights=replace(DIAGONAL.weights, factors=(FactorSpec(30.0, band_hz=(2.0, 6.0)),)))
 OUTPUTS, INPUTS = (0, 1, 2), (0, 2)
 
 
-def correlated(rng: np.random.Generator, form: str = "full", dof: float = np.inf) -> Response:
+def correlated(rng: np.random.Generator, form: str = "full") -> Response:
     """A disturbing torque at the gear moves all outputs at once, beside a tenth of it in each of them alone."""
     model = plant(OUTPUTS, INPUTS)
     exact = measured(model, np.array([1.0]))
@@ -32,13 +33,10 @@ def correlated(rng: np.random.Generator, form: str = "full", dof: float = np.inf
     left = np.array([[1.0, 0.4j], [-0.4j, 1.0]]) * np.ones((len(FREQ), 1, 1))
     noise = np.linalg.cholesky(np.einsum("fab,fcd->facbd", left, right).reshape(len(FREQ), 6, 6))
     e = (noise @ circular(rng, (len(FREQ), 6, 1))).reshape(len(FREQ), 2, 3).transpose(0, 2, 1)
-    if np.isfinite(dof):
-        z = np.linalg.cholesky(right) @ circular(rng, (len(FREQ), 3, int(dof)))
-        right = z @ z.conj().transpose(0, 2, 1) / dof
     variance = np.einsum("faa->fa", right).real[:, :, None] * np.ones((1, 1, 2))
-    known = Covariance(variance, dof, left, right)
+    known = Covariance(variance, np.inf, left, right)
     if form == "full":
-        known = Covariance(variance, dof, matrix=known.full())
+        known = Covariance(variance, np.inf, matrix=known.full())
     return replace(exact, G=exact.G + e, noise=known)
 
 
@@ -63,12 +61,12 @@ def test_the_cost_is_the_mahalanobis_distance(form):
 def test_full_weights_are_sharper_than_diagonal_ones_and_attain_the_cramer_rao_bound():
     """60 responses, two inputs and three outputs that a torque at the gear moves alike.
 
-    With the inverse covariance the scatter is that of the bound, which the covariance states; element by element it is
-    larger, and the sandwich says so.
+    With the inverse covariance the scatter is that of the bound, which the covariance states; element by element, and
+    with a band that counts thirty times, it is larger, and the sandwich says so.
     """
     rng, model = np.random.default_rng(1), plant(OUTPUTS, INPUTS)
     scatter, claims = {}, {}
-    for name, spec in (("full", FULL), ("diagonal", DIAGONAL)):
+    for name, spec in (("full", FULL), ("diagonal", DIAGONAL), ("unequal", UNEQUAL)):
         errors, stated = [], []
         for _ in range(60):
             response = correlated(rng)
@@ -78,7 +76,8 @@ def test_full_weights_are_sharper_than_diagonal_ones_and_attain_the_cramer_rao_b
             sure = estimate_uncertainty(fit, [response], [weights], end.x)
             errors.append(end.x - parameters().x)
             stated.append(np.sqrt(np.diag(sure.covariance)))
-            assert sure.expected_cost == pytest.approx(fit.problem.dof, rel=1e-6 if name == "full" else 0.05)
+            if name != "unequal":
+                assert sure.expected_cost == pytest.approx(fit.problem.dof, rel=1e-6 if name == "full" else 0.05)
         scatter[name], claims[name] = np.std(errors, axis=0), np.median(stated, axis=0)
         np.testing.assert_allclose(scatter[name], claims[name], rtol=0.35)
     assert np.all(scatter["full"] < 1.1 * scatter["diagonal"])
@@ -117,22 +116,6 @@ def test_factors_multiply_the_weights_where_all_that_is_given_matches():
     np.testing.assert_allclose(ratio[band], np.broadcast_to([[4.0], [2.0]], ratio[band].shape))
     np.testing.assert_allclose(ratio[below], np.broadcast_to([[1.0], [0.5]], ratio[below].shape))
     assert np.all(ratio[FREQ >= 30] == 0)
-
-
-def test_unequal_factors_keep_honest_intervals():
-    """Weights that are not inverse variances cost efficiency, which the sandwich states: 95 % within 1.96."""
-    model, rng = plant((0, 2)), np.random.default_rng(6)
-    std = noise_of(model)
-    spec = FitSpec(weights=WeightSpec(floor=0.0, factors=(FactorSpec(30.0, band_hz=(2.0, 6.0)),)))
-    inside = []
-    for _ in range(60):
-        response = measured(model, std, rng)
-        weights = weigh(response, spec)
-        fit = elastic_fit([response], [model], [weights], parameters(), "complex")
-        end = solve(fit.problem, parameters().x)
-        std_x = np.sqrt(np.diag(estimate_uncertainty(fit, [response], [weights], end.x).covariance))
-        inside.append(np.abs(end.x - parameters().x) < 1.96 * std_x)
-    assert np.mean(inside) > 0.9
 
 
 def test_a_robust_loss_shrugs_off_outliers():

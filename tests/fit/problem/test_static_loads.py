@@ -59,6 +59,8 @@ def test_covariance_adds_the_information_of_the_loads(responses):
     assert np.all(np.abs(both.x - parameters.x) < 4 * np.sqrt(np.diag(both.covariance)))
     assert len(both.static.readings) == sum(test.n_readings for test in tests)
     assert not both.static.disagrees
+    assert abs(both.static.ratio - 1) < 3.5 * both.static.ratio_std
+    assert "fit/loads" not in {note.code for note in both.notes}
     assert max(reading.by_responses_std for reading in both.static.readings) > 1e-7
 
 

@@ -51,17 +51,12 @@ def test_weights_from_few_degrees_of_freedom_are_unbiased_and_steady(dof, true):
     assert inner.std() < 1.6 / np.sqrt(24)
 
 
-def test_the_floor_adds_to_the_variance():
-    """sigma^2 = v + (floor |G|)^2."""
-    weights = weigh(response(0.01), FitSpec(weights=WeightSpec(floor=0.05)))
-    np.testing.assert_allclose(weights.sigma[:, 0, 0], np.sqrt(0.01 + (0.05 * np.abs(G)) ** 2))
-
-
-def test_total_variance_is_never_below_the_noise():
-    """Two realisations may agree by chance; the periods' noise says that they cannot be that sure."""
-    measured = response(0.04)
-    weights = weigh(replace(measured, total=Covariance(measured.noise.variance / 100, 3.0)), NO_FLOOR)
-    np.testing.assert_allclose(weights.sigma, 0.2)
+def test_the_floor_adds_to_the_variance_which_is_never_below_the_noise():
+    """sigma^2 = v + (floor |G|)^2, v that of the periods where two realisations agree by chance."""
+    chance = replace(response(0.01), total=Covariance(response(1e-4).noise.variance, 3.0))
+    for measured, floor in ((response(0.01), 0.05), (chance, 0.0)):
+        weights = weigh(measured, FitSpec(weights=WeightSpec(floor=floor)))
+        np.testing.assert_allclose(weights.sigma[:, 0, 0], np.sqrt(0.01 + (floor * np.abs(G)) ** 2))
 
 
 def test_an_element_that_is_no_more_than_noise_is_left_out_with_a_word():
@@ -173,14 +168,11 @@ def test_the_measured_covariance_is_corrected_for_its_part_in_its_own_weight():
         assert seen / unseen == pytest.approx(1.0, abs=0.015)
 
 
-def test_exact_data_have_a_smooth_covariance_too():
+@pytest.mark.parametrize("n", [1, 2])
+def test_exact_data_have_a_smooth_covariance_too(n):
     """A variance of zero everywhere is no division by zero."""
-    one = response_smoothed_noise(np.random.default_rng(4), OUTPUTS, 2)
-    right = np.zeros_like(one.noise.right)
-    known = replace(one.noise, right=right, variance=np.zeros(G_SMOOTHED_NOISE.shape))
-    assert np.all(np.isfinite(smooth_noise(replace(one, noise=known)).variance))
-    known = replace(
-        known, right=right[:, :1, :1], left=known.left[:, :1, :1], variance=np.zeros((len(G_SMOOTHED_NOISE), 1, 1))
-    )
-    alone = replace(one, G=one.G[:, :1, :1], outputs=one.outputs[:1], inputs=one.inputs[:1], noise=known)
-    assert np.all(smooth_noise(alone).variance > 0)
+    one, zero = response_smoothed_noise(np.random.default_rng(4), OUTPUTS, 2), np.zeros((len(OUTPUTS), n, n))
+    known = Covariance(zero, 2, one.noise.left[:, :n, :n], zero + 0j)
+    exact = replace(one, G=one.G[:, :n, :n], outputs=one.outputs[:n], inputs=one.inputs[:n], noise=known)
+    variance = smooth_noise(exact).variance
+    assert np.all((variance > 0) & np.isfinite(variance))

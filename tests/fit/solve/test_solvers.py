@@ -20,13 +20,6 @@ T = np.linspace(0, 1, 50)
 DATA = 2 * np.exp(-3 * T) + 0.01 * np.random.default_rng(1).standard_normal(50)
 
 
-def amplitude(upper=100.0) -> Parameter:
-    return Parameter("a", 1.0, lower=0.1, upper=upper, log=True)
-
-
-RATE = Parameter("b", 10.0, lower=0.1, upper=100.0, log=True)
-
-
 def problem(parameters: Parameters, residual: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> LeastSquares:
     def evaluate(x: FloatArray) -> Evaluation:
         r, J = residual(x)
@@ -48,7 +41,9 @@ def decay(parameters: Parameters) -> LeastSquares:
     return problem(parameters, lambda x: decayed(parameters, x))
 
 
-DECAY = decay(Parameters((amplitude(), RATE)))
+DECAY = decay(
+    Parameters(tuple(Parameter(name, x, lower=0.1, upper=100.0, log=True) for name, x in (("a", 1.0), ("b", 10.0))))
+)
 
 both_solvers = pytest.mark.parametrize("method", ["trust_region", "ipopt"])
 
@@ -66,32 +61,18 @@ def test_the_optimum_is_that_of_an_independent_solver(method: SolverName):
 
 
 @both_solvers
-def test_a_bound_holds_and_the_rest_is_still_optimal(method: SolverName):
-    """With a <= 1.5 the estimate is a = 1.5 and the b that is best there."""
-    end = solve(decay(Parameters((amplitude(upper=1.5), RATE))), DECAY.parameters.x, method=method)
-    reference = least_squares(
-        lambda b: decayed(DECAY.parameters, np.array([math.log(1.5), b[0]]))[0],
-        [math.log(3.0)],
-        xtol=1e-14,
-        ftol=1e-14,
-    )
-    assert end.converged
-    assert math.exp(end.x[0]) == pytest.approx(1.5, rel=1e-6)
-    assert end.x[1] == pytest.approx(reference.x[0], abs=1e-4)
-
-
 @pytest.mark.parametrize("seed", range(70, 80))
-def test_many_bounds_hold_at_once(seed: int):
+def test_many_bounds_hold_at_once_and_the_rest_is_optimal(seed: int, method: SolverName):
     """Linear problems of eight correlated variables between -1 and 1: V is that of a solver for such problems."""
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((12, 8)) * 10 ** rng.uniform(-1.5, 1.5, 8) @ (np.eye(8) + rng.standard_normal((8, 8)))
     b = 30 * np.abs(A).max() * rng.standard_normal(12)
     parameters = Parameters(tuple(Parameter(f"p{i}", 0.1, lower=-1, upper=1) for i in range(8)))
-    end = solve(problem(parameters, lambda x: (A @ x - b, A)), parameters.x)
+    end = solve(problem(parameters, lambda x: (A @ x - b, A)), parameters.x, method=method)
     reference = lsq_linear(A, b, (-1, 1), method="bvls", tol=1e-12)
     assert end.converged
     assert end.cost == pytest.approx(2 * reference.cost, rel=1e-6)
-    assert np.sum(np.abs(end.x) == 1) >= 4
+    assert np.sum(np.abs(end.x) > 1 - 1e-6) >= 4
 
 
 @both_solvers
