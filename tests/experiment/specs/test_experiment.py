@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from plants.lab_logs import CHANNELS, ROBOT
 
-from elastid.base.errors import StudyError
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec, Structure, channel_refusal, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
@@ -142,37 +141,13 @@ def test_files_of_one_run_are_other_samples_of_one_known_period(change: dict[str
     assert bool(logs.repeat_refusal(1)) == is_refused
 
 
-def test_a_file_has_its_own_period_or_that_of_the_section() -> None:
-    """In samples of the study's rate; records have names of their own."""
-    own = [{}, {"period": 3.0}, {"period": "find"}, {"period": "none"}, {"period_samples": 7.5}]
-    files = tuple(replace(FILE, path=f"{i // 2}/log.csv", **period) for i, period in enumerate(own))
-    logs = replace(LOGS, files=(*files, replace(FILE, path="c/drive.csv")))
-    assert [logs.period_of(file) for file in logs.files] == [2.0, 300.0, "find", None, 7.5, 2.0]
-    assert logs.log_names == ("log-1", "log-2", "log-3", "log-4", "log-5", "drive")
-    assert replace(LOGS, rate_hz="unknown").known_rate_hz == 1
-    held = replace(RESPONSES, rate_hz=50.0, channels=(replace(U, hold="zero-order"), Y))
-    assert [spec.is_held for spec in (RESPONSES, held, replace(held, hold="zero-order"))] == [False, True, True]
-
-
 def test_exactly_one_rig_with_its_kind() -> None:
     for kind, section in {"simulated": SimulatedSpec(), "recorded": LOGS, "responses": RESPONSES}.items():
         spec = ExperimentSpec(**{kind: section})  # type: ignore[arg-type]
         assert (spec.kind, spec.rig) == (kind, section)
-        assert spec.channels == (() if kind == "simulated" else (U, Y))
-        for name, rig in (("simulated", spec.as_simulated), ("recorded", spec.as_recorded)):
-            if name == kind:
-                assert rig() == section
-            else:
-                with pytest.raises(StudyError):
-                    rig()
-    assert (spec.runs(3), replace(spec, experiments=1).runs(3)) == (3, 1)
     for rigs in ({}, {"simulated": SimulatedSpec(), "recorded": LOGS}):
         with pytest.raises(ValueError, match="exactly one"):
             ExperimentSpec(**rigs)  # type: ignore[arg-type]
-    loop = replace(TAPS, stiffness=(4.0,)).loop
-    assert loop is not None
-    assert (*loop.kp, *loop.kd) == (4.0, 0.0)
-    assert ToolSpec(RESPONSES).loop is None
 
 
 @pytest.mark.parametrize("highest_hz", [20.0, 60.0, 90.0, 200.0])
