@@ -8,6 +8,22 @@ from pathlib import Path
 import pytest
 
 HEAVY = {"casadi", "scipy", "h5py", "matplotlib", "control", "pandas", "jinja2"}
+SPECS = [
+    "elastid.base.errors",
+    "elastid.robot",
+    "elastid.parameters",
+    "elastid.record",
+    "elastid.response",
+    "elastid.excitation.spec",
+    "elastid.experiment.specs.experiment",
+    "elastid.frf.spec",
+    "elastid.fit.spec",
+    "elastid.model.spec",
+    "elastid.simulation.spec",
+    "elastid.validation.spec",
+    "elastid.study",
+    "elastid.app.overview",
+]
 
 
 def loaded_after(code: str) -> set[str]:
@@ -36,6 +52,15 @@ def test_check_loads_no_heavy_package(tiny: Path, edit: str) -> None:
     loaded = loaded_after(f"from elastid.app.cli import run_command; run_command(['check', {str(tiny)!r}])")
     assert {"numpy", "pydantic"} <= loaded
     assert not loaded & (HEAVY | {"rich"})
+
+
+def test_specs_and_values_load_no_heavy_package() -> None:
+    """A section of a study is plain data, wherever it lives; value types know no YAML."""
+    assert not loaded_after("; ".join(f"import {module}" for module in SPECS)) & HEAVY
+    values = "; ".join(
+        f"import {module}" for module in SPECS if module not in ("elastid.study", "elastid.app.overview")
+    )
+    assert not loaded_after(values) & (HEAVY | {"ruamel", "click"})
 
 
 STAGES = {

@@ -64,7 +64,9 @@ def stopped(command: list[str], folder: Path, parts: str, number: signal.Signals
     ("parts", "number", "jobs"),
     [
         ("start-*.json", signal.SIGINT, "1"),
+        ("start-*.json", signal.SIGINT, "2"),
         ("bootstrap-*.json", signal.SIGTERM, "2"),
+        ("start-*.json", signal.SIGKILL, "1"),
         ("start-*.json", signal.SIGKILL, "2"),
     ],
 )

@@ -142,12 +142,3 @@ def test_a_clock_that_differs_is_taken_out(excess: float, drift: float) -> None:
     # Near its ends the log leans on what it is continued with.
     assert np.all(np.abs(error[50:-50]).max(axis=0) < 2e-4 * CLEAN.std(axis=0))
     assert counts(repaired.findings) == {"samples resampled": P * N}
-
-
-@settings(max_examples=10, deadline=None)
-@given(seed=st.integers(0, 10**6), noise=st.sampled_from([0.0, 0.01, 0.5]))
-def test_clocks_that_agree_are_left_alone(seed: int, noise: float) -> None:
-    """Noise alone looks like no drift."""
-    signals = wave(np.arange(4 * N), seed)
-    signals += noise * np.random.default_rng(seed).normal(size=signals.shape)
-    assert resampled(signals, signals[:, :1], N, LOG).findings == ()

@@ -291,27 +291,3 @@ def test_a_motion_shows_friction_without_inertia_and_its_regression() -> None:
     moved = over_v.lines[0].get_xdata()
     assert (v["regression"].min(), v["regression"].max()) == (moved.min(), moved.max())
     np.testing.assert_allclose(of_time["measured − regression"], of_time["measured"] - of_time["regression"])
-
-
-@pytest.mark.parametrize("quantity", ["frequency_1", "depth_of_cut", "deflection"])
-def test_dots_are_positions_coloured_by_the_value(quantity: str) -> None:
-    """From above x, y, from the side the distance from the axis and z; what is infinite is below and has no colour.
-
-    Colours go by the logarithm where the values span a decade.
-    """
-    workspace = arm_map()
-    value, soft = workspace[quantity].value.copy(), workspace["softest_compliance"]
-    value[0] = np.inf
-    changed = replace(workspace, quantities=(soft, replace(workspace[quantity], value=value)))
-    above, side, bar = use.workspace_figure(changed, quantity).axes
-    unit, factor = use.SHOWN[workspace[quantity].unit]
-    assert unit in bar.get_ylabel()
-    order = [0, *(1 + np.argsort(value[1:]))]
-    x, y, z = workspace.position.T
-    for axes, places in ((above, np.column_stack([x, y])), (side, np.column_stack([np.hypot(x, y), z]))):
-        np.testing.assert_allclose(axes.collections[0].get_offsets(), places[order])
-        np.testing.assert_allclose(axes.lines[0].get_xydata(), places[[np.argmax(soft.value)]])
-    dots, colors = above.collections[0], factor * value[order][1:]
-    np.testing.assert_allclose(dots.get_array()[1:], colors)
-    np.testing.assert_allclose(dots.get_clim(), colors[[0, -1]])
-    assert (dots.norm(np.sqrt(colors[0] * colors[-1])) == pytest.approx(0.5)) == (colors[-1] > 10 * colors[0])
