@@ -131,6 +131,7 @@ def tune_study(
         raise StudyError("options/invalid", "--time and --fastest exclude one another; give one of them")
 
     def work(result: Result) -> Used:
+        """Move of the fitted robot, with what is written of it."""
         given = _given(run, result, frame, draws, (rate_hz, bandwidth_hz, error_mm / 1e3))
         move = read_move(path, given.identified, given.frame, 0.0 if fastest else duration)
         with run.console.progress("tune") as progress:

@@ -11,10 +11,10 @@ lines do not need; the package best-linear-approximation (its `noisy_input`) whe
 3.12.
 The last line is one JSON object with the numbers of the table; last_run.json has those of the last run of each part.
 
-Measured (CPU time, medians in turn, two cores): the odd lines take 1.35 (B_over_floor) and all lines 3.62
+Measured (CPU time, medians in turn, two cores): the odd lines take 1.57 (B_over_floor) and all lines 3.56
 (A_over_floor) times the floor and 0.18 (A_gb_above_data) GB above the data. The same by scipy.signal.csd at once takes
-12.6 (B_faster_than_csd_at_once) and 3.2 (A_faster_than_csd_at_once) times as long, pair by pair 42.1
-(B_faster_than_csd) and 15.1 (A_faster_than_csd) times.
+9.6 (B_faster_than_csd_at_once) and 4.0 (A_faster_than_csd_at_once) times as long, pair by pair 37.4
+(B_faster_than_csd) and 16.8 (A_faster_than_csd) times.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -121,12 +122,10 @@ def with_gear_section(
     }
     final = with_gears(result, gears)
     told = section(final, "status message")
-    if not final.indices:  # the gears explain what these would
-        told["modification_indices"] = []
+    told |= {} if final.indices else {"modification_indices": []}  # the gears explain what these would
     if gears.explains_misfit and not final.indices:
-        pairs = zip(content["warnings"], content["notes"], strict=True)
-        kept = [(words, note) for words, note in pairs if note["code"] not in ANSWERED]
-        told["warnings"], told["notes"] = [words for words, _ in kept], [note for _, note in kept]
+        kept = [note["code"] not in ANSWERED for note in content["notes"]]
+        told |= {name: list(compress(content[name], kept)) for name in ("warnings", "notes")}
     return {**content, **told, "parameters": json_value(parameters), "gears": json_value(numbers)}
 
 

@@ -75,7 +75,7 @@ def _version(path: Path) -> tuple[tuple[str, int, int, int], ...]:
 
 
 def _ask(file: _File, name: str = "", part: slice | None = None) -> Any:
-    """What the signals of a file are, or the values of one; the error of the reader, ValueError where it died."""
+    """Descriptions of the signals of a file, or the values of one; the reader's error, ValueError where it died."""
     where = os.pathsep.join(place or os.getcwd() for place in sys.path)
     with _one_request:
         try:
