@@ -31,17 +31,25 @@ class FittedRobot:
     """The equations of a fitted robot, and measured response and fitted model of each configuration, in one order.
 
     models: inputs and outputs in the order of the response, functions of every parameter of the fit, geometry included.
-    name: of an export.
+    modelled: `responses`, where they are known.  name: of an export.
     """
 
     result: Result
     model: ElasticModel
     measured: tuple[Response, ...]
     models: tuple[FittedModel, ...]
+    modelled: tuple[Response, ...] | None = None
     name: str = ""
 
     @classmethod
-    def of(cls, result: Result, robot: Robot, measured: Sequence[Response], spec: ModelSpec = EXACT) -> FittedRobot:
+    def of(
+        cls,
+        result: Result,
+        robot: Robot,
+        measured: Sequence[Response],
+        spec: ModelSpec = EXACT,
+        modelled: tuple[Response, ...] | None = None,
+    ) -> FittedRobot:
         """The model that was fitted, linearised in each configuration of `measured`, which need not have been fitted.
 
         robot, spec: as they were fitted.  Fitted coordinates of the geometry are parameters of the equations.
@@ -52,7 +60,7 @@ class FittedRobot:
         for G in measured:
             linear = linear_model(linearisation, G, _theta(result, linearisation.model, G.configuration.name))
             models.append(FittedModel.of(linear, result.parameters, result.x, result.covariance))
-        return cls(result, linearisation.model, tuple(measured), tuple(models))
+        return cls(result, linearisation.model, tuple(measured), tuple(models), modelled)
 
     @property
     def robot(self) -> Robot:
@@ -80,6 +88,8 @@ class FittedRobot:
     @cached_property
     def responses(self) -> tuple[Response, ...]:
         """The model's frequency response for each measured one: its lines, inputs, outputs, and its motion."""
+        if self.modelled is not None:
+            return self.modelled
         responses = []
         for model, G in zip(self.models, self.measured, strict=True):
             modelled = replace(model.response(G.freq_hz, sampled=True), rate_is_known=G.rate_is_known)

@@ -118,8 +118,9 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     noise = [smoothed_noise(of_input, block.dof) for of_input in np.mean(1 / block.periods) * block.input_noise.T]
     least = np.maximum(MIN_SNR * np.stack(noise, axis=1), LIMITS.power_ratio * np.outer(total, power))
     least = np.maximum(least, np.finfo(float).tiny)
-    ratio = singular_values(block.U / np.sqrt(least)[:, :, None]) ** 2 / E
-    separated = np.asarray(ratio[:, -1] > 1)
+    separated = _surely_separated(block, least)
+    ratio = singular_values((block.U / np.sqrt(least)[:, :, None])[~separated]) ** 2 / E
+    separated[~separated] = ratio[:, -1] > 1
     if not separated.any():
         record = group[0]
         ways, n_u = int(np.median(np.sum(ratio > 1, axis=1))), len(record.inputs)
@@ -131,6 +132,18 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
             f"configuration {record.configuration.name}, realisation {record.realisation}",
         )
     return separated
+
+
+def _surely_separated(block: Block, least: FloatArray) -> BoolArray:
+    """Flags (F,) of the lines where the norm of the inverse, which is needed anyway, bounds the weakest combination.
+
+    sigma_n(A) >= 1 / |A^-1| in the norm of Frobenius; least (F, n_u): squares that count as 1.
+    """
+    try:
+        squares = np.sum(squared_magnitude(block.W), axis=1)
+    except np.linalg.LinAlgError:
+        return np.zeros(len(least), bool)
+    return np.asarray(block.U.shape[2] * np.sum(squares * least, axis=1) < 1)
 
 
 def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:

@@ -116,9 +116,9 @@ def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Est
 
 def equation_error(data: MeanSpectra, G: ComplexArray) -> ComplexArray:
     """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
-    n_y, S, B = G.shape[1], data.S_Z, G.mT.conj()
-    cross = S[:, :n_y, n_y:] @ B
-    return np.asarray((S[:, :n_y, :n_y] - cross - cross.mT.conj() + G @ (S[:, n_y:, n_y:] @ B)) / data.dof)
+    n_y, S = G.shape[1], data.S_Z
+    cross, of_inputs = (added_cross_products([S[:, rows, n_y:]], [G]) for rows in (slice(n_y), slice(n_y, None)))
+    return np.asarray((S[:, :n_y, :n_y] - cross - cross.mT.conj() + added_products([G], [of_inputs])) / data.dof)
 
 
 def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -> Covariance:

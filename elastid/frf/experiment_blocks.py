@@ -186,6 +186,8 @@ class MeanSpectra:
 
     def of_periods(self, X: Sequence[ComplexArray]) -> ComplexArray:
         """Sum over experiments of P X U^H, P periods each; X: Y or U of each block."""
+        if np.ptp(self.periods) == 0:
+            return np.asarray(self.periods[0] * (self.UU if X is self.U else added_cross_products(X, self.U)))
         return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], self.U)
 
     @cached_property

@@ -219,11 +219,10 @@ class ModalFit:
     @cached_property
     def information(self) -> FloatArray:
         """J^T J (2 n, 2 n) over all elements."""
-        inner = self.free_slopes.T @ self.free_slopes
         n = len(self.poles)
-        b = self.directions
-        blocks = np.einsum("rpic,sqjc->rpisqj", b, b, optimize=True)
-        inner = inner.reshape(n, 2, n, 2)
+        inner = (self.free_slopes.T @ self.free_slopes).reshape(n, 2, n, 2)
+        b = self.directions.reshape(4 * n, -1)
+        blocks = (b @ b.T).reshape(n, 2, 2, n, 2, 2)
         return np.asarray(np.einsum("rpisqj,risj->rpsq", blocks, inner).reshape(2 * n, 2 * n))
 
     @property
@@ -240,9 +239,10 @@ class ModalFit:
             return fit
         for _ in range(steps):
             information, gradient = fit.information, fit.gradient
-            diagonal = np.maximum(np.diag(information), 1e-300)
+            scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+            shared = information / np.outer(scale, scale)
             while True:
-                step = np.linalg.lstsq(information + damping * np.diag(diagonal), gradient, rcond=1e-14)[0]
+                step = np.linalg.solve(shared + damping * np.eye(len(scale)), gradient / scale) / scale
                 # A pole moves by its own half width at most.
                 size = np.hypot(step[0::2], step[1::2]) / np.maximum(-fit.poles.real, 1e-12)
                 moved = step / max(1.0, float(size.max()))

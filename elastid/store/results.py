@@ -22,6 +22,7 @@ from elastid.base.errors import check_kind
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import GearResult
+from elastid.response import Response
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.files import write_rows, write_text
 from elastid.store.reading import read_part, reader
@@ -44,6 +45,8 @@ write_tune, write_loops = writer("tune", tune=(None, None)), writer("loops", loo
 # Agreement and replay of each configuration, folds, and the twin.
 write_validation = writer(VALIDATION, validation=(Validation, None), twin=(TwinFindings, NO_TWIN))
 read_map = reader(MAP, "map", WorkspaceMap)
+# Responses of the fitted model; None in a file that `elastid.save` wrote.
+read_modelled = reader(FIT, "modelled", tuple[Response, ...], may_miss=True)
 # These bring the simulation, which a fit does without.
 read_tune: Callable[[Path | str], TunedMove] = reader("tune", "tune", "elastid.use.tune:TunedMove")
 read_loops: Callable[[Path | str], Loops] = reader("loops", "loops", "elastid.use.loops:Loops")
@@ -80,11 +83,17 @@ class Numbers:
         return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *columns)
 
 
-def write_fit(path: Path | str, result: Result, stamp: Stamp = NO_STAMP) -> None:
-    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table."""
+def write_fit(
+    path: Path | str, result: Result, stamp: Stamp = NO_STAMP, modelled: tuple[Response, ...] | None = None
+) -> None:
+    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table.
+
+    modelled: responses of the fitted model at the lines of each measured one.
+    """
     check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
-    parts = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
-    write_artefact(path, FIT, stamp, parts)
+    parts: dict[str, tuple[Any, Any]] = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
+    parts["modelled"] = modelled, tuple[Response, ...] | None
+    write_artefact(path, FIT, stamp, parts, {"modelled": "configuration.name"})
 
 
 def read_twin(path: Path | str, kind: str) -> TwinFindings:

@@ -58,10 +58,8 @@ def fit(study: Study, work: Work) -> Artefacts:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     result = replace(result, notes=(*result.notes, *(note for response in tapped for note in response.notes)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
-    agreements = [
-        agreement(m, G, m.configuration.name in left_out)
-        for m, G in zip(responses, model_of_all.responses, strict=True)
-    ]
+    modelled = model_of_all.responses
+    agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, modelled, strict=True)]
     notes = [note for response in responses for note in response.notes]
     rows = fitted_rows(study, result, friction)
     content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
@@ -74,7 +72,7 @@ def fit(study: Study, work: Work) -> Artefacts:
 
     names = [response.configuration.name for response in responses]
     robots = {file: text(robot_file) for file, robot_file in robot_files(study.name, robot, result, friction, names)}
-    result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp)}
+    result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp, modelled)}
     return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
 
 

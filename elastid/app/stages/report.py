@@ -20,7 +20,7 @@ from elastid.report.figures.drawings import Drawing, drawings, drawings_of_respo
 from elastid.report.page.page import EmbeddedFigure, html, html_of_responses, write_page
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_responses, write_modes
-from elastid.store.results import read_comparison, read_fit, read_gears, read_twin, read_validation
+from elastid.store.results import read_comparison, read_fit, read_gears, read_modelled, read_twin, read_validation
 from elastid.study import Study
 
 
@@ -32,7 +32,8 @@ def report(study: Study, work: Work) -> Artefacts:
     plan, estimates, validated = files.get("design"), files["estimate"], files["validate"]
     responses, result = read_responses(estimates), read_fit(files["fit"])
     validation, friction = read_validation(validated), read_friction(estimates)
-    fitted, gears = FittedRobot.of(result, robot, responses, study.model), read_gears(files.get("gears"))
+    fitted = FittedRobot.of(result, robot, responses, study.model, read_modelled(files["fit"]))
+    gears = read_gears(files.get("gears"))
     final = with_gears(result, gears)
     content = ReportContent(
         *(study.name, validation.verdict, final, tuple(zip(responses, fitted.responses, strict=True)), validation),

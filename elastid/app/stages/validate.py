@@ -23,7 +23,7 @@ from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.nonlinear.take_out import net_records, shaft_couplings
 from elastid.response import Response
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
-from elastid.store.results import read_fit, read_gears, write_validation
+from elastid.store.results import read_fit, read_gears, read_modelled, write_validation
 from elastid.study import Study
 from elastid.validation.agreement import Validation, predict_response
 from elastid.validation.agreement import validate as validate_responses
@@ -47,7 +47,7 @@ def validate(study: Study, work: Work) -> Artefacts:
     Without records, which may not be kept, nothing is simulated.
     """
     responses, result = read_responses(work.sources["estimate"]), read_fit(work.sources["fit"])
-    fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
+    fitted = FittedRobot.of(result, study.as_robot(), responses, study.model, read_modelled(work.sources["fit"]))
     gears = read_gears(work.sources.get("gears"))
     basis = Validated(study, fitted, read_friction(work.sources["estimate"]), gears)
     records = work.sources.get("measure")

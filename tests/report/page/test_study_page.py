@@ -12,7 +12,7 @@ from plants.two_axes import ROBOT, STUDY
 
 from elastid.app.cli import run_command
 from elastid.store.measured import read_responses
-from elastid.store.results import read_fit
+from elastid.store.results import read_fit, read_modelled
 
 CHANGES = (
     "experiment={configurations: {folded: [0, 60 deg], stretched: [30 deg, 0]}, realisations: 2}",
@@ -73,6 +73,8 @@ def expected(folder: Path, name: str) -> dict[str, Any]:
     """Of each curve its values on the measured lines, from frf.h5 and fit.h5, by output and input."""
     measured = next(G for G in read_responses(folder / "frf.h5") if G.configuration.name == name)
     model = read_fit(folder / "fit.h5").model(name).response(measured.freq_hz, sampled=True).G
+    (modelled,) = [G.G for G in read_modelled(folder / "fit.h5") or () if G.configuration.name == name]
+    assert modelled == pytest.approx(model, rel=1e-9)
     with np.errstate(divide="ignore"):
         return {
             "magnitude": {
