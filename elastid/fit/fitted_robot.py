@@ -42,14 +42,7 @@ class FittedRobot:
     name: str = ""
 
     @classmethod
-    def of(
-        cls,
-        result: Result,
-        robot: Robot,
-        measured: Sequence[Response],
-        spec: ModelSpec = EXACT,
-        modelled: tuple[Response, ...] | None = None,
-    ) -> FittedRobot:
+    def of(cls, result: Result, robot: Robot, measured: Sequence[Response], spec: ModelSpec = EXACT) -> FittedRobot:
         """The model that was fitted, linearised in each configuration of `measured`, which need not have been fitted.
 
         robot, spec: as they were fitted.  Fitted coordinates of the geometry are parameters of the equations.
@@ -60,7 +53,7 @@ class FittedRobot:
         for G in measured:
             linear = linear_model(linearisation, G, _theta(result, linearisation.model, G.configuration.name))
             models.append(FittedModel.of(linear, result.parameters, result.x, result.covariance))
-        return cls(result, linearisation.model, tuple(measured), tuple(models), modelled)
+        return cls(result, linearisation.model, tuple(measured), tuple(models))
 
     @property
     def robot(self) -> Robot:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -32,8 +33,8 @@ def report(study: Study, work: Work) -> Artefacts:
     plan, estimates, validated = files.get("design"), files["estimate"], files["validate"]
     responses, result = read_responses(estimates), read_fit(files["fit"])
     validation, friction = read_validation(validated), read_friction(estimates)
-    fitted = FittedRobot.of(result, robot, responses, study.model, read_modelled(files["fit"]))
-    gears = read_gears(files.get("gears"))
+    fitted = FittedRobot.of(result, robot, responses, study.model)
+    fitted, gears = replace(fitted, modelled=read_modelled(files["fit"])), read_gears(files.get("gears"))
     final = with_gears(result, gears)
     content = ReportContent(
         *(study.name, validation.verdict, final, tuple(zip(responses, fitted.responses, strict=True)), validation),

@@ -47,8 +47,9 @@ def validate(study: Study, work: Work) -> Artefacts:
     Without records, which may not be kept, nothing is simulated.
     """
     responses, result = read_responses(work.sources["estimate"]), read_fit(work.sources["fit"])
-    fitted = FittedRobot.of(result, study.as_robot(), responses, study.model, read_modelled(work.sources["fit"]))
+    fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
     gears = read_gears(work.sources.get("gears"))
+    fitted = replace(fitted, modelled=read_modelled(work.sources["fit"]))
     basis = Validated(study, fitted, read_friction(work.sources["estimate"]), gears)
     records = work.sources.get("measure")
     if records is None and study.experiment.responses is None:

@@ -198,10 +198,6 @@ def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence
         if len(members) > 1 and len({numbers[i].log for i in members}) == 1:
             every.append(Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1))))
 
-    def add_together(name: str, family: str, members: list[int]) -> None:
-        if len(members) > 1:
-            every.append(Candidate(name, family, np.array(members), np.eye(len(members))))
-
     for prefix in (prefix for h in hypotheses if h.is_common for prefix in h.numbers):
         add_common(f"{prefix}_*", [i for name, i in place.items() if name.startswith(f"{prefix}_")])
     for body in robot.bodies:
@@ -209,7 +205,9 @@ def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence
         if f"I_{body.name}" not in place:
             add_common(f"I_{body.name}_*", [place[name] for name in moments if name in place])
     for name, family, members in _of_one_cause(robot, place):
-        add_together(name, family, [place[member] for member in members if member in place])
+        together = [place[member] for member in members if member in place]
+        if len(together) > 1:
+            every.append(Candidate(name, family, np.array(together), np.eye(len(together))))
     return every
 
 
