@@ -90,7 +90,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     for part in parts:
         pairs = [link_side(channels[i], columns[i], robot) for i in part.members]
         notes += [note for _, on_signal in pairs for note in on_signal]
-        converted.append(replace(part, signals=np.stack([signal for signal, _ in pairs], axis=1)))
+        converted.append(replace(part, signals=np.stack([signal for signal, _ in pairs]).T))
     lowest = min(part.rate_hz for part in parts)
     period_s = _period_s(converted, experiment)
     at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
@@ -103,7 +103,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         periods.append(Finding("periods found", 1, text))
     aligned, shifts = _aligned(at_rate, period, experiment)
     n = min(len(part.signals) for part in aligned)
-    signals = np.full((n, len(channels)), np.nan)
+    signals = np.full((len(channels), n), np.nan).T
     for part in aligned:
         signals[:, part.members] = part.signals[:n]
     firsts: dict[tuple[str, str], int] = {}  # a signal that two files hold is taken from the first

@@ -28,7 +28,7 @@ UNWRAPPED = "records/unwrapped"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
 MAX_COMPUTABLE = 1e60
 # Sine of the angle between two signals without their means, up to which they are one but for rounding.
-MAX_DIFFERENCE = 1e-9
+MAX_DIFFERENCE = 1e-5
 
 
 def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterator[tuple[int, str, str]]:
@@ -175,12 +175,10 @@ def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | N
                 "channels has the other sign; give that channel sign: -1"
             )
             notes.append(Note("records/torque", text, where))
-    moving = signals - signals.mean(axis=0)
-    size = np.linalg.norm(moving, axis=0)
-    known = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and size[i] > 0]
+    C = np.cov(signals, rowvar=False)
+    known = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
     for a, b in combinations(known, 2):
-        factor = moving[:, a] @ moving[:, b] / size[a] ** 2
-        is_one = np.linalg.norm(moving[:, b] - factor * moving[:, a]) <= MAX_DIFFERENCE * size[b]
+        is_one = C[a, b] ** 2 >= (1 - MAX_DIFFERENCE**2) * C[a, a] * C[b, b]
         if channels[a].role == channels[b].role and is_one:
             text = (
                 f"{channels[b].full_name} holds the samples of {channels[a].full_name}: one of the two is not the "

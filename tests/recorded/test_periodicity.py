@@ -178,7 +178,7 @@ def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dic
 def test_a_period_is_found_however_often_it_is_logged(
     kind: str, T: float, periods: float, noise: float, scale: float
 ) -> None:
-    """To a hundredth of a sample and the noise, in any unit; a stated one off by a hundredth is not confirmed."""
+    """To a twentieth of a sample and the noise, in any unit; a stated one off by a hundredth is not confirmed."""
     assume(noise < 0.1 or periods > 6)
     t = np.arange(np.ceil(periods * T))
     x = np.exp(-(((t / T + 0.3) % 1 - 0.5) ** 2) / 2e-4)
@@ -186,11 +186,11 @@ def test_a_period_is_found_however_often_it_is_logged(
         x = np.cos(2 * np.pi * np.outer(t / T, LINES) + 6 * np.random.default_rng(1).random(len(LINES))).sum(axis=1)
     log = scale * (x / x.std() + noise * np.random.default_rng(2).standard_normal(len(t)))
     found = find_period(log[:, None])
-    assert found.best_samples == pytest.approx(T, abs=0.01 + 0.3 * noise)
+    assert found.best_samples == pytest.approx(T, abs=0.05 + 0.3 * noise)
     assert found.best_correlation == pytest.approx(1 / (1 + noise**2), abs=0.02)
     off = repetition(log[:, None], round(1.02 * T))
     assert not off.is_as_stated
-    assert off.best_samples == pytest.approx(T, abs=0.01 + 0.3 * noise)
+    assert off.best_samples == pytest.approx(T, abs=0.05 + 0.3 * noise)
 
 
 @settings(max_examples=30, deadline=None)

@@ -113,7 +113,7 @@ class ArrayLog:
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
             raise self._refusal(f"the channels differ in length: {table} samples; all must come from one recording")
-        return np.stack(signals, axis=1)
+        return np.stack(signals).T  # each signal in one piece, as all that follows takes them
 
     def array_of(self, channel: ChannelSpec) -> tuple[str, StoredArray]:
         """Name and array that hold a channel; DataError where it is missing or no signal."""

@@ -79,12 +79,12 @@ def counts(findings: Iterable[Finding]) -> dict[str, int]:
 
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign where sign is -1."""
-    P = len(x) // L
-    return np.asarray(x[: P * L].reshape(P, L) * float(sign) ** np.arange(P)[:, None])
+    X = x[: len(x) // L * L].reshape(-1, L)
+    return X if sign > 0 else np.asarray(X * float(sign) ** np.arange(len(X))[:, None])
 
 
-def expected(x: FloatArray, L: int, sign: int, good: BoolArray, robust: bool) -> FloatArray:
-    """Prediction of each sample of a signal (P L,) from all repetitions: their mean or median plus its own line.
+def expected(x: FloatArray, L: int, sign: int, good: BoolArray) -> FloatArray:
+    """Prediction of each sample of a signal (P L,) from all repetitions: their mean plus its own line.
 
     x_p(t) ~ a_p + b_p t + s(t), s from the good samples; s = 0 where no repetition has one.
     """
@@ -93,21 +93,28 @@ def expected(x: FloatArray, L: int, sign: int, good: BoolArray, robust: bool) ->
     line = np.zeros_like(X)
     # Offsets and shape depend on each other where samples are missing; so many rounds make them converge.
     for _ in range(5):
-        away = X - _average(X - line, robust=True)
+        away = X - _median(X - line)
         from_line = np.abs(away - line)
         # A repetition without a good sample has no line of its own.
         from_line[~np.isfinite(from_line).any(axis=1)] = 0.0
         # A sample further from its line than so many median distances has no weight in it.
         near = from_line <= 9.0 * np.nanmedian(from_line, axis=1, keepdims=True) + 1e-300
         line = _lines(np.where(near, away, np.nan), t)
-    common = line + _average(X - line, robust)
+    common = line + np.nansum(X - line, axis=0) / np.maximum(np.isfinite(X).sum(axis=0), 1)
     return np.asarray((common * float(sign) ** np.arange(len(X))[:, None]).ravel())
 
 
 def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
-    """X (P, L): the repetitions of a signal, each without its mean and its slope (least squares)."""
+    """X (P, L): the repetitions of a signal, each without its line."""
     X = blocks(x, L, sign)
-    return np.asarray(X - _lines(X, np.linspace(-0.5, 0.5, L)))
+    return without_line(X) if np.isfinite(X).all() else np.asarray(X - _lines(X, np.linspace(-0.5, 0.5, L)))
+
+
+def without_line(X: FloatArray) -> FloatArray:
+    """X (..., L), each row without its mean and its slope (least squares)."""
+    t = np.linspace(-0.5, 0.5, X.shape[-1])
+    away = X - X.mean(axis=-1, keepdims=True)
+    return np.asarray(away - (away @ t / (t @ t))[..., None] * t)
 
 
 def scaled(drivers: FloatArray, N: int) -> FloatArray:
@@ -117,11 +124,9 @@ def scaled(drivers: FloatArray, N: int) -> FloatArray:
     return np.asarray(X / np.where(size > 0, size, 1.0))
 
 
-def _average(X: FloatArray, robust: bool) -> FloatArray:
-    """Median or mean (L,) of the finite samples of each column of X (P, L); 0 where there is none."""
+def _median(X: FloatArray) -> FloatArray:
+    """Median (L,) of the finite samples of each column of X (P, L); 0 where there is none."""
     n = np.isfinite(X).sum(axis=0)
-    if not robust:
-        return np.asarray(np.nansum(X, axis=0) / np.maximum(n, 1))
     # NaN is sorted to the end.
     ordered = np.sort(X, axis=0)
     middle = np.stack([np.maximum(n - 1, 0) // 2, np.minimum(n // 2, len(X) - 1)])

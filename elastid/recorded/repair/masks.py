@@ -29,7 +29,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.statistics import STD_OVER_MAD, runs
-from elastid.recorded.repair import Finding, Log, Repaired, blocks, expected, flat
+from elastid.recorded.repair import Finding, Log, Repaired, flat, without_line
 
 MASKED, STOPPED = "samples taken as missing", "stops"
 
@@ -102,15 +102,13 @@ def rest_before(torques: FloatArray) -> int:
 
 def _scatter(windows: FloatArray) -> FloatArray:
     """Rms (...) of windows (..., width) without mean and slope; infinite where a sample is missing."""
-    t = np.linspace(-1.0, 1.0, windows.shape[-1])
-    away = windows - windows.mean(axis=-1, keepdims=True)
-    away = away - (away @ t / (t @ t))[..., None] * t
+    away = without_line(windows)
     return np.where(np.isfinite(away).all(axis=-1), np.sqrt(np.mean(away**2, axis=-1)), np.inf)
 
 
 def without_standstill(signals: FloatArray, L: int, log: Log) -> Repaired:
     """Signals (n, c), some samples NaN, with NaN where a channel hangs, or drops to 0, and other repetitions do not."""
-    result, findings = signals.copy(), []
+    result, findings = np.copy(signals), []
     hold = np.diff(signals, axis=0) == 0
     alike = hold.all(axis=1)
     for c, x in enumerate(signals.T):
@@ -161,7 +159,7 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
             f"{log.first + int(np.argmax(bad)) * L}] with period: none",
             log.where,
         )
-    result, end = signals.copy(), 1 + int(np.flatnonzero(~bad)[-1])
+    result, end = np.copy(signals), 1 + int(np.flatnonzero(~bad)[-1])
     for p in np.flatnonzero(bad):
         result[p * L : (p + 1) * L] = np.nan
     return Repaired(result if end == P else result[: end * L], (Finding(STOPPED, int(bad.sum()), text),))
@@ -171,11 +169,10 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired
     """Signals (P L, c), finite, NaN at spikes of one or two samples; unchanged for fewer than three repetitions."""
     if len(signals) // L < LIMITS.min_periods:
         return Repaired(signals)
-    good = np.ones(len(signals), dtype=np.bool_)
-    apart = [x - expected(x, L, sign, good, robust=True) for x in signals.T]
+    apart = [X - np.median(X, axis=0) for X in (flat(x, L, sign) for x in signals.T)]
     # One sample that is off by no more than periods are from each other adds nothing to their scatter.
-    least = [float(np.median(np.std(blocks(e, L), axis=1))) for e in apart]
-    return without_lone(signals, apart, "the other periods", log, least)
+    least = [float(np.median(np.std(e, axis=1))) for e in apart]
+    return without_lone(signals, [e.ravel() for e in apart], "the other periods", log, least)
 
 
 def without_lone(
@@ -185,7 +182,7 @@ def without_lone(
 
     apart: e (n,) of each, its distance from a reference.  least: of that, of a spike.
     """
-    result, findings = signals.copy(), []
+    result, findings = np.copy(signals), []
     for c, e in enumerate(apart):
         x = signals[:, c]
         spikes = _spikes(x, e, least[c] if least else 0.0)
@@ -209,7 +206,10 @@ def _spikes(x: FloatArray, e: FloatArray, smallest: float) -> IntArray:
     sigma = STD_OVER_MAD * float(np.median(d))
     if sigma == 0:  # most samples agree exactly: from the smaller 99 %
         sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
-    least = max(LIMITS.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x), smallest)
+    least = max(LIMITS.min_sigmas * sigma, 1e-9 * np.ptp(x), smallest)
+    if not np.any(d > least):
+        return np.arange(0)
+    least = max(least, 2 * step(x))
     parts = d[: len(d) // LIMITS.parts * LIMITS.parts].reshape(LIMITS.parts, -1)
     beyond_usual = LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
     spikes, n = [np.arange(0)], LIMITS.neighbours

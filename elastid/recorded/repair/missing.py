@@ -44,12 +44,12 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     good = np.isfinite(periodic)
     if good.all():
         return Repaired(periodic)
-    result, findings = periodic.copy(), []
+    result, findings = np.copy(periodic), []
     for c in np.flatnonzero(~good.all(axis=0)):
         missing = np.flatnonzero(~good[:, c])
         text = _missing(missing, good, log, int(c))
         _check(good[:, c], P, L, log, text)
-        shape = expected(periodic[:, c], L, sign, good[:, c], robust=False)
+        shape = expected(periodic[:, c], L, sign, good[:, c])
         result[:, c] = np.where(good[:, c], periodic[:, c], shape)
         text = f"{text}, the first is {log.time_of(missing[0])}: filled from the same phase of the other periods"
         findings.append(Finding(FILLED, missing.size, text))
@@ -93,7 +93,7 @@ def _missing(missing: IntArray, good: BoolArray, log: Log, c: int) -> str:
 
 def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
     """Signals (n, c) without NaN; DataError for long gaps, or too many, with the piece of the log that is complete."""
-    result, findings = signals.copy(), []
+    result, findings = np.copy(signals), []
     for c in range(signals.shape[1]):
         good = np.isfinite(signals[:, c])
         missing = np.flatnonzero(~good)
@@ -195,7 +195,7 @@ def _with_missing(both: FloatArray) -> FloatArray:
 
 def _bridged(signals: FloatArray) -> FloatArray:
     """Straight lines where samples are missing: good enough to compare periods with."""
-    result, rows = signals.copy(), np.arange(len(signals))
+    result, rows = np.copy(signals), np.arange(len(signals))
     for c in np.flatnonzero(~np.isfinite(signals).all(axis=0)):
         known = np.isfinite(signals[:, c])
         result[:, c] = np.interp(rows, rows[known], signals[known, c]) if known.any() else 0.0
