@@ -23,7 +23,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.robot import Frame, Placement, Robot, Tolerances
 from elastid.robot.simplified import without_dry_friction
 
-EXCITATION = MultisineSpec(rate_hz=500.0, period=1.0, band_hz=(2.0, 60.0), torque_rms=(60.0, 50.0))
+EXCITATION = MultisineSpec(rate_hz=250.0, period=1.0, band_hz=(2.0, 60.0), torque_rms=(60.0, 50.0))
 # Upright, the beam loads the spring of axis 1 with its smallest inertia; level, with its largest.
 GIVEN = {"upright": (0.0, 0.0), "level": (0.0, 1.4)}
 

@@ -55,7 +55,7 @@ def nees(track: Track, name: str, truth: FloatArray) -> float:
 
 def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) -> None:
     """Torque within 0.4 %, NEES at most 1.2, NIS 0.9 to 1.1."""
-    run = simulate(stops_and_moves(40), seed=1)
+    run = simulate(stops_and_moves(25), seed=1)
     track = tracked(kalman, run)
     judged = consistency(track, SETTLED_S)
     assert torque_error(track, run) < 0.004

@@ -94,7 +94,7 @@ experiment:
   configurations: {c: [0.5, 0.9]}
   recorded:
     rate_hz: 500
-    period: 4 s
+    period: 2 s
     channels:
       - {role: r, at: motor 1, channel: r, column: 1, side: motor}
       - {role: r, at: motor 2, channel: r, column: 2, side: motor}
@@ -108,9 +108,9 @@ experiment:
 POSITION = "quantity: position, unit: deg, side: motor}"
 OF_RESPONSES = (
     Mistake("column", "channel: u, column: 1,", "channel: u, column: 3,"),
-    Mistake("period", "period: 4 s", "period: 3.4 s"),
-    Mistake("too short a log", "period: 4 s", "period: 20 s"),
-    Mistake("rate by the period", "rate_hz: 500", "rate_hz: 600", "period: 4 s"),
+    Mistake("period", "period: 2 s", "period: 1.7 s"),
+    Mistake("too short a log", "period: 2 s", "period: 20 s"),
+    Mistake("rate by the period", "rate_hz: 500", "rate_hz: 600", "period: 2 s"),
     Mistake("sign of an angle, alone", POSITION, POSITION.replace("unit: deg", "sign: -1, unit: deg")),
     Mistake("degrees as radians, alone", POSITION, POSITION.replace(", unit: deg", "")),
     Mistake("position as velocity, alone", POSITION, "quantity: velocity, unit: deg/s, side: motor}"),

@@ -94,7 +94,7 @@ def simulated(
     noise: NoiseSpec = NOISE,
     carrier: CarrierSpec | None = CarrierSpec(0.01, 2),  # noqa: B008
 ) -> Measured:
-    excitation = MultisineSpec(500.0, 4.0, (2.0, 50.0), TORQUE_RMS, grid="odd-random")
+    excitation = MultisineSpec(500.0, 2.0, (2.0, 50.0), TORQUE_RMS, grid="odd-random")
     rig_spec = SimulatedSpec(noise=noise, carrier=carrier, substeps=substeps)
     experiment = ExperimentSpec(configurations, realisations, 2, 1, simulated=rig_spec)
     rig = SimulatedRig(machine, experiment, make_plan(excitation, experiment, machine, seed), seed)

@@ -95,7 +95,7 @@ def test_variances_are_those_of_monte_carlo(spec: EstimatorSpec, closed: bool) -
     G = _followed_by(spec, closed, rng)
     size, std = np.abs(G).max(), 1e-2 if closed else 1e-3
     squares, noise, total = [], [], []
-    for _ in range(50):
+    for _ in range(25):
         R = _phases(rng, len(LINES), 3)
         U = np.linalg.solve(np.eye(3) + 0.3 / size * G, R[..., None])
         clean = _record(U[..., 0], (G @ U)[..., 0], R if closed else None, P=4)
