@@ -171,8 +171,7 @@ def estimate_uncertainty(
     cost = expected_cost if is_forecast else sum(costs.tolist()) + float(static_r @ static_r)
     floor = _floor(parts, floor_pulls, half, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
     if is_in_error(cost, expected_cost, cost_dof):
-        A = (R @ half.T).T @ (R @ half.T)
-        residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, A, half)])
+        residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, half)])
     # Tolerances scatter from file to file, not from measurement to measurement.
     of_file = [i for i, p in enumerate(fit.parameters.free) if p.tolerated]
     variance, of_file_J = np.diag(noise), beside_J[of_file]

@@ -238,28 +238,24 @@ def sum_blocks(
     return pulls, every, (total, rank)
 
 
-def jackknife_variance(parts: Sequence[LineSums], A: FloatArray, half: FloatArray) -> FloatArray:
+def jackknife_variance(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
     """Variances (n_p,) of x = H^T z, zero for fewer than three configurations.
 
-    A (n_x, n_x): J^T J of all, priors included, in the variables z of the sums.  half (n_x, n_p): H.
+    half (n_x, n_p): H, with which J^T J of all, priors included, is 1 in the variables z of the sums.
     """
-    Q, length = len(parts), np.sqrt(np.diag(A))
+    Q = len(parts)
     if Q < 3:
         return np.zeros(half.shape[1])
-    length[length == 0] = 1.0
-    moved = np.array([_moved_without(part, A, length) for part in parts]) @ half
+    moved = np.array([_moved_without(part) for part in parts]) @ half
     t = small_sample_factors(Q - 1)
     return np.asarray(t**2 * (Q - 1) / Q * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0))
 
 
-def _moved_without(part: LineSums, A: FloatArray, length: FloatArray) -> FloatArray:
-    """The change of x (n_x,) without a configuration, in the directions that the others determine."""
-    rest = (A - part.rows.T @ part.rows) / np.outer(length, length)
-    values, vectors = np.linalg.eigh(rest)
-    known = values > 1e-10 * max(values[-1], 1e-300)  # less is known from this configuration alone
-    pull = part.pull.sum(axis=1) / length
-    step = vectors[:, known] @ ((vectors[:, known].T @ pull) / values[known])
-    return np.asarray(step / length)
+def _moved_without(part: LineSums) -> FloatArray:
+    """The change of z (n_x,) without a configuration, in the directions that the others determine."""
+    values, vectors = np.linalg.eigh(np.eye(len(part.pull)) - part.rows.T @ part.rows)
+    known = values > 1e-10  # less is known from this configuration alone
+    return np.asarray(vectors[:, known] @ ((vectors[:, known].T @ part.pull.sum(axis=1)) / values[known]))
 
 
 def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray:

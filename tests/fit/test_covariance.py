@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ from scipy.stats import t as student
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.covariance import Covariance
-from elastid.fit.covariance import noise_dof, taken_out_error, unexplained_error
+from elastid.fit.covariance import estimate_uncertainty, noise_dof, taken_out_error, unexplained_error
 from elastid.fit.intervals import bootstrap, profile_ends
 from elastid.fit.line_sums import LineSums, autocovariance, block_variance, disagreement, jackknife_variance, sum_blocks
+from elastid.fit.problem.elastic import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.problem.weights import weigh
+from elastid.fit.problem.weights import Weights, weigh
 from elastid.fit.result import is_in_error, largest_by_chance
+from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
@@ -58,6 +61,26 @@ def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
     error = abs(G.mean()) - 1
     np.testing.assert_allclose(unexplained_error(parameters, [unexplained]), [error, 2 * error, 0.0], rtol=0.1)
     assert not unexplained_error(parameters, [replace(unexplained, notes=())]).any()
+
+
+def test_a_floor_is_one_error_of_each_element_and_octave() -> None:
+    """Where V leaves room, x has the scatter of refits whose elements are off by the floor, in phase and out of it."""
+    model, octave = plant((0, 2)), np.floor(np.log2(FREQ / FREQ[0]))
+    response = measured(model, noise_of(model))
+
+    def fitted(G: FloatArray, floor: float) -> tuple[ElasticFit, Weights]:
+        weights = weigh(response, FitSpec(weights=WeightSpec(floor=floor)))
+        return elastic_fit([replace(response, G=G)], [model], [weights], parameters(), "complex"), weights
+
+    covariances, expected = [], np.zeros((4, 4))
+    for floor in (0.002, 0.0):
+        fit, weights = fitted(response.G, floor)
+        covariances.append(estimate_uncertainty(fit, [response], [weights], X, is_forecast=True).covariance)
+    for o, output, error in product(np.unique(octave), range(2), (0.002, 0.002j)):
+        off = np.where((octave == o)[:, None, None] & (np.arange(2) == output)[:, None], 1 + error, 1.0)
+        end = fitted(response.G * off, 0.002)[0].evaluate(X)
+        expected += 0.5 * np.outer(*2 * [np.linalg.solve(end.hessian, end.gradient)])
+    np.testing.assert_allclose(covariances[0] - covariances[1], expected, rtol=1e-3, atol=1e-5 * np.abs(expected).max())
 
 
 def least_squares(free: Parameters, residual: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> LeastSquares:
@@ -121,14 +144,15 @@ def test_an_end_is_found_beyond_a_place_without_a_model():
     assert interval[1] == pytest.approx(np.log(1 + 1.96 * np.sqrt(0.6)), abs=0.01)
 
 
-@pytest.mark.parametrize("criterion", ["complex", "log"])
-def test_bootstraps_scatter_as_the_covariance_says(criterion):
-    """60 repetitions: standard deviations within what 60 draws allow."""
+@pytest.mark.parametrize(("criterion", "is_known"), [("complex", True), ("log", True), ("complex", False)])
+def test_bootstraps_scatter_as_the_covariance_says(criterion, is_known):
+    """60 repetitions: standard deviations within what 60 draws allow, of noise that is measured or only supposed."""
     model = plant((0, 2), (0, 2))
     response = measured(model, noise_of(model), np.random.default_rng(1))
     end, sure = estimate(response, model, criterion=criterion)
     fit = fit_of(response, model, criterion=criterion)
-    draws = bootstrap(fit, [weigh(response, NO_FLOOR)], end.x, 60, seed=4)
+    floored = replace(response, noise=None), FitSpec(weights=WeightSpec(floor=0.05))
+    draws = bootstrap(fit, [weigh(*(response, NO_FLOOR) if is_known else floored)], end.x, 60, seed=4)
     ratio = draws.std(axis=0) / np.sqrt(np.diag(sure.covariance))
     assert np.all((ratio > 0.65) & (ratio < 1.35)), ratio
 
@@ -217,8 +241,9 @@ def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
     rng = np.random.default_rng(Q)
     blocks, y = [rng.standard_normal((6, 3)) * (1, 1e4, 1e-5) for _ in range(Q)], rng.standard_normal((Q, 6))
     x = np.linalg.lstsq(np.vstack(blocks), np.concatenate(y))[0]
-    parts = [evidence_of(J, J @ x - one) for J, one in zip(blocks, y, strict=True)]
-    found = jackknife_variance(parts, sum(J.T @ J for J in blocks), np.eye(3))
+    half = np.linalg.inv(np.linalg.qr(np.vstack(blocks), mode="r")).T
+    parts = [evidence_of(J @ half.T, J @ x - one) for J, one in zip(blocks, y, strict=True)]
+    found = jackknife_variance(parts, half)
     scatter = left_out(blocks, y)
     expected = (Q - 1) / Q * np.sum((scatter - scatter.mean(axis=0)) ** 2, axis=0)
     t = student.ppf(0.975, Q - 1) / student.ppf(0.975, np.inf)

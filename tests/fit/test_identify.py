@@ -11,11 +11,13 @@ from plants.refusals import refused
 
 from elastid.base.errors import Note
 from elastid.fit.assembly import Assembly
-from elastid.fit.identify import identify
+from elastid.fit.covariance import taken_out_error
+from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import DISTORTED, Result
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
+from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.parameters import Tie
 from elastid.response import UNEXPLAINED, Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot
@@ -68,7 +70,7 @@ def test_without_a_floor_of_the_study_it_is_what_the_residuals_show(noisy, ident
         wrong = (1 + error * rng.standard_normal(each.G.shape) for each in exact)
         known = [Covariance((1e-3 * np.abs(each.G)) ** 2 + 1e-30, np.inf) for each in exact]
         data = [replace(G, G=G.G * w, noise=C) for G, w, C in zip(exact, wrong, known, strict=True)]
-        return identify(data, arm(), spec).floor
+        return fit_parameters(data, arm(), spec).floor
 
     assert 0.003 < floor_of_error(0.004) < 0.005
     assert floor_of_error(0.05) == 0.01
@@ -147,6 +149,16 @@ def test_without_a_measured_variance_the_residuals_set_the_intervals():
     assert 0.8 < result.std["k_1"] / reference.std["k_1"] < 3
     assert deviations(result, pendulum()).max() < 3
     assert (result.notes[0].code, result.notes[0].place) == ("fit/weights", "configuration c1")
+
+
+def test_what_friction_leaves_that_was_taken_out_is_in_the_intervals():
+    """Responses whose systematic errors hold those of its levels, too: their variance besides, and the same numbers."""
+    (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(1))
+    none = np.zeros((SYSTEMATIC_ERRORS + 1, 1, *response.G.shape), complex)
+    taken, left = (identify([replace(response, bias=b)], pendulum(), FitSpec(starts=1)) for b in (none, none[1:]))
+    np.testing.assert_array_equal(taken.x, left.x)
+    besides = taken.covariance - left.covariance
+    np.testing.assert_allclose(besides, np.diag(taken_out_error(taken.parameters) ** 2), atol=1e-15)
 
 
 @pytest.mark.parametrize("factor", [2 * np.pi, 1 / (2 * np.pi)])

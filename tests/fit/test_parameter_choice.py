@@ -9,7 +9,7 @@ from plants.linkages import LOWER, linkage
 from plants.measured_robots import deviation, responses_of
 from plants.refusals import refused
 
-from elastid.fit.identify import identify
+from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, WeightSpec
 from elastid.parameters import Parameter, Parameters, Tie
@@ -210,7 +210,7 @@ def test_wrong_sets_of_responses_are_named(data):
 def test_a_configuration_of_another_robot_is_named(data):
     """The same axes, but twice as soft: the fit cannot follow both, and says which one stands apart."""
     foreign = measure(bench(k=60.0), "c4", np.random.default_rng(3))
-    result = identify([*data, foreign], bench(), FitSpec(starts=1))
+    result = fit_parameters([*data, foreign], bench(), FitSpec(starts=1))
     assert ("fit/unlike-responses", "configuration c4") in [(note.code, note.place) for note in result.notes]
 
 

@@ -94,14 +94,6 @@ def test_a_payload_lowers_the_frequencies_and_a_frame_may_be_anywhere() -> None:
     assert result().at(ANGLES, frame="fore").stiffness().frame == "fore"
 
 
-def test_an_accelerometer_sees_gravity_turn() -> None:
-    """Its reading by a slow force is the tilt times gravity, which a frame's acceleration lacks."""
-    model = result().at([0.0, 0.0], ["force tool z"], ["accelerometer tool x", "frame tool x"])
-    slow = model.response([0.01]).G[0, :, 0]
-    assert model.linear.quantity == "acceleration"
-    assert abs(slow[0]) > 1e3 * abs(slow[1])
-
-
 def test_postures_are_given_by_numbers_names_or_the_name_of_a_configuration() -> None:
     """All the same robot; what is no posture is refused with what is missing."""
     own = result()

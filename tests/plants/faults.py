@@ -179,7 +179,7 @@ def behind_gear(case: Case) -> Case:
 class Named:
     """A fault, the cause that a fit names first for it, the least share of the excess, its steps and their error.
 
-    has_tolerances: of the robot's file.
+    has_tolerances: of the robot's file.  alike: causes that the data cannot distinguish from it.
     """
 
     fault: Fault
@@ -188,6 +188,7 @@ class Named:
     steps: tuple[float, ...] = ()
     within: float = 0.0
     has_tolerances: bool = False
+    alike: tuple[str, ...] = ()
 
 
 def _number(fault: Fault, cause: str, step: float) -> Named:
@@ -199,10 +200,10 @@ SOFT, OFF = 0.95, np.radians([-2.5, 3.0, -2.0])
 FAULTS: Mapping[str, Named] = {
     "delay left out": _number(_times(lambda f: np.exp(-2j * np.pi * f * 0.3e-3)), "delay", 0.3e-3),
     "link mass +5 %": _number(lambda case: _numbers(case, m_fore=1.05), "m_fore", -math.log(1.05)),
-    "link length": _number(wrong_length, "p_fore_z", -0.03),
-    "inertia +20 %": _number(
+    "link length": replace(_number(wrong_length, "p_fore_z", -0.03), alike=("pj_1_z",)),
+    "inertia +20 %": replace(_number(
         lambda case: _numbers(case, I_fore_xx=1.2, I_fore_yy=1.2, I_fore_zz=1.2), "I_fore_*", -math.log(1.2)
-    ),
+    ), alike=("I_fore_yy",)),
     "low pass on all encoders": _number(
         _times(lambda f: 1 / (1 + 1j * f / 200.0)), "low_pass", 1 / (400 * math.pi)
     ),
@@ -210,6 +211,11 @@ FAULTS: Mapping[str, Named] = {
         _times(lambda f: np.exp(-2j * np.pi * f * [[0.0], [1 / RATE_HZ]])), "delay_y_motor_2", 1e-3
     ),
     "gear ratio 1 % wrong": _number(wrong_gear_ratio, "ratio_*", -0.01),
+    "torques of a posture": Named(
+        _as_read(lambda r, i: replace(r, G=r.G / (1.04 if i == 1 else 1.0))), "torques@c2", 0.0,
+        (math.log(1.04),), 0.005,
+    ),
+    "soft day": Named(soft_day, "spring_2@c3", 0.8, (math.log(SOFT),), 0.2 * abs(math.log(SOFT))),
     "exchanged postures": Named(
         exchanged_postures, "responses of configurations c2 and c3 exchanged", 0.9, has_tolerances=True
     ),
@@ -241,11 +247,6 @@ FAULTS: Mapping[str, Named] = {
     "rotors on the link side": Named(
         rotors_on_the_link_side, "inertias of all motors given on the link side, or in kg cm^2", 0.99
     ),
-    "torques of a posture": Named(
-        _as_read(lambda r, i: replace(r, G=r.G / (1.04 if i == 1 else 1.0))), "torques@c2", 0.0,
-        (math.log(1.04),), 0.005,
-    ),
-    "soft day": Named(soft_day, "spring_2@c3", 0.8, (math.log(SOFT),), 0.2 * abs(math.log(SOFT))),
     "behind the gear": Named(behind_gear, "encoder of axis 2 behind the gear", 0.8),
     "rate 2 % wrong": Named(  # frequencies are 2 % too high, and accelerations from logged angles by the square
         _as_read(lambda r, _: replace(r, freq_hz=1.02 * r.freq_hz, G=1.02**2 * r.G)), "rate"

@@ -45,20 +45,13 @@ def measure(rng: np.random.Generator, noise: float = 0.01) -> list[Response]:
     return responses_of(robot(), POSTURES, rng, np.linspace(2, 50, 40), noise, 0.0)
 
 
-def tapped(
-    where: Configuration, freq_hz: FloatArray, noise: float, rng: np.random.Generator,
-    sign: float = 1.0, softer: float = 0.0,
-) -> Response:  # fmt: skip
-    """Acceleration of the tool by forces on it, along its own axes, motors held; noise: relative.
-
-    softer: a part of the stiffness of the second gear.
-    """
+def tapped(where: Configuration, freq_hz: FloatArray, noise: float, rng: np.random.Generator) -> Response:
+    """Acceleration of the tool by forces on it, along its own axes, motors held; noise: relative."""
     M, D, K, J = closed_form(where.angles)
     turn = rest(where.angles).sum()
     J = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ J
     s = 2j * np.pi * freq_hz[:, None, None]
-    K = K - np.diag([0.0, softer * STIFFNESS[1]])
-    G = sign * s**2 * J @ np.linalg.solve(s**2 * M + s * D + K, J.T.astype(complex))
+    G = s**2 * J @ np.linalg.solve(s**2 * M + s * D + K, J.T.astype(complex))
     G, covariance = drawn(G, noise * np.abs(G), rng)
     inputs, outputs = (tuple(f"{place} {axis}" for axis in "xz") for place in ("force tool", "frame tool"))
     known = covariance if noise else None

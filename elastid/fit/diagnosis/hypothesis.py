@@ -138,7 +138,7 @@ class Hypothesis:
 
     family: str
     numbers: tuple[str, ...] = ()
-    size: Size | None = None
+    size: Size = Size(0.1, 1.0, log=True)
     is_common: bool = False
     phrase: str | Callable[[ModificationIndex], str] = ""
     advice: str = ""
@@ -150,7 +150,7 @@ class Hypothesis:
 
     def number(self, name: str, value: float, unit: str = "", tolerated: bool = False) -> HeldNumber:
         """A held number of its own with the steps that are plausible; a positive quantity of value 0 only grows."""
-        size = self.size or Size(0.1, 1.0, log=True)
+        size = self.size
         log, limits = size.log and value > 0, (-size.limit, size.limit, size.usual)
         is_product_of_inertia = name.startswith("I_") and name[-3:] in ("_xy", "_xz", "_yz")
         if not log and size.grows:
@@ -342,8 +342,7 @@ def _advice(index: ModificationIndex, evidence: Evidence) -> str:
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
     if _is_motor_friction(index):
         return FREE_MOTORS
-    size = hypothesis and hypothesis.size
-    usual = min(size.usual if size else 0.1, LIMITS.prior_std)
+    usual = min(hypothesis.size.usual if hypothesis else 0.1, LIMITS.prior_std)
     # The common factor of an inertia's entries is no parameter of a study; they are.
     is_factor = index.name.startswith("I_") and index.name not in evidence.assembly.linearisation.model.parameters
     name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name

@@ -232,18 +232,7 @@ def log_odds(index: ModificationIndex, count: int, evidence: Evidence, scores: S
     """2 ln O of a cause, one of `count` of its family."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     prior = 1.0 if hypothesis is None else hypothesis.plausibility
-    occam = index.occam
-    if len(index.members) == 1 and occam == 0 and math.isfinite(index.std) and index.std > 0:
-        usual = hypothesis.size.usual if hypothesis is not None and hypothesis.size is not None else math.inf
-        occam = single_occam(usual, index.std**2 / max(scores.level, 1e-300), float(index.steps[0]), temper(scores))
-    return index.drop * scores.lines / temper(scores) - occam + 2 * math.log(max(prior, 1e-300) / count)
-
-
-def single_occam(usual: float, variance: float, step: float, tau2: float) -> float:
-    """The terms of the determinant and of the prior of a single number; variance: of its step, at unit noise."""
-    if not 0 < usual < math.inf:
-        return 0.0
-    return math.log1p(usual**2 / max(variance * tau2, 1e-300)) + 2 * math.log1p((step / usual) ** 2)
+    return index.drop * scores.lines / temper(scores) - index.occam + 2 * math.log(max(prior, 1e-300) / count)
 
 
 def modification_indices(evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, ...]:
@@ -333,17 +322,17 @@ def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatA
             return np.zeros(len(candidate.places)), 0.0, 0.0
         W = np.array([MASS_KG, *3 * [DISTANCE_M]])
         sizes = (load.mass / MASS_KG, *load.place / DISTANCE_M)
-        return load.steps, load.drop, _occam(load.information / tau2, W, np.array(sizes))
+        return load.steps, load.drop, occam_factor(load.information / tau2, W, np.array(sizes))
     steps, drop = test.step(candidate)
     D, places = candidate.directions, candidate.places
     usual = np.array([min(test.numbers[i].usual, 1e6) for i in places])
     along = np.array([float(usual[D[:, k] != 0][0]) for k in range(D.shape[1])])
     S = D.T @ test.S[np.ix_(places, places)] @ D
     of_direction = np.array([float(steps[D[:, k] != 0][0]) for k in range(D.shape[1])])
-    return steps, drop, _occam(S / tau2, along, of_direction / along)
+    return steps, drop, occam_factor(S / tau2, along, of_direction / along)
 
 
-def _occam(S: FloatArray, usual: FloatArray, sizes: FloatArray) -> float:
+def occam_factor(S: FloatArray, usual: FloatArray, sizes: FloatArray) -> float:
     """ln det(1 + W S) and the prior's term of sizes (n_d,) relative to the usual ones."""
     _, log_det = np.linalg.slogdet(np.eye(len(S)) + usual[:, None] * S * usual)
     return float(log_det + 2 * np.sum(np.log1p(sizes**2)))

@@ -317,7 +317,7 @@ def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[
     followed = np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300)))
     width = min(_width(1, dof), int(known.sum()))
     rough, wanted = (log - moving_mean(log, width) for log in (followed[known], np.log(variance[known])))
-    a = float(rough @ wanted / max(rough @ rough, 1e-300)) if np.abs(rough).max() > 1e-9 else 0.0
+    a = float(np.linalg.lstsq(rough[:, None], wanted)[0][0])
     model = np.exp(min(max(a, 0.0), 1.0) * (followed - followed.mean()))
     smooth, _, kept = smooth_covariance(variance[:, None, None].astype(complex), model[:, None, None], dof)
     return smooth[:, 0, 0].real, kept

@@ -109,8 +109,8 @@ class _ScaledProblem:
 
     def gradient(self, arguments: Sequence[ca.DM]) -> _Outputs:
         """V / N and its gradient as a column."""
-        evaluation = self.guarded(arguments[0])
-        return [ca.DM(self.weight * evaluation.cost), ca.DM(self.weight * self.scale * evaluation.gradient)]
+        gradient = self.guarded(arguments[0]).gradient
+        return [self.objective(arguments)[0], ca.DM(self.weight * self.scale * gradient)]
 
     def hessian(self, arguments: Sequence[ca.DM]) -> _Outputs:
         """The upper triangle of the Hessian of the Lagrangian, Gauss-Newton's in z times the multiplier of V / N."""

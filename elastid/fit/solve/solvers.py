@@ -249,7 +249,7 @@ def spread(parameters: Parameters, starts: int, factor: float, seed: int) -> Flo
     n, n_x = starts - 1, len(parameters.free)
     rng = np.random.default_rng(seed)
     strata = np.array([rng.permutation(n) for _ in range(n_x)]).reshape(n_x, n).T
-    cube = 2 * (strata + rng.random((n, n_x))) / max(n, 1) - 1
+    cube = 2 * (strata + rng.random((n, n_x))) / n - 1
     reach = [
         math.log(factor) * (2 if p.unit in DAMPING_UNITS else 1) if p.log else 0.1 * (p.upper - p.lower)
         for p in parameters.free

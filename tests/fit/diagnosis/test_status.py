@@ -33,7 +33,7 @@ def test_one_line_beyond_the_noise_is_no_misfit() -> None:
     one = np.zeros(first.G.shape)
     one[30, 0, 0] = 100.0
     spoilt = (replace(first, G=first.G + one * np.sqrt(first.total.variance)), *data[1:])
-    result = identify(spoilt, case.robot, SPEC)
+    result = fit_parameters(spoilt, case.robot, SPEC)
     assert result.exceeds_noise
     assert result.model_error > 1.5
     assert result.status == "converged"

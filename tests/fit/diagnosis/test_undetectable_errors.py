@@ -10,7 +10,8 @@ from plants.data_sheet_arm import arm, measure
 from plants.faults import SPEC, Case, drawn, true_case
 
 from elastid.fit.diagnosis import judge
-from elastid.fit.diagnosis.undetectable_errors import UndetectableError, undetectable_errors
+from elastid.fit.diagnosis.score_test import ScoreTest
+from elastid.fit.diagnosis.undetectable_errors import STIFFEST_BASE, UndetectableError, undetectable_errors
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.robot import Body, Joint, Robot, Spring
@@ -22,10 +23,11 @@ def fitted(case: Case) -> Result:
 
 def test_a_held_number_moves_a_parameter_as_predicted_and_nothing_warns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three of its errors per deviation move the parameter by three, and the fit is as fine as the true one."""
-    found: list[UndetectableError] = []
+    found, tests = list[UndetectableError](), list[ScoreTest]()
 
     def kept(result, scores):
         found.extend(undetectable_errors(result, scores))
+        tests.append(scores.test)
         return ()
 
     case = true_case()
@@ -33,6 +35,8 @@ def test_a_held_number_moves_a_parameter_as_predicted_and_nothing_warns(monkeypa
         patched.setattr(judge, "find_undetectable_errors", kept)
         right = fitted(case)
     by_name = {one.name: one for one in found}
+    further = [number.usual for number in tests[0].numbers if number.family == "compliance"]
+    np.testing.assert_allclose(further, 1 / np.median([*case.stiffness.values()]))  # as the springs of the file
     for name in ("Jm_1", "m_fore"):
         one = by_name[name]
         assert one.error > 3 * one.per_std
@@ -73,9 +77,12 @@ def test_a_pedestal_that_no_response_shows_is_within_the_total_with_a_base() -> 
 
 
 def test_the_stiffness_from_which_on_a_base_is_hidden_is_where_it_moves_by_an_interval() -> None:
-    """There the gear is off by 1.96 std."""
-    result = fitted_on_base(arm())
+    """There the gear is off by 1.96 std; of gears ten times as stiff, on a base as stiff as one of steel on a floor."""
+    file = arm()
+    heavy = file.with_parameters({n: 10 * v for n, (v, _) in file.parameters().items() if n[0] in "mIkdJf"})
+    result = identify(measure(heavy, np.random.default_rng(4), 2e-3), heavy, SPEC_OF_BASE)
     (base,) = result.rigid_parts
-    softened = base.stiffness * 1e-2 / base.hidden_from
-    assert softened == pytest.approx(1.96 * result.std["k_1"] / result.values["k_1"], rel=0.01)
+    assert base.stiffness == STIFFEST_BASE
+    k = result.values["k_1"]
+    assert k / base.hidden_from == pytest.approx(1.96 * result.std["k_1"] / k, rel=0.01)
     assert "fit/undetectable" in {note.code for note in result.notes}

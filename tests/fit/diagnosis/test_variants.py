@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.faults import SPEC, Case, drawn, faulty, true_case
+from plants.faults import SPEC, Case, drawn, faulty
 from plants.measured_robots import responses_of
 
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.result import ModificationIndex, Result
 from elastid.fit.spec import WeightSpec
-from elastid.response import Covariance, Response
 from elastid.robot import Payload, Robot, Tolerances
 from elastid.study import load
 
@@ -45,26 +44,6 @@ def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed
     np.testing.assert_allclose(place, load.center_of_mass, atol=0.06)
 
 
-MOTORS = ("Jm_1", "Jm_2")
-
-
-def at_stated_rate(response: Response, e: float) -> Response:
-    """As it is read from logs of positions whose rate is e times the stated one."""
-    total = Covariance(response.total.variance / e**4, response.total.dof)
-    return replace(response, freq_hz=response.freq_hz / e, G=response.G / e**2, total=total)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("e", "names", "factor"), [(2.0, (), 1), (0.1, (), 1), (1, ("Jm_1",), 0.1), (1, MOTORS, 1e-4)])
-def test_what_is_off_by_a_factor_is_not_believed(e: float, names: tuple[str, ...], factor: float) -> None:
-    """Twice the sampling rate, or logs of every tenth sample; a motor's inertia a tenth, or all in g m^2 times ten."""
-    case = true_case()
-    known, data = case.robot.parameters(), [at_stated_rate(G, e) for G in drawn(case, np.random.default_rng(0))]
-    wrong = case.robot.with_parameters({name: factor * known[name][0] for name in names})
-    alone = [replace(G, noise=G.total, total=None) for G in data]
-    assert {identify(responses, wrong, SPEC).status for responses in (data, alone)} == {"model_error"}
-
-
 def fitted(case: Case, noise: float, floor: float = 0.0) -> Result:
     return fit_parameters(
         drawn(case, np.random.default_rng(0), noise), case.robot, replace(SPEC, weights=WeightSpec(floor=floor))
@@ -84,14 +63,3 @@ def test_a_missing_torsion_is_named_where_v_does_not_show_it(noise: float, floor
     first = result.indices[0]
     assert first.name == "torsion_fore_z"
     assert 1 / first.steps[0] == pytest.approx(case.truth.parameters()["k_2z"][0], rel=0.05)
-
-
-def test_its_effects_on_stiffnesses_are_what_the_fit_with_the_spring_finds() -> None:
-    """To a deviation, of ten that one is off, although the spring has the damping of the others, 1.4 times its own."""
-    case = faulty("missing torsion")
-    without, rightly = fitted(case, 0.005), fitted(true_case(), 0.005)
-    found = without.x + without.indices[0].effects
-    std = np.sqrt(np.diag(rightly.covariance))
-    i, j = ([one.parameters.free_names.index(name) for name in case.stiffness] for one in (without, rightly))
-    assert np.all(np.abs(found[i] - rightly.x[j]) < std[j])
-    assert np.any(np.abs(without.x[i] - rightly.x[j]) > 10 * std[j])

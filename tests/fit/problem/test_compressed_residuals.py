@@ -207,6 +207,8 @@ def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses
         assert here.evaluate(x + 0.1).hessian.tobytes() == there.evaluate(x + 0.1).hessian.tobytes()
         moved = fit_at(responses, 1.1)
         followed = replace(moved.with_residuals_of(here), home=there.home)
+        pairs = zip(here.parts, followed.parts, strict=True)
+        assert all(part.normal.residuals is other.normal.residuals for part, other in pairs)
         assert same(moved, followed, x + 0.1)
         assert same(here, there, x)
         assert same(replace(moved, parts=moved.parts[:3]), replace(followed, parts=followed.parts[:3]), x)

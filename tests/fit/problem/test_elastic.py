@@ -8,7 +8,7 @@ from plants.refusals import refused
 from plants.three_mass import FREQ, NO_FLOOR, TRUTH, cramer_rao, estimate, fit_of, measured, noise_of, parameters, plant
 from plants.two_mass import circular
 
-from elastid.fit.covariance import estimate_uncertainty
+from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.line_sums import autocovariance, correlation_length
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.least_squares import Evaluation, ResidualKind, difference, distance_to_optimum, error_gain
@@ -84,24 +84,27 @@ def test_the_correlation_length_of_white_residuals_is_one():
 
 
 def test_a_prior_takes_part_like_a_measurement():
-    """A prior as sure as the data halves the variance and draws the estimate half way."""
+    """A prior as sure as the data halves the variance and draws the estimate half way; V counts it as one number."""
     model = plant()
     response = measured(model, noise_of(model))
     bound = cramer_rao(model, noise_of(model))[3]
     alone = {name: Parameter(name, v, log=True, free=False) for name, v in TRUTH.items() if name != "d_a"}
     weights = weigh(response, NO_FLOOR)
 
-    def estimated(prior: Prior | None) -> tuple[float, float]:
+    def estimated(prior: Prior | None) -> tuple[float, Uncertainty]:
         free = parameters(**alone, d_a=Parameter("d_a", TRUTH["d_a"], "1", 1e-4, 1.0, log=True, prior=prior))
         fit = elastic_fit([response], [model], [weights], free, "complex")
         end = solve(fit.problem, free.x)
-        return float(end.x[0]), float(estimate_uncertainty(fit, [response], [weights], end.x).covariance[0, 0])
+        return float(end.x[0]), estimate_uncertainty(fit, [response], [weights], end.x)
 
-    x, variance = estimated(None)
+    x, sure = estimated(None)
+    variance, n = float(sure.covariance[0, 0]), 2 * response.G.size
     assert variance < bound**2
     std = np.sqrt(variance)
     drawn, halved = estimated(Prior(float(np.exp(x + 0.1 * std)), std))
-    assert halved == pytest.approx(variance / 2, rel=0.01)
+    assert halved.covariance[0, 0] == pytest.approx(variance / 2, rel=0.01)
+    stated = [(each.cost_dof, each.expected_cost) for each in (sure, halved)]
+    np.testing.assert_allclose(stated, [(n, n - 1), (n + 1, n)])
     assert drawn - x == pytest.approx(0.05 * std, rel=0.05)
 
 
