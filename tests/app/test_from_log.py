@@ -2,11 +2,13 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from plants.measured import BENCH, EMPS, KUKA, measured
 from plants.mjcf_arm import ARM as CRANE
+from scipy.io import savemat
 
 from elastid.app import cli
 from elastid.study import load_with_logs
@@ -154,6 +156,27 @@ def test_a_log_without_a_time_is_of_responses_and_lists_what_it_does_not_use(tmp
     assert [c.channel for c in study.experiment.channels] == ["torque", "motor_angle", "load_angle"]
     unused = [line for line in (tmp_path / "new" / "study.yml").read_text().splitlines() if "# Not used" in line]
     assert [line.rpartition(" ")[2] for line in unused] == ["state", "current"]
+
+
+@pytest.mark.parametrize(
+    ("clock", "time"),
+    [
+        ({"t": np.arange(400) / 500}, ""),
+        ({"t": 5 + np.arange(400) / 500}, ""),
+        ({"t": 2.0 * np.arange(400)}, ""),
+        ({"t": np.delete(np.arange(401) / 500, 99)}, "t"),
+        ({"fs": 500.0}, ""),
+    ],
+    ids=["s", "s later", "ms", "gap", "rate"],
+)
+def test_the_rate_is_that_of_the_clock_of_a_log(clock: dict[str, Any], time: str, tmp_path: Path) -> None:
+    """Wherever it begins and whatever its unit; stamps of an even one need not be read."""
+    signals = {name: np.random.default_rng(0).standard_normal(400) for name in ("torque_1", "acc_1")}
+    savemat(tmp_path / "log.mat", {**clock, **signals})
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "log.mat")]) == 0
+    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
+    assert (recorded.known_rate_hz, recorded.time) == (pytest.approx(500), time)
+    assert [c.channel for c in recorded.channels] == ["torque_1", "acc_1"]
 
 
 def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path: Path) -> None:

@@ -1,8 +1,10 @@
 """file -> value -> file: what is kept, what is done again, what is left when work is stopped."""
 
 import json
+import os
+import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
@@ -15,6 +17,7 @@ from plants.refusals import refused
 from elastid.app import run as running
 from elastid.app.console import Console
 from elastid.app.export import export
+from elastid.app.overview import overview
 from elastid.app.run import Artefacts, Run, run_all
 from elastid.app.stage_table import SIMULATED, stages_of
 from elastid.app.stages import fit as fitting
@@ -25,6 +28,7 @@ from elastid.fit.result import Result
 from elastid.record import Record
 from elastid.response import Response
 from elastid.store.artefacts import read_stamp
+from elastid.store.measured import read_plan
 from elastid.store.results import read_fit
 from elastid.study import load, load_robot
 
@@ -78,6 +82,30 @@ def test_only_stages_that_depend_on_a_change_run_again(
     """A key of the study reaches the stages that read it, and those after them."""
     run_all(run_of(copy / "study.yml", copy / "run", *overrides))
     assert worked_on == expected
+
+
+def test_check_foretells_the_plan(finished: Path) -> None:
+    """Numbers of its experiments, periods and lines."""
+    text, plan = overview(load(finished / "study.yml").study), read_plan(finished / "run" / "plan.h5")
+    numbers = re.search(r"(\d+) experiments: .*\s+(\d+) periods of .* \((\d+) of transient\); (\d+) ", text)
+    assert numbers is not None
+    expected = len(plan.experiments), plan.periods + plan.transient_periods, plan.transient_periods, len(plan.lines)
+    assert (*map(int, numbers.groups()),) == expected
+
+
+def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(
+    finished: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[Sequence[str]] = []
+    monkeypatch.setattr(running, "load_for_workers", started.append)
+    run_all(run_of(finished / "study.yml", finished / "run", jobs=2))
+    assert not started
+    cores = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(cores)})
+        assert running.all_cores() == 1
+    finally:
+        os.sched_setaffinity(0, cores)
 
 
 def test_a_fit_leaves_the_robot_with_its_numbers(finished: Path) -> None:
