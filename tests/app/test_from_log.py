@@ -53,7 +53,7 @@ def test_a_motion_becomes_a_study_of_friction_that_runs(motion: Path, tmp_path: 
         assert numbers[f"f_m{k}"] == pytest.approx(5, rel=0.01)
 
 
-def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path) -> None:
     """Two accelerometers alone; with the hammer's column the same log becomes a study."""
     a = np.random.default_rng(0).normal(size=(400, 3))
     columns = "a1 (m/s^2),a2 (g),Impact (N)"
@@ -61,20 +61,14 @@ def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path, capsys: pyte
         log = tmp_path / f"{n}.csv"
         np.savetxt(log, a[:, :n], delimiter=",", header=",".join(columns.split(",")[:n]), comments="")
         assert cli.run_command(["new", str(tmp_path / f"s{n}"), "--from", str(log)]) == code
-    assert "no names and units say which signals are torques" in capsys.readouterr().err
     assert "# Not used" not in (tmp_path / "s3" / "study.yml").read_text()
 
 
-def test_a_path_that_is_none_and_a_robot_among_logs_are_said(
-    motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for paths, said in (
-        ((motion, "lost.csv"), "lost.csv: there is no such file"),
-        (("arm.urdf", "other.xml", motion), "arm.urdf and"),
-    ):
+def test_a_path_that_is_none_and_robots_among_logs_are_refused(motion: Path, tmp_path: Path) -> None:
+    for paths in ((motion, "lost.csv"), ("arm.urdf", "other.xml", motion)):
         wanted = [str(tmp_path / path) for path in paths]
         assert cli.run_command(["new", str(tmp_path / "new"), "--from", *wanted]) in (1, 2)
-        assert said in capsys.readouterr().err
+        assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("name", REAL)

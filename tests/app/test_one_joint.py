@@ -79,6 +79,7 @@ def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder: Pat
     prediction = json.loads((tmp_path / "prediction.json").read_text(encoding="utf-8"))
     assert all(signal["error"] < 1e-2 for each in prediction["twin"] for signal in each["signals"])
     assert command("predict", folder, run, "--with", run, "--set", "seed=5") == 2
+    assert command("predict", folder, tmp_path, "--with", tmp_path) == 2
     assert command("predict", folder, run, "--with", run) == 0
 
 
