@@ -111,7 +111,7 @@ def _export_fit(run: Run, target: str, folder: Path) -> Iterable[Path]:
         ),
     }
     write = (own | TARGETS)[target]
-    if target == "mujoco" and geared is not None:
+    if target == "mujoco":
         write = partial(write_mujoco, rubbing=geared)
     if gears is not None and gears.effects and target not in (ROBOT, "fmu"):
         words = "k and d as found beside the effects of the gears, some of which are left out: robot and fmu have all"

@@ -75,7 +75,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
         clock, signals, shapes = _clock(log), signals_of(log, _MAX_SAMPLES), log.shapes()
-    signals = [(g, x) for g, x in signals if g.name != clock.name and not (is_time(g.name) and is_clock(x))]
+    signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None:
         named = ", ".join(f"{signal.name} ({signal.quantity or 'unknown'})" for signal, _ in signals[:8]) or "none"
@@ -159,7 +159,7 @@ def _clock(log: Log) -> Clock:
             usual = 1 / float(np.mean(steps[steps < CLOCK.min_gap * np.median(steps)]))
             low, high = 20.0, 200e3  # of logs of machines
             unit = next((u for u, s in TIME_UNITS.items() if low <= usual / s <= high), "s")
-            grid = even_grid(t - t[0])
+            grid = even_grid(t)
             rate_hz = (usual if grid is None else grid[1]) / TIME_UNITS[unit]
             is_even = unit != "s" or (grid is not None and len(grid[0]) > grid[0][-1])
             return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even)
@@ -340,8 +340,6 @@ def _at(joint: Joint, guess: JointGuess, why: str) -> JointGuess:
     torque, motion = (
         replace(channel, why=f"{channel.why}; of {joint.name} by its {why}") for channel in (guess.torque, guess.motion)
     )
-    if joint.slides and torque.quantity == "torque":
-        torque = replace(torque, quantity="force", unit="N")
     if joint.slides and TABLE[motion.unit][0].startswith("rad"):
         motion = replace(motion, unit=of_translation(TABLE[motion.unit][0]))
     elif not joint.slides and "assumed" in motion.why:

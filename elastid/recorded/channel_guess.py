@@ -261,7 +261,7 @@ def is_clock(x: FloatArray) -> bool:
     if len(x) < 20 or not np.isfinite(x).all() or not steps.min() > 0:
         return False
     usual = float(np.median(steps))
-    return even_grid(x - x[0]) is not None or float(np.mean(np.abs(steps / usual - 1) > _MAX_STEP)) < _MAX_UNEVEN_SHARE
+    return even_grid(x) is not None or float(np.mean(np.abs(steps / usual - 1) > _MAX_STEP)) < _MAX_UNEVEN_SHARE
 
 
 def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:

@@ -23,9 +23,10 @@ def fitted_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> Path:
-    """The folder of the tiny study that was run: study.yml, robot.yml, run/."""
-    folder = tmp_path_factory.mktemp("finished")
-    for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
-        (folder / name).write_text(text)
+    """The folder of the tiny study that was run, at 400 Hz and with a delay of its controller."""
+    folder, (study, robot) = tmp_path_factory.mktemp("finished"), tiny_texts
+    (folder / "robot.yml").write_text(robot)
+    delayed = "    controller: {delay_samples: 1}\n    noise:"
+    (folder / "study.yml").write_text(study.replace("rate_hz: 500", "rate_hz: 400").replace("    noise:", delayed))
     run_all(Run(load(folder / "study.yml"), folder / "run", 1, Console(-1)))
     return folder

@@ -1,5 +1,6 @@
 """The command line: a thin skin, one clear message for each mistake, no half-written file however it ends."""
 
+import codecs
 import contextlib
 import logging
 import os
@@ -150,6 +151,12 @@ def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: 
     assert out == ""
     assert err
     assert "Traceback" not in err
+
+
+def test_signs_that_a_terminal_lacks_are_letters() -> None:
+    """One after the other; no letter is lost."""
+    codecs.register_error("letters", cli._in_ascii)
+    assert "5±2 µm at 3°".encode("ascii", "letters") == b"5+-2 um at 3deg"
 
 
 @pytest.mark.slow

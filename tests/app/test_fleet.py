@@ -145,8 +145,6 @@ def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFi
     (tiny.parent / "wrong.csv").write_text("robot,date,seed\na,2026-01-01,1\nb,2026-01-01,x\nc,2026-01-01,y\n")
     for text, words in (
         (f"name: f\nstudy: study.yml\n{member}\n", "year-month-day"),
-        ("name: f\nstudy: other.yml\nmembers: [{robot: a, date: '2026-01-01'}]\n", "no such file"),
-        (f"name: f\nstudy: study.yml\ntable: t.csv\n{member.replace('13', '12')}\n", "one of members"),
         ("name: f\nstudy: study.yml\nmembers: [{robot: a, date: 2026-01-01, set: {nothing: 1}}]\n", "nothing"),
         ("name: f\nstudy: study.yml\ntable: t.csv\n", "fleet.yml:3:8: table: no such file"),
         ("name: f\nstudy: study.yml\ntable: wrong.csv\n", "c on 2026-01-01: "),

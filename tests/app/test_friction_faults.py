@@ -62,11 +62,9 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
             {"thermometer": REFERENCE + CONTROLLER.replace("30", "[30, 40]")},
             "controller.position_gain: 2 numbers for 1 driven joints",
         ),
-        ({"thermometer": REFERENCE + CONTROLLER.replace("30", "-1")}, "controller.position_gain: "),
         ({"files": "      - {path: log.csv, load: full}"}, "files[0].load: no load is called 'full'; there are empty"),
         ({"temperature": "yes"}, "friction.law.temperature: no log has a temperature"),
         ({"files": "      - {path: log.csv, joint: 2}"}, "files[0].joint: no driven joint is called '2'"),
-        ({"files": "      - {path: log.csv, speed: -1}"}, "files[0].speed: "),
     ],
 )
 def test_studies_that_cannot_work_are_refused_before_a_log_is_read(

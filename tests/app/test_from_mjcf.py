@@ -7,10 +7,12 @@ import pytest
 from plants.mjcf_arm import ARM
 from plants.refusals import refused
 
+from elastid.app.mjcf_reader import robot_of
 from elastid.app.scaffold import read_mjcf
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics
+from elastid.robot import Robot
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is in the group 'oracles'")
 
@@ -46,17 +48,20 @@ def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
     assert turn.ratio == -60.0
 
 
-def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque(tmp_path: Path) -> None:
+def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque() -> None:
     """Beside the armature, before the gear; a force's range, a control's where it is a force, and the joint's own."""
-    path = tmp_path / "crane.xml"
-    path.write_text(ARM.replace('armature="12"', 'armature="12" damping="7.2" stiffness="5"'))
-    robot = read_mjcf(path)
+    robot = compiled(ARM.replace('armature="12"', 'armature="12" damping="7.2" stiffness="5"'))
     x, turn, _ = robot.driven
     assert (x.motor.viscous, turn.motor.viscous) == (4.0, pytest.approx(7.2 / 60**2))
     assert [joint.viscous for joint in robot.joints] == [0.0, 0.0, 0.0, 0.0]
     assert [joint.limits.torque for joint in robot.driven] == [7.0, 60 * 3.0, np.inf]
-    path.write_text(ARM.replace('axis="1 0.2 0"', 'axis="1 0.2 0" actuatorfrcrange="-5 5"').replace("-3 3", "-30 30"))
-    assert [joint.limits.torque for joint in read_mjcf(path).driven] == [5.0, 60 * 0.5 * 8, np.inf]
+    robot = compiled(ARM.replace('axis="1 0.2 0"', 'axis="1 0.2 0" actuatorfrcrange="-5 5"').replace("-3 3", "-30 30"))
+    assert [joint.limits.torque for joint in robot.driven] == [5.0, 60 * 0.5 * 8, np.inf]
+
+
+def compiled(text: str) -> Robot:
+    """The robot of an MJCF file in this process."""
+    return robot_of(mujoco.MjModel.from_xml_string(text), "crane")
 
 
 def _takes_data() -> bool:

@@ -1,4 +1,4 @@
-"""Ten paths of a user from a refusal or a misfit to a result, each by what the message advises, as it is pasted."""
+"""Nine paths of a user from a refusal or a misfit to a result, each by what the message advises, as it is pasted."""
 
 import re
 from pathlib import Path
@@ -113,15 +113,6 @@ def test_another_delimiter_is_named(tmp_path: Path) -> None:
     log(tmp_path, 4 * N, np.arange(1, 60), delimiter=";", comma=True)
     delimiter, decimal = pasted(r"text: \{delimiter: '(.)', decimal: '(.)'", refused(tmp_path))
     assert taken(tmp_path, text=TextFormatSpec(delimiter=delimiter, decimal=decimal)).n_samples == 4 * N
-
-
-def test_a_stage_before_its_time_names_the_one_before(tiny: Path, capsys: Capture) -> None:
-    for stage in ("fit", "estimate", "measure"):
-        code, text = said(capsys, "run", str(tiny), stage, "--run", str(tiny.parent / "run"))
-        assert code == 2
-        (before,) = pasted(r"run `elastid run \S+ (\w+)`", text)
-    assert before == "design"
-    assert said(capsys, "run", str(tiny), before, "--run", str(tiny.parent / "run"))[0] == 0
 
 
 @pytest.mark.slow

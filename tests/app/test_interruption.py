@@ -14,13 +14,10 @@ import pytest
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.study import load
+from tests.app.test_cli import tree
 
 STAGES = "design", "measure", "estimate", "fit"
 OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 @pytest.fixture(scope="module")
@@ -94,11 +91,3 @@ def test_an_interrupted_fit_is_resumed(
     ours, theirs = tree(unfitted), tree(whole / "run")
     assert ours.keys() == theirs.keys()
     assert [name for name in ours if ours[name] != theirs[name]] == ["run.log"]
-
-
-@pytest.mark.slow
-def test_two_processes_write_the_same_bytes(whole: Path, tmp_path: Path) -> None:
-    """Records, responses and the fit."""
-    run_all(Run(load(whole / "study.yml", OPTIONS), tmp_path, 2, Console(-1)), STAGES)
-    ours, theirs = tree(tmp_path), tree(whole / "run")
-    assert [name for name in theirs if ours[name] != theirs[name]] == ["run.log"]

@@ -36,15 +36,3 @@ def test_a_fitted_study_is_mapped_at_random_on_a_path_and_by_poses(fitted_arm: P
     assert float(row["x"]) == pytest.approx(1.0, abs=5e-3)
     assert float(row["z"]) == pytest.approx(-0.3, abs=2e-2)
     assert float(row["z"]) < -0.3
-
-
-@pytest.mark.slow
-def test_wrong_options_end_in_words(fitted_arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two places at once and a frame that is not there are refused."""
-    for words, says in (
-        (("--random", "3", "--grid"), "exclude one another"),
-        (("--frame", "nose"), "has no frame nose"),
-        (("--normal", "0", "0", "0"), "zero vector"),
-    ):
-        assert command("map", fitted_arm, *words) == 2
-        assert says in capsys.readouterr().err

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from pathlib import Path
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
 
-from elastid.app import cli
+from elastid.app import cli, use_fit
+from elastid.base.errors import FitError
 from elastid.store.measured import read_plan
-from elastid.store.results import read_fit
+from elastid.store.results import read_fit, read_map
 from elastid.study import load_robot
 
 
@@ -36,8 +39,27 @@ def test_the_impulse_of_a_move_is_that_of_viscous_friction(folder: Path) -> None
             [[float(row[key]) for key in ("t", "position 1", "torque 1")] for row in csv.DictReader(file)]
         ).T
     assert position[-1] - position[0] == pytest.approx(np.deg2rad(20), rel=1e-3)
+    assert np.diff(t) == pytest.approx(1 / 400)  # the rate of the study's controller
     friction = read_fit(folder / "run" / "fit.h5").values["fm_1"]
     assert np.trapezoid(torque, t) == pytest.approx(friction * np.deg2rad(20), rel=1e-2)
+
+
+def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of the study, or those that are asked for."""
+    design = create_autospec(use_fit.design_loops, side_effect=FitError("fit/not-trusted", "not now"))
+    monkeypatch.setattr(use_fit, "design_loops", design)
+    for words, expected in (((), (400.0, 1)), (("--rate", "250", "--delay", "3"), (250.0, 3))):
+        assert command("loops", folder, folder / "run", *words) == 1
+        _, _, family, delay, *_ = design.call_args.args
+        assert (family.rate_hz, delay) == expected
+
+
+def test_the_frequencies_of_a_map_are_those_of_the_load_on_its_spring(folder: Path) -> None:
+    """In all postures, the motor held."""
+    assert command("map", folder, folder / "run", "--random", "3") == 0
+    mapped, stiffness = read_map(folder / "run" / "map.h5"), read_fit(folder / "run" / "fit.h5").values["k_1"]
+    expected = np.sqrt(stiffness / 1e-3) / (2 * np.pi)
+    np.testing.assert_allclose(mapped["frequency_1"].value, np.full(3, expected), rtol=1e-3)
 
 
 def test_draws_scatter_about_the_fit(folder: Path) -> None:
@@ -57,15 +79,19 @@ def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder: Pat
     prediction = json.loads((tmp_path / "prediction.json").read_text(encoding="utf-8"))
     assert all(signal["error"] < 1e-2 for each in prediction["twin"] for signal in each["signals"])
     assert command("predict", folder, run, "--with", run, "--set", "seed=5") == 2
+    assert command("predict", folder, tmp_path, "--with", tmp_path) == 2
     assert command("predict", folder, run, "--with", run) == 0
 
 
 def test_a_live_session_reaches_its_goal_and_takes_no_other_logs(folder: Path, tmp_path: Path) -> None:
-    """References are those of its plan; logs of a simulated rig are not those of a robot."""
-    words = ("--goal", "k_1: 0.012 %")
+    """The log says how far it is; references are those of its plan; simulated logs are not those of a robot."""
+    words = ("--goal", "k_1: 0.014 %")
     assert command("live", folder, tmp_path, *words, "--simulate") == 0
     low, high = read_fit(tmp_path / "fit.h5").interval("k_1")
-    assert low < 60.0 < high < 1.00024 * low
+    assert low < 60.0 < high < 1.00028 * low
+    ((width, goal),) = re.findall(r"k_1 is known to (\S+) % \(goal (\S+) %\)", (tmp_path / "run.log").read_text())
+    assert float(width) == pytest.approx(50 * (high / low - 1), rel=0.05)
+    assert float(goal) == 0.014
     plan = read_plan(tmp_path / "live" / "x1.h5")
     references = {path.stem for path in (tmp_path / "live" / "references").iterdir()}
     assert references == {run.name for run in plan.experiments}

@@ -13,6 +13,7 @@ from plants.cogged_joint import CoggedJoint, simulated
 from plants.moving_arm import ARM, motion
 
 from elastid.app import cli
+from elastid.app.use_fit import on_logs
 from elastid.study.robots import yaml_text
 
 STUDY = """
@@ -50,6 +51,16 @@ def study_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     return made
 
 
+def test_logs_of_the_command_line_have_the_keys_of_the_files_that_they_stand_for(tmp_path: Path) -> None:
+    """The last of the first where there are more; not those of one log alone."""
+    files = "{path: a.csv, configuration: a}, {path: b.csv, configuration: b, samples: [0, 9]}"
+    (tmp_path / "study.yml").write_text(STUDY.replace("{path: log.csv}", files), encoding="utf-8")
+    logs = [tmp_path / f"{name}.csv" for name in "xyz"]
+    (override,) = on_logs(tmp_path / "study.yml", logs, {"overrides": (), "folder": None})["overrides"]
+    expected = [{"path": str(log), "configuration": name} for log, name in zip(logs, "abb", strict=True)]
+    assert json.loads(override.partition("experiment.recorded.files=")[2]) == expected
+
+
 def command(*words: str | Path) -> int:
     return cli.run_command([*map(str, words), "-q"])
 
@@ -76,21 +87,6 @@ def test_friction_of_one_log_explains_another_of_its_axis_and_not_one_that_rubs_
         u = np.loadtxt(study.parent / "log.csv", delimiter=",")[:, 0]
     assert left["second"] < 1e-4
     assert left["third"] * np.mean(u**2) == pytest.approx(4.0**2, rel=0.15)
-
-
-def test_what_cannot_be_predicted_is_refused(
-    study_of: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """No result there, and a study of elasticity."""
-    study = study_of("alone", 3, 12.0)
-    words = ("--with", tmp_path / "nowhere", "--run", tmp_path / "run", "--log", study.parent / "log.csv")
-    assert command("predict", study, *words) == 2
-    assert "the study identifies friction: name the run folder of another study of friction" in capsys.readouterr().err
-    assert not (tmp_path / "run").exists()
-    assert cli.run_command(["new", str(tmp_path / "elastic")]) == 0
-    capsys.readouterr()
-    assert command("predict", tmp_path / "elastic" / "study.yml", "--with", tmp_path) == 2
-    assert "the study identifies elasticity" in capsys.readouterr().err
 
 
 OTHER = ARM.with_parameters({"m_upper": 3.0, "m_fore": 2.0, "Jm_1": 1e-3})

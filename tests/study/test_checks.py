@@ -25,6 +25,12 @@ NO_RIG, FRAME = "experiment.simulated=null", "robot.frames=[{name: tool, body: f
 ONE = "files: [{path: a.csv, configuration: a}]"
 LOGS = (NO_RIG, f"experiment.recorded={{rate_hz: 500, period: 2, channels: [{CHANNELS}], files: [{FILES}]}}")
 LOAD = "{force: [0, 0, 1], frame: tool, deflection: [0, 0, 1 mm], std: 1 um}"
+NOTCH = "{joint: 2, freq_hz: 20, width: 0.5, depth: 0.2}"
+GAINS = "experiment.simulated.controller.gains"
+CASCADE = (
+    "experiment.simulated.controller={kind: cascade, gains: {position_gain: 10, velocity_gain: 300, "
+    f"integral_time: 0.1, notches: [{NOTCH}]}}}}"
+)
 # Overrides that make a study of a kind.
 KINDS: dict[str, tuple[str, ...]] = {
     "simulated": (),
@@ -90,6 +96,9 @@ def refusals(study: Path, *overrides: str) -> list[str]:
         ("designed", ("design.candidates.given={e: [0, 1 mm]}",), "design.candidates.given.e[1]"),
         ("designed", ("design.candidates.margin=1 mm",), "design.candidates.margin"),
         ("simulated", ("experiment.simulated.carrier={amplitude: 1 mm}",), "experiment.simulated.carrier.amplitude"),
+        ("simulated", (CASCADE, f"{GAINS}.velocity_gain=[1, 2, 3]"), f"{GAINS}.velocity_gain"),
+        ("simulated", (CASCADE, f"{GAINS}.low_pass_hz=1000"), f"{GAINS}.low_pass_hz"),
+        ("simulated", (CASCADE, f"{GAINS}.notches.0.joint=3"), f"{GAINS}.notches[0].joint"),
         ("simulated", ("experiment.simulated.carrier={amplitude: 0.1, cycles: 4}",), ""),
         ("simulated", ("experiment.simulated.carrier={amplitude: 0.1, cycles: 5}",), "experiment.simulated.carrier"),
         ("simulated", ("experiment.simulated.heat={conductance: 1}", "filter={}"), "experiment.simulated.heat filter"),

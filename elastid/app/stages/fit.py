@@ -116,7 +116,7 @@ def conclude(run: Run) -> None:
         run.console.say(f"gears: {gear_line(opened)}")
     for words in dict.fromkeys(row.contains for row in rows if estimated and row.contains):
         run.console.say(f"{', '.join(row.name for row in rows if row.contains == words)}: {words}")
-    explained = linear.status == "misfit" and result.status == "converged"
+    explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
         run.console.say(line)
     files = (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit"))
@@ -126,7 +126,7 @@ def conclude(run: Run) -> None:
         raise MisfitError("fit/misfit", f"{result.message.partition(':')[0]}; {meaning}", "done, but a misfit")
     if result.status not in TRUSTED:
         raise FitError("fit/not-trusted", f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
-    run.console.say(f"{status}: {result.message if linear.status == 'misfit' else meaning}")
+    run.console.say(f"{status}: {result.message if explained else meaning}")
 
 
 # The answers where the effects of gears explain the misfit of the linear fit, whose residuals say nothing of the rest.

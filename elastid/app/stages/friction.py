@@ -36,7 +36,6 @@ from elastid.store.measured import write_signals
 from elastid.store.results import read_twin
 from elastid.study import Study
 from elastid.validation.friction_twin import friction_twin, predict_logs
-from elastid.validation.twin import NO_TWIN
 
 
 def design_motions(study: Study, work: Work) -> Artefacts:
@@ -125,7 +124,7 @@ def friction(study: Study, work: Work) -> Artefacts:
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     execution = Execution(work.jobs)
     twin = friction_twin(identified, result.joints, measured, controller, execution)
-    judged = predict_logs(identified, result.joints, others, controller, execution) if left_out else NO_TWIN
+    judged = predict_logs(identified, result.joints, others, controller, execution)
     reported = [note for levels in joint_levels for note in levels.notes]
 
     def report(console: Console) -> None:

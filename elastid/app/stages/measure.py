@@ -127,6 +127,5 @@ def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> t
 
 
 def _measured(test: LoadTest, exact: FloatArray, draw: np.random.SeedSequence) -> LoadTest:
-    z = np.random.default_rng(draw).standard_normal(test.n_readings)
-    values = (exact + test.deviations * z).tolist()
+    values = np.random.default_rng(draw).normal(exact, test.deviations).tolist()
     return replace(test, deflection=values[0] if test.n_readings == 1 else tuple(values))

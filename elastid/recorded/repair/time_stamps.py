@@ -243,6 +243,7 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
 
     Rounded stamps, such as 2 and 3 ms in turn at 400 Hz, lie on one.
     """
+    time_s = time_s - time_s[0]  # of a calendar's seconds a clock of some kHz would be lost in their rounding
     steps, candidates = np.diff(time_s), [np.arange(len(time_s))]
     median = float(np.median(steps))
     if median > 0:

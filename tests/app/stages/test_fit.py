@@ -10,6 +10,8 @@ from plants.two_axes import measured
 
 from elastid.app import cli
 from elastid.fit.result import MEANING
+from elastid.report.content import parameter_rows
+from elastid.report.overview import next_steps
 from elastid.store.results import read_fit
 from elastid.study import load_robot
 
@@ -34,7 +36,9 @@ def test_a_fit_ends_with_the_meaning_of_its_status(
     streams = capfd.readouterr()
     last = " ".join((streams.err if code else streams.out).split("summary.json")[-1].split())
     assert " ".join(MEANING[read_fit(run.path("fit")).status].split()) in last
-    assert read_fit(run.path("fit")).status == status
+    result = read_fit(run.path("fit"))
+    assert result.status == status
+    assert next_steps(result, parameter_rows(result, None))[0].what in " ".join(streams.out.split())
     summary = json.loads(run.summary("fit").read_text())
     assert summary["status"] == status
     assert len(summary["parameters"]) > 3

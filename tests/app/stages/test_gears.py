@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants.artefacts import some_fit
 from plants.refusals import refused
 from plants.two_mass_gear import LINES, Gear, records, robot
 from ruamel.yaml import YAML
 
 from elastid.app import cli
-from elastid.app.stages.gears import on_straight_springs
+from elastid.app.stages.gears import on_straight_springs, with_gear_section
 from elastid.base.execution import Execution
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
@@ -22,6 +23,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.formulation import EXACT
+from elastid.nonlinear.gear_result import ARCMIN, ARCSEC
 from elastid.nonlinear.gear_sheet import open_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, Parameters
@@ -30,6 +32,7 @@ from elastid.robot.simplified import with_joints
 from elastid.store.results import read_gears
 from elastid.study import load_robot
 from tests.consistency.test_readme import numbers
+from tests.report.test_content import sheets
 
 ROOT = Path(__file__).parents[3]
 STUDY = ROOT / "configs" / "gear.yml"
@@ -156,6 +159,18 @@ def test_a_term_of_a_spring_is_not_fitted_and_found() -> None:
         on_straight_springs(hard, [], result, EXACT, fit, Execution())
     straight = robot(Gear())
     assert on_straight_springs(straight, [], result, EXACT, fit, Execution()) == (result, straight)
+
+
+def test_the_summary_has_numbers_of_gears_in_makers_units_too() -> None:
+    """Nm/arcmin and arcsec where they are usual; of what was not seen its bound."""
+    result, empty = some_fit(), {"parameters": {}, "notes": [], "warnings": []}
+    gears = replace(sheets(), x=result.x, covariance=result.covariance)
+    content = with_gear_section(empty, result, (), gears)
+    numbers = content["gears"]["numbers"]
+    assert numbers["k_1"]["in_maker_unit"] == pytest.approx(2e5 / ARCMIN)
+    assert numbers["e1_1"]["in_maker_unit"] == pytest.approx(2e-5 * ARCSEC)
+    assert "in_maker_unit" not in numbers["H_1"]
+    assert (numbers["H_1"]["value"], numbers["H_1"]["bound95"]) == (None, 0.3)
 
 
 def with_spring(**terms: float) -> Robot:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -48,6 +49,19 @@ def test_a_structure_that_is_driven_by_a_voltage(bench: Path) -> None:
     np.testing.assert_allclose(peaks(bench / "run"), true_modes()[0] / (2 * np.pi), rtol=1e-4)
 
 
+def test_the_page_draws_the_band_of_the_modes(bench: Path) -> None:
+    """All lines within modal.band_hz; friction, which was not asked for by name and is not there, has no section."""
+    page = (bench / "run" / "report.html").read_text(encoding="utf-8")
+    data = map(json.loads, re.findall(r'<script type="application/json".*?>(.*?)</script>', page, re.DOTALL))
+    (drawn,) = next(each["responses"] for each in data if "responses" in each)
+    (measured,) = read_responses(bench / "run" / "frf.h5")
+    low, high = load(bench / "study.yml").study.modal.band_hz or (0, 0)
+    of_band = [freq_hz for freq_hz in measured.freq_hz if low <= freq_hz <= high]
+    np.testing.assert_allclose(drawn["freq"], of_band, rtol=1e-6)
+    assert len(of_band) < measured.n_lines
+    assert 'id="friction"' not in page
+
+
 def exported(bench: Path, target: str) -> Path:
     run = bench / "run"
     arguments = ["export", str(bench / "study.yml"), "--run", str(run), "--set", "report.formats=[png]", "-q"]
@@ -72,6 +86,18 @@ def test_exports_are_read_back(bench: Path, target: str, file: str) -> None:
     table = read_table(path, spec, "")
     np.testing.assert_allclose(table.freq, response.freq_hz, rtol=1e-9)
     np.testing.assert_allclose(table.G, response.G, rtol=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_universal_files_become_configurations_of_a_study(count: int, bench: Path, tmp_path: Path) -> None:
+    """One each."""
+    pytest.importorskip("pyuff")
+    files = [str(exported(bench, "uff") / "bench.uff")] * count
+    assert run_command(["new", str(tmp_path), "--from", *files]) == 0
+    experiment = load(tmp_path / "study.yml").study.experiment
+    assert experiment.responses is not None
+    assert [file.configuration for file in experiment.responses.files] == [*experiment.configurations]
+    assert len(experiment.configurations) == count
 
 
 @pytest.mark.slow
