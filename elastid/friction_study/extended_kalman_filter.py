@@ -45,6 +45,7 @@ from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
 from elastid.friction_study.result import JointFriction
 from elastid.friction_study.spec import Followed
+from elastid.simulation.closed_loop import compiled, evaluated
 from elastid.simulation.dynamics import runge_kutta_step
 
 # Relative std of held numbers where none are known; F_s / F_c falls by a tenth while a gear warms up.
@@ -183,8 +184,9 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     left = ca.SX.eye(n)
     left[:, 0] -= gain
     joseph = ca.tril2symm(ca.tril(left @ spread @ left.T + noise[0] * gain @ gain.T))
+    results = map(ca.densify, (predicted + gain * e, ca.horzcat(joseph, left @ cross), e, S))
     return ca.Function(
-        "filter_step", [x, P, u, g, y, noise], [predicted + gain * e, ca.horzcat(joseph, left @ cross), e, S],
+        "filter_step", [x, P, u, g, y, noise], [*results],
         ["x", "P", "u", "g", "y", "noise"], ["x_next", "P_next", "innovation", "variance"], {"cse": True},
     )  # fmt: skip
 
@@ -262,17 +264,20 @@ def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> tup
 
 
 class KalmanFilter:
-    """A joint's filter at a rate, compiled once; run(...) carries an estimate over motions."""
+    """A joint's filter at a rate; run(...) carries an estimate over motions.
 
-    def __init__(self, joint: FollowedJoint, rate_hz: float) -> None:
+    samples: about how many it will filter in all, as machine code from many on.
+    """
+
+    def __init__(self, joint: FollowedJoint, rate_hz: float, samples: int = 0) -> None:
         self.joint, self.rate_hz = joint, rate_hz
-        step = filter_step(joint, rate_hz)
+        step = compiled(filter_step(joint, rate_hz), samples)
         self._loop = cache(lambda n: step.mapaccum("filter", n, 2))
 
     def run(self, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
         """The track over motions, at rest where one begins; the pause before it makes friction less certain."""
         joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
-        given = noise.vector(joint, self.rate_hz)[:, None]
+        given = noise.vector(joint, self.rate_hz)
         drift = np.array([noise.drift.get(name, 0.0) for name in joint.followed])
         parts, times, followed = list[tuple[FloatArray, ...]](), list[FloatArray](), slice(n_x - p, n_x)
         for motion in motions:
@@ -282,13 +287,15 @@ class KalmanFilter:
                 x[followed], P[followed] = path[-1, followed], covariance[-1, followed]
                 P[followed, : n_x - p] = 0.0
                 P[followed, followed] += np.diag(drift**2 * pause_s)
-            n, rows = len(motion.angle), [part[None] for part in (motion.torque, motion.load, motion.angle)]
-            states, spread, e, S = (part.full() for part in self._loop(n)(x, P, *rows, np.tile(given, n)))
-            parts.append((states.T, spread.reshape(n_x, n, -1).transpose(1, 0, 2), e[0], S[0]))
+            n = len(motion.angle)
+            signals = [motion.torque, motion.load, motion.angle, np.tile(given, (n, 1))]
+            shapes = [(n, n_x), (n, P.shape[1], n_x), (n,), (n,)]
+            states, spread, e, S = evaluated(self._loop(n), [x, P.T, *signals], shapes)
+            parts.append((states, spread.mT, e, S))
             times.append(motion.start_s + np.arange(1, len(motion.angle) + 1) / self.rate_hz)
         x, P, e, S = (np.concatenate(part) for part in zip(*parts, strict=True))
         cross = P[:, followed, n_x:]
-        covariance = P[:, followed, followed] - cross @ cross.transpose(0, 2, 1)
+        covariance = P[:, followed, followed] - cross @ cross.mT
         std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
         moves = np.concatenate([motion.moves(COUNT_OVER_STD * noise.angle) for motion in motions])
         moves |= moves.mean() < 0.1
@@ -444,11 +451,12 @@ def follow(
             f"motions of {duration_s:.3g} s end before it settles ({settle_s:g} s): log longer, or give filter.settle",
             f"joint {name}",
         )
-    kalman, noise = KalmanFilter(joint, rate_hz), guess
+    # At most half a minute of the longest motion shows the noise.
+    longest, cut = max(motions, key=lambda motion: len(motion.angle)), slice(0, round(30.0 * rate_hz))
+    stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
+    # Some sixty runs find it.
+    kalman, noise = KalmanFilter(joint, rate_hz, 60 * len(stretch.angle) * find_noise), guess
     if find_noise:
-        # At most half a minute of the longest motion.
-        longest, cut = max(motions, key=lambda motion: len(motion.angle)), slice(0, round(30.0 * rate_hz))
-        stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
         noise = estimate_noise(kalman, stretch, guess, min(settle_s, 1.0))
     track = kalman.run(motions, noise)
     judged = consistency(track, settle_s)

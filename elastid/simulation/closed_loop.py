@@ -22,6 +22,7 @@ import shlex
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -61,8 +62,9 @@ def compiled(function: ca.Function, calls: int) -> ca.Function:
         return _loaded(function)
     except (OSError, RuntimeError, subprocess.SubprocessError) as error:
         _log.warning(
-            "the equations of the simulation are interpreted, with the same results in more than ten times the time, "
-            "because they cannot be compiled: %s; name a C compiler by CC, or leave out experiment.simulated.compiled",
+            "%s is interpreted, with the same results in more than ten times the time, because it cannot be compiled: "
+            "%s; name a C compiler by CC, or leave out experiment.simulated.compiled in a simulation",
+            function.name(),
             error,
         )
         return function
@@ -96,6 +98,22 @@ def _loaded(function: ca.Function) -> ca.Function:
             words = output.read_text(encoding="utf-8", errors="replace").strip()[-300:]
             raise OSError(f"{command[0]} ended with status {done.returncode} {words}".rstrip())
         return ca.external(function.name(), str(library))
+
+
+def evaluated(
+    function: ca.Function, given: Sequence[FloatArray], shapes: Sequence[tuple[int, ...]]
+) -> list[FloatArray]:
+    """Results of these shapes; CasADi's columns are rows here, and no matrices of its own are made, which take long."""
+    results = [np.empty(shape) for shape in shapes]
+    buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
+    buffer, evaluate = function.buffer()
+    arguments = [np.ascontiguousarray(values, np.float64) for values in given]
+    for i, values in enumerate(arguments):
+        buffer.set_arg(i, values.data)
+    for i, values in enumerate(results):
+        buffer.set_res(i, values.data)
+    evaluate()
+    return results
 
 
 def sampled_step(
