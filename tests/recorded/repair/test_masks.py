@@ -49,7 +49,7 @@ def test_noise_steps_of_an_encoder_and_a_transient_are_no_spikes(
 
 
 def test_what_is_no_single_spike_is_left_with_a_word() -> None:
-    """2 % of a channel; a burst of oscillation that only one period has."""
+    """2 % of a channel; a burst of oscillation that only one period has; lone pulses of a kind that mostly crowds."""
     rng = np.random.default_rng(5)
     many = CLEAN + NOISE
     many[rng.choice(P * N, 60, replace=False), 0] += 1.0
@@ -60,6 +60,11 @@ def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     burst[1200:1260, 0] += np.sin(np.arange(60) * 2.0)
     assert without_spikes(burst, N, 1, LOG).findings == ()
     assert without_spikes(many[: 2 * N], N, 1, LOG).findings == ()
+    pulses = CLEAN + NOISE
+    pulses[[777, 1888], 0] += 0.5
+    assert [finding.count for finding in without_spikes(pulses, N, 1, LOG).findings] == [2]
+    pulses[(np.arange(0, P * N - 60, 47)[:, None] + rng.choice(12, 3, replace=False)).ravel(), 0] += 0.5
+    assert without_spikes(pulses, N, 1, LOG).findings == ()
 
 
 @pytest.mark.parametrize("length", [1, 3, 40])
