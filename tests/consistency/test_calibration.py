@@ -25,7 +25,7 @@ def test_a_few_dozen_intervals_hold_the_truth_as_often_as_chance_allows(study: M
     """The three-mass axis: shares and scatters within three and a half standard deviations of what chance does."""
     n = 60
     plant = study.three_mass()
-    found = study.calibrated(study.DataSets(plant, 0), n, 1, plant.parameters.free_names)
+    found = study.calibrated(study.DataSets(plant, 0), n, 1)
     assert (found["sets"], found["failed"]) == (n, 0)
     # Estimates of one data set are correlated: its four intervals count as one.
     assert found["coverage"] > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / n)
@@ -37,7 +37,7 @@ def test_a_few_dozen_intervals_hold_the_truth_as_often_as_chance_allows(study: M
 def test_of_a_thousand_intervals_93_to_97_percent_hold_the_truth(study: ModuleType) -> None:
     """Of the three-mass axis, all parameters alike; the estimates scatter by the Cramer-Rao bound."""
     plant = study.three_mass()
-    found = study.calibrated(study.DataSets(plant, 2), 1000, 1, plant.parameters.free_names)
+    found = study.calibrated(study.DataSets(plant, 2), 1000, 1)
     assert (found["sets"], found["failed"]) == (1000, 0)
     assert 0.93 < found["coverage"] < 0.97
     np.testing.assert_allclose(found["coverage_by_parameter"], 0.95, atol=0.03)
@@ -48,7 +48,7 @@ def test_of_a_thousand_intervals_93_to_97_percent_hold_the_truth(study: ModuleTy
 def test_clean_logs_of_both_generators_raise_no_alarm(study: ModuleType) -> None:
     """Read, estimated, and the first of them fitted."""
     for number in (0, 1):
-        assert import_module("false_alarms").judged(number, 0, "").codes == {}
+        assert import_module("false_alarms").judged(number, 0)[1] == {}
 
 
 def test_no_alarm_of_300_has_an_interval_up_to_1_2_percent(study: ModuleType) -> None:
