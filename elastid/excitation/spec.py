@@ -168,14 +168,9 @@ class MultisineSpec:
         """N, samples per period."""
         return round(self.period * self.rate_hz)
 
-    @property
-    def is_new_in_every_realisation(self) -> bool:
-        """True if every realisation has phases of its own."""
-        return self.phases in ("random", "optimised")
-
     def realisation_refusal(self, realisations: int) -> str:
         """Why so many realisations make no sense with these phases; empty where they do."""
-        if realisations < 2 or self.is_new_in_every_realisation:
+        if realisations < 2 or self.phases in ("random", "optimised"):
             return ""
         return (
             f"{self.phases} gives the same signal in each of {realisations} realisations, which does not show "

@@ -104,7 +104,7 @@ class Assembly:
     def only(self, of_tool: bool) -> Assembly:
         """Assembly with the responses at the tool alone, or those of the motors alone, and without load tests."""
         pairs = zip(self.responses, self.weights, strict=True)
-        kept = [(G, weights) for G, weights in pairs if is_at_tool(G) == of_tool]
+        kept = [(G, weights) for G, weights in pairs if any(map(is_load, G.inputs)) == of_tool]
         responses, weights = zip(*kept, strict=True) if kept else ((), ())
         return replace(self, responses=responses, weights=weights, loads=None)
 
@@ -214,11 +214,6 @@ def _part(
 
 def _weigh(spec: FitSpec, pair: tuple[Response, Weights]) -> Weights:
     return weigh(pair[0], spec, pair[1].noise)
-
-
-def is_at_tool(response: Response) -> bool:
-    """True of a response by forces at a frame."""
-    return any(map(is_load, response.inputs))
 
 
 @dataclass(frozen=True, eq=False)

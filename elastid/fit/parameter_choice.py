@@ -303,8 +303,9 @@ def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
         is_without_mass = kind_of(path) == "center_of_mass" and values[f"m_{owner}"][0] == 0
         if (std := robot.tolerances.std(path, owner)) > 0 and not is_without_mass and not _turns_all(robot, path):
             yield Tolerance(name, owner, kind_of(path), std, factor)
-    if (std := robot.tolerances.torque_constant_std) > 0:
-        yield from (Tolerance(n, "", "torque_constant", std) for n in robot.gains if n.startswith("gain_u_"))
+    of_constants = robot.tolerances.torque_constant
+    if isinstance(of_constants, float) and of_constants > 0:
+        yield from (Tolerance(n, "", "torque_constant", of_constants) for n in robot.gains if n.startswith("gain_u_"))
 
 
 def _turns_all(robot: Robot, path: Path) -> bool:

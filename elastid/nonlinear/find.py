@@ -85,7 +85,8 @@ def _found(
     shapes = candidate_shapes(records, spec.friction == "coulomb")
     data = gathered(measured[:few], shapes)
     choice, picked = choose(data, shapes, places, spec.friction == "auto")
-    first, friction = _Found(records[0], spec, [spectra.with_shapes(picked) for spectra in data], choice), None
+    of_picked = [replace(spectra, Phi=spectra.Phi[:, picked]) for spectra in data]
+    first, friction = _Found(records[0], spec, of_picked, choice), None
     if choice.shapes:
         near = refined(choice, first.levels, places, first.velocity_noise)
         between = replace(first, choice=near, data=gathered(measured[:few], near.shapes, first.result))
@@ -120,7 +121,7 @@ def _gathered(
             f"{len(records)} experiments of configuration {data.name}; check for a file listed twice and for a channel "
             "that holds the signal of another motor"
         )
-    if not data.shows_friction:
+    if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
         raise _Unsuited(
             f"{len(records)} experiments of {len(inputs)} inputs without lines that are not excited agree with one "
             "response whatever friction is; measure a further realisation with other phases"

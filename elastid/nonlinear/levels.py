@@ -180,7 +180,9 @@ def choose(
     motor_of = _motors(candidates, places)
     _, equations = find_levels(data, motor_of)
     groups = telling_shapes(data, motor_of)
-    choices = [choose_shapes(equations, i, members, _rivals(candidates)) for i, members in enumerate(groups)]
+    # Of Stribeck curves a motor has one at most, and none alone: together they have no F_c.
+    rivals = np.flatnonzero([shape.kind == "stribeck" for shape in candidates])
+    choices = [choose_shapes(equations, i, members, rivals) for i, members in enumerate(groups)]
     choices = [pair if not auto or pair[1] <= LIMITS.left_share else (pair[0][:0], 1.0) for pair in choices]
     chosen, left = np.concatenate([chosen_of for chosen_of, _ in choices]), np.array([left for _, left in choices])
     return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
@@ -188,11 +190,6 @@ def choose(
 
 def _motors(shapes: Sequence[Shape], places: Sequence[str]) -> IntArray:
     return np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
-
-
-def _rivals(shapes: Sequence[Shape]) -> IntArray:
-    """The shapes (n,) of which a motor has one at most, and none alone: Stribeck curves together have no F_c."""
-    return np.flatnonzero([shape.kind == "stribeck" for shape in shapes])
 
 
 def telling_shapes(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:

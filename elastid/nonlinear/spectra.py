@@ -44,11 +44,6 @@ class ConfigurationSpectra:
     name: str = ""
 
     @property
-    def shows_friction(self) -> bool:
-        """True if there are more experiments than inputs, or lines that are not excited."""
-        return self.U.shape[2] > self.U.shape[1] or not self.excited.all()
-
-    @property
     def is_invertible(self) -> bool:
         """True if the experiments separate the inputs and G has an inverse, at every line that is excited."""
         if not self.excited.any():
@@ -59,10 +54,6 @@ class ConfigurationSpectra:
             if not np.all(values[:, -1] > _MIN_SINGULAR * values[:, 0]):
                 return False
         return True
-
-    def with_shapes(self, chosen: IntArray) -> ConfigurationSpectra:
-        """Spectra with some of the shapes (n,)."""
-        return replace(self, Phi=self.Phi[:, chosen])
 
     def nonlinear_share(self) -> FloatArray:
         """The share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.

@@ -114,11 +114,8 @@ def with_straight_springs(robot: Robot) -> Robot:
 
 def with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:
     """The robot with each joint changed, and without those changed to None."""
-
-    def with_changed(body: Body) -> Body:
-        return replace(body, joints=tuple(new for joint in body.joints if (new := changed(joint)) is not None))
-
-    return replace(robot, bodies=tuple(map(with_changed, robot.bodies)))
+    kept = ((body, tuple(filter(None, map(changed, body.joints)))) for body in robot.bodies)
+    return replace(robot, bodies=tuple(replace(body, joints=joints) for body, joints in kept))
 
 
 def _with_motor(joint: Joint, **changes: Any) -> Joint:

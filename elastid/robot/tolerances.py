@@ -76,11 +76,6 @@ class Tolerances:
         """Std of the ratios of the gears, relative; 0 where they are exact."""
         return 0.0 if self.ratio == EXACT else float(self.ratio)
 
-    @property
-    def torque_constant_std(self) -> float:
-        """Std of the torque constants, relative; 0 where they are exact, or left to a study that is silent."""
-        return 0.0 if self.torque_constant in (EXACT, None) else float(self.torque_constant)
-
     def std(self, path: Path, body: str) -> float:
         """Std of the number at a path of a robot, relative or in m; 0 where it is exact.
 
