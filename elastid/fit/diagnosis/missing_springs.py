@@ -220,7 +220,7 @@ def released(
     y = direction(model, name)
     gain = np.multiply.outer(factor(model, theta, s), np.outer(*model.channel_gains(theta)))
     Z = K + s[:, None, None] * D + s[:, None, None] ** 2 * M
-    reached = np.linalg.solve(Z, np.broadcast_to(y[:, None], (len(s), len(y), 1)))[:, :, 0]  # Z^-1 y (F, n)
+    reached = np.linalg.solve(Z, y[:, None])[:, :, 0]  # Z^-1 y (F, n)
     across = (reached @ C.T + reached @ T.T / s[:, None] ** 2)[:, :, None] * (reached @ model.B)[:, None, :]
     h, stiff = reached @ y, model.number(theta, name)
     for k in stiffnesses:

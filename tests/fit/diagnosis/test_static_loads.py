@@ -98,6 +98,9 @@ def test_load_tests_that_agree_count_where_the_tool_contradicts() -> None:
     alone = fitted_with_force("acceleration", "acceleration", -1.0)
     both = fitted_with_force("acceleration", "acceleration", -1.0, placed_tests([test], {}))
     assert both.tool.disagrees > both.static.disagrees
+    assert abs(both.static.ratio - 1) < 3.5 * both.static.ratio_std
+    (reading,) = both.static.readings
+    assert reading.by_responses_std == pytest.approx(y * np.sqrt(alone.covariance[0, 0]), rel=0.05)
     assert 1 / both.covariance[0, 0] == pytest.approx(1 / alone.covariance[0, 0] + 4e-4**-2, rel=0.05)
 
 
