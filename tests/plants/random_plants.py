@@ -1,6 +1,6 @@
 """Records of spectra, of static nonlinearities, and a response of two modes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,37 @@ def record_of(
 def periods_of(lines: np.ndarray, n: int, P: int, *spectra: np.ndarray | None) -> list[Any]:
     """P periods (P n, c) of each of the spectra (F, c) at the lines; None where there is none."""
     return [None if X is None else np.tile(synthesise(lines, X, n), (P, 1)) for X in spectra]
+
+
+def experiments_of(
+    G: np.ndarray,
+    lines: np.ndarray,
+    M: int,
+    rng: np.random.Generator,
+    n: int = N,
+    P: int = 2,
+    noise: Sequence[np.ndarray | float] = (),
+    scale: Sequence[float] = (),
+    distortion: float = 0.0,
+    rate_hz: float = RATE,
+) -> list[Record]:
+    """M realisations of n_u orthogonal experiments of a plant G (F, n_y, n_u), with the references of their inputs.
+
+    noise: matrices, or factors, that mix white noise on u and on y.  scale: of each realisation.  distortion: a random
+    error of Y that repeats from period to period.
+    """
+    F, n_y, n_u = G.shape
+    records = []
+    for m in range(M):
+        for e, U in enumerate(orthogonal_set(np.full((F, n_u), scale[m] if scale else 1.0), rng)):
+            Y = np.einsum("fyu,fu->fy", G, U)
+            if distortion:
+                Y = Y + distortion * (rng.normal(size=(F, n_y)) + 1j * rng.normal(size=(F, n_y))) / np.sqrt(2)
+            r, y = periods_of(lines, n, P, U, Y)
+            mixed = [rng.normal(size=x.shape) @ np.transpose(mix * np.eye(x.shape[1]) if np.isscalar(mix) else mix)
+                     for x, mix in zip((r, y), noise, strict=False)] or [0.0, 0.0]  # fmt: skip
+            records.append(record_of(r + mixed[0], y + mixed[1], m, e, r, n, rate_hz))
+    return records
 
 
 def nonlinear(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.problem.least_squares import LocalOptimum
@@ -124,9 +125,14 @@ def write_report(content: ReportContent, folder: Path, formats: Collection[str])
     return write_page(partial(html, content), drawings(content), folder, formats)
 
 
+def waves() -> list[FloatArray]:
+    """Amplitudes 4, 2 and 1 at 3, 6 and 20 Hz, 10 s."""
+    t = np.arange(2000) / 200.0
+    return [a * np.sin(2 * np.pi * f * t) for a, f in ((4.0, 3.0), (2.0, 6.0), (1.0, 20.0))]
+
+
 def balance() -> TorqueBalance:
     """Two parts and a rest at 3, 6 and 20 Hz."""
-    t = np.arange(1000) / 200.0
-    slow, middle, fast = (a * np.sin(2 * np.pi * f * t) for a, f in ((4.0, 3.0), (2.0, 6.0), (1.0, 20.0)))
+    slow, middle, fast = waves()
     parts = {INERTIA: slow, DRY: middle}
     return torque_balance("joint 1", "log", "N*m", 200.0, slow + middle + fast, parts, (0.0, 32.0))
