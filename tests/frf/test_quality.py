@@ -1,13 +1,13 @@
 """Coherence, notes on inputs, nonlinear levels and forms of covariances: against theory and Monte Carlo."""
 
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.random_plants import ALL_PERIODS, ODD, RATE, N, experiments_of, nonlinear, record_of, two_modes
+from plants.random_plants import ALL_PERIODS, RATE, N, experiments_of, record_of, two_modes
 
 from elastid.app.stages.estimate import estimate_configuration
 from elastid.excitation.multisine import orthogonal_set, synthesise
@@ -15,6 +15,17 @@ from elastid.frf.estimate import estimate
 from elastid.frf.quality import coherences, local_modes, wide_windows
 from elastid.record import Configuration, Record
 from elastid.store.measured import read_configurations, write_records
+
+ODD = np.arange(21, 301, 2)
+
+
+def nonlinear(
+    function: Callable[[np.ndarray], np.ndarray], lines: np.ndarray, M: int, noise: float = 0.0
+) -> list[Record]:
+    """One input of RMS 1 through a static function, M realisations of two periods."""
+    rng = np.random.default_rng(0)
+    records = experiments_of(np.ones((len(lines), 1, 1)), lines, M, rng, scale=M * [np.sqrt(2 / len(lines))])
+    return [replace(one, y=function(one.u) + noise * rng.normal(size=one.u.shape), r=None) for one in records]
 
 
 def test_coherence_is_that_of_theory() -> None:

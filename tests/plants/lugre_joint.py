@@ -89,13 +89,6 @@ def multisine(peak: float, rng: np.random.Generator) -> FloatArray:
     return np.tile(u * peak / np.abs(u).max(), 6)
 
 
-def stops_and_moves(seconds: float) -> FloatArray:
-    """Pick and place: moves there and back of 60 rad/s, between stops of two seconds."""
-    move = np.concatenate([np.linspace(0, 60, 300), np.full(400, 60.0), np.linspace(60, 0, 300), np.zeros(2000)])
-    cycle = np.concatenate([move, -move])
-    return np.resize(cycle, int(seconds * RATE_HZ))
-
-
 def rich(seconds: float) -> FloatArray:
     """Reversals at many speeds."""
     t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ

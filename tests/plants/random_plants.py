@@ -1,6 +1,6 @@
 """Records of spectra, of static nonlinearities, and a response of two modes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from elastid.record import Configuration, Motion, Record
 
 RATE, N = 1000.0, 1024
 ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
-ODD = np.arange(21, 301, 2)
 
 
 def record_of(
@@ -64,19 +63,6 @@ def experiments_of(
             mixed = [rng.normal(size=x.shape) @ np.transpose(mix * np.eye(x.shape[1]) if np.isscalar(mix) else mix)
                      for x, mix in zip((r, y), noise, strict=False)] or [0.0, 0.0]  # fmt: skip
             records.append(record_of(r + mixed[0], y + mixed[1], m, e, r, n, rate_hz))
-    return records
-
-
-def nonlinear(
-    function: Callable[[np.ndarray], np.ndarray], lines: np.ndarray, M: int, noise: float = 0.0
-) -> list[Record]:
-    """One input of RMS 1 through a static function, M realisations of two periods."""
-    rng = np.random.default_rng(0)
-    records = []
-    for m in range(M):
-        R = orthogonal_set(np.full((len(lines), 1), np.sqrt(2 / len(lines))), rng)[0]
-        u = np.tile(synthesise(lines, R, N), (2, 1))
-        records.append(record_of(u, function(u) + noise * rng.normal(size=u.shape), m))
     return records
 
 
