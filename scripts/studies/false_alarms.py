@@ -139,8 +139,8 @@ class Kind:
     def robot(self) -> Robot:
         """A planar arm with resonances near 10 and 20 Hz; each number within 20 % of a typical one."""
         coulomb = self.coulomb * TORQUE_RMS / RATIO
-        first = Joint("1", "z", Spring(45e3, 37.0), Motor(2e-3, 100.0, 2e-3, coulomb[0]))
-        second = Joint("2", "z", Spring(26e3, 12.0), Motor(1.1e-3, 80.0, 1e-3, coulomb[1]))
+        first = Joint("1", "z", Spring(45e3, 37.0), Motor(2e-3, 100.0, 0.02, coulomb[0]))
+        second = Joint("2", "z", Spring(26e3, 12.0), Motor(1.1e-3, 80.0, 0.02, coulomb[1]))
         upper = Body("upper", joints=(first,), mass=40.0, center_of_mass=(0.3, 0, 0), inertia=4.0)
         fore = Body("fore", "upper", Placement((0.6, 0, 0)), (second,), 20.0, (0.25, 0, 0), 1.2)
         typical = Robot("planar arm", (upper, fore)[: self.axes], gravity=(0.0, 0.0, 0.0))

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.random_plants import ALL_PERIODS, periods_of, record_of
+from plants.random_plants import ALL_PERIODS, experiments_of, periods_of, record_of
 from plants.refusals import refused
 
-from elastid.excitation.multisine import orthogonal_set
 from elastid.fit.problem.smoothed_noise import smooth_noise
 from elastid.frf.estimate import LOCAL, estimate, motor_motion
 from elastid.frf.estimators import METHODS
@@ -27,17 +26,10 @@ def _record(
     Y: np.ndarray,
     *,
     P: int = 2,
-    realisation: int = 0,
     experiment: int = 0,
-    noise: tuple[np.random.Generator, np.ndarray, np.ndarray] | None = None,
 ) -> Record:
-    """P periods of the spectra U (F, n_u), Y (F, n_y), with white noise that noise[1] mixes on u and noise[2] on y."""
-    u, y = periods_of(lines, 256, P, U, Y)
-    if noise is not None:
-        rng, mix_u, mix_y = noise
-        u = u + rng.normal(size=u.shape) @ mix_u.T
-        y = y + rng.normal(size=y.shape) @ mix_y.T
-    return record_of(u, y, realisation, experiment, n=256, rate_hz=RATE)
+    """P periods of the spectra U (F, n_u), Y (F, n_y)."""
+    return record_of(*periods_of(lines, 256, P, U, Y), 0, experiment, n=256, rate_hz=RATE)
 
 
 def _plant(F: int, n_y: int, n_u: int, seed: int = 0) -> np.ndarray:
@@ -45,25 +37,10 @@ def _plant(F: int, n_y: int, n_u: int, seed: int = 0) -> np.ndarray:
     return rng.normal(size=(F, n_y, n_u)) + 1j * rng.normal(size=(F, n_y, n_u))
 
 
-def _experiments(
-    G: np.ndarray,
-    lines: np.ndarray,
-    M: int,
-    rng: np.random.Generator,
-    scale: Sequence[float] = (),
-    distortion: float = 0.0,
-    **same: object,
-) -> list[Record]:
-    """M realisations of n_u experiments; distortion: a random error of Y that repeats from period to period."""
-    F, n_y, n_u = G.shape
-    records = []
-    for m in range(M):
-        amplitude = np.ones((F, n_u)) * (scale[m] if scale else 1.0)
-        for e, U in enumerate(orthogonal_set(amplitude, rng)):
-            Y_s = distortion * (rng.normal(size=(F, n_y)) + 1j * rng.normal(size=(F, n_y))) / np.sqrt(2)
-            Y = np.einsum("fyu,fu->fy", G, U) + Y_s
-            records.append(_record(lines, U, Y, realisation=m, experiment=e, **same))  # type: ignore[arg-type]
-    return records
+def _experiments(G: np.ndarray, lines: np.ndarray, M: int, rng: np.random.Generator, **how: object) -> list[Record]:
+    """M realisations of n_u experiments without references."""
+    records = experiments_of(G, lines, M, rng, 256, rate_hz=RATE, **how)  # type: ignore[arg-type]
+    return [replace(record, r=None) for record in records]
 
 
 @given(n_y=st.integers(1, 4), n_u=st.integers(1, 4), extra=st.integers(0, 2), seed=st.integers(0, 10**6))
@@ -127,7 +104,7 @@ def _monte_carlo(
     mix_y = 0.2 * (np.eye(n_y) + 0.5 * np.tri(n_y))
     true, noise, total = [], [], []
     for _ in range(runs):
-        records = _experiments(G, lines, 3, rng, scale, distortion, P=4, noise=(rng, mix_u, mix_y))
+        records = _experiments(G, lines, 3, rng, scale=scale, distortion=distortion, P=4, noise=(mix_u, mix_y))
         response = estimate(records, ALL_PERIODS, lines)
         error = (response.G - G).transpose(0, 2, 1).reshape(len(lines), -1)  # column-major vec
         true.append(np.mean(error[:, :, None] * error[:, None, :].conj(), axis=0))
@@ -156,7 +133,7 @@ def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale: tupl
 def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_weighs() -> None:
     """Three outputs from two periods of one input: of rank one at each line, and regular over its neighbours."""
     rng, lines = np.random.default_rng(0), np.arange(5, 50)
-    records = _experiments(_plant(45, 3, 1), lines, 2, rng, noise=(rng, np.zeros((1, 1)), np.eye(3)))
+    records = _experiments(_plant(45, 3, 1), lines, 2, rng, noise=(0.0, 1.0))
     one = estimate(records[:1], ALL_PERIODS, lines)
     assert (one.noise.form, one.noise.dof) == ("kronecker", 1)
     assert np.linalg.matrix_rank(one.noise.full()[20]) == 1
@@ -170,9 +147,9 @@ def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts()
     """P = 2 in one experiment and 16 in the other: the variance of the mean of inputs is the sum of both parts."""
     rng, lines = np.random.default_rng(0), np.arange(5, 120)
     U = np.eye(2)[:, None, :] * np.ones((2, len(lines), 2))
-    noise = (rng, np.zeros((2, 2)), 0.1 * np.eye(2))
-    records = [_record(lines, U[e], U[e], P=P, experiment=e, noise=noise) for e, P in ((0, 2), (1, 16))]
-    response = estimate(records, ALL_PERIODS, lines)
+    records = [_record(lines, U[e], U[e], P=P, experiment=e) for e, P in ((0, 2), (1, 16))]
+    noisy = [replace(record, y=record.y + 0.1 * rng.normal(size=record.y.shape)) for record in records]
+    response = estimate(noisy, ALL_PERIODS, lines)
     variance = response.noise.variance.mean(axis=0)
     np.testing.assert_allclose(variance[:, 0] / variance[:, 1], 8, rtol=1e-9)
     np.testing.assert_allclose(variance[:, 0], 4 * 0.01 / 256 / 2, rtol=0.08)
@@ -181,8 +158,7 @@ def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts()
 def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     """`full` where every second line is excited: the others have no answer."""
     rng, lines = np.random.default_rng(0), np.arange(5, 60, 2)
-    noise = (rng, 1e-3 * np.eye(2), 1e-3 * np.eye(2))
-    records = _experiments(_plant(len(lines), 2, 2), lines, 2, rng, P=8, noise=noise)
+    records = _experiments(_plant(len(lines), 2, 2), lines, 2, rng, P=8, noise=(1e-3, 1e-3))
     response = estimate(records, replace(ALL_PERIODS, lines="full", band_hz=(9.0, 116.0)))
     np.testing.assert_allclose(response.freq_hz, lines * RATE / 256)
     assert response.notes[0].code == "frf/lines-left-out"
@@ -217,15 +193,9 @@ Change = Callable[[Record], Record]
 
 def _records() -> list[Record]:
     """Two realisations of two experiments, two inputs and outputs, with noise and the torque that was injected."""
-    rng = np.random.default_rng(0)
-    G = rng.normal(size=(len(LINES), 2, 2)) + 1j * rng.normal(size=(len(LINES), 2, 2))
-    records = []
-    for m in range(2):
-        for e, U in enumerate(orthogonal_set(np.ones((len(LINES), 2)), rng)):
-            r, y = periods_of(LINES, N, PERIODS, U, np.einsum("fyu,fu->fy", G, U))
-            u, y = (x + 0.01 * rng.normal(size=x.shape) for x in (r, y))
-            records.append(record_of(u, y, m, e, r, N, RATE))
-    return records
+    return experiments_of(
+        _plant(len(LINES), 2, 2), LINES, 2, np.random.default_rng(0), N, PERIODS, (0.01, 0.01), rate_hz=RATE
+    )
 
 
 def _with(channel: int, value: float) -> Callable[[np.ndarray], np.ndarray]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants import random_plants
-from plants.random_plants import ALL_PERIODS
+from plants.random_plants import ALL_PERIODS, experiments_of
 from plants.refusals import refused
 from plants.two_axes import study as study
 from scipy.signal import csd
@@ -130,15 +130,8 @@ def _mean_periods(records: Sequence[Record]) -> tuple[np.ndarray, np.ndarray]:
 
 def _noisy_records(n: int) -> list[Record]:
     """Four realisations of n orthogonal experiments, 0.3 of noise on every input and output."""
-    rng, lines = np.random.default_rng(3), np.arange(4, 100)
-    G = complex_normal(rng, 96, n, n)
-    records = []
-    for m in range(4):
-        for e, U in enumerate(orthogonal_set(np.ones((96, n)), rng)):
-            record = record_of(U, np.einsum("fyu,fu->fy", G, U), lines, m, e)
-            u, y = (x + 0.3 * rng.normal(size=x.shape) for x in (record.u, record.y))
-            records.append(replace(record, u=u, y=y))
-    return records
+    rng = np.random.default_rng(3)
+    return experiments_of(complex_normal(rng, 96, n, n), np.arange(4, 100), 4, rng, N, noise=(0.3, 0.3), rate_hz=RATE)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -160,12 +153,8 @@ def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
     robust = pytest.importorskip("best_linear_approximation.robust")
     rng, lines, n, M = np.random.default_rng(4), np.arange(4, 40), 2, 12
     G = complex_normal(rng, 36, n, n) + 2
-    records = []
-    for m in range(M):
-        for e, U in enumerate(orthogonal_set(np.ones((36, n)), rng)):
-            record = record_of(U, np.einsum("fyu,fu->fy", G, U), lines, m, e)
-            u, y = (x + 0.05 * rng.normal(size=x.shape) for x in (record.u, record.y))
-            records.append(replace(record, u=u, y=y))
+    records = experiments_of(G, lines, M, rng, N, noise=(0.05, 0.05), rate_hz=RATE)
+    records = [replace(record, r=None) for record in records]
     u, y = (
         np.array([getattr(r, name).reshape(2, N, n) for r in records])
         .reshape(M, n, 2, N, n)

@@ -1,13 +1,13 @@
 """Coherence, notes on inputs, nonlinear levels and forms of covariances: against theory and Monte Carlo."""
 
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.random_plants import ALL_PERIODS, ODD, RATE, N, nonlinear, record_of, two_modes
+from plants.random_plants import ALL_PERIODS, RATE, N, experiments_of, record_of, two_modes
 
 from elastid.app.stages.estimate import estimate_configuration
 from elastid.excitation.multisine import orthogonal_set, synthesise
@@ -16,15 +16,22 @@ from elastid.frf.quality import coherences, local_modes, wide_windows
 from elastid.record import Configuration, Record
 from elastid.store.measured import read_configurations, write_records
 
+ODD = np.arange(21, 301, 2)
+
+
+def nonlinear(
+    function: Callable[[np.ndarray], np.ndarray], lines: np.ndarray, M: int, noise: float = 0.0
+) -> list[Record]:
+    """One input of RMS 1 through a static function, M realisations of two periods."""
+    rng = np.random.default_rng(0)
+    records = experiments_of(np.ones((len(lines), 1, 1)), lines, M, rng, scale=M * [np.sqrt(2 / len(lines))])
+    return [replace(one, y=function(one.u) + noise * rng.normal(size=one.u.shape), r=None) for one in records]
+
 
 def test_coherence_is_that_of_theory() -> None:
     """One input: 1 / (1 + noise / signal); two independent ones: half each, and all of it together."""
     rng, lines, s = np.random.default_rng(0), np.arange(10, 400), 0.3
-    records = []
-    for m in range(12):
-        U = orthogonal_set(np.ones((len(lines), 1)), rng)[0]
-        u = np.tile(synthesise(lines, U, N), (6, 1))
-        records.append(record_of(u, u + s * rng.normal(size=u.shape) * np.sqrt(N) / 2, m))
+    records = experiments_of(np.ones((len(lines), 1, 1)), lines, 12, rng, P=6, noise=(0.0, s * np.sqrt(N) / 2))
     quality = estimate(records, ALL_PERIODS, lines).quality
     expected = 1 / (1 + s**2)
     assert quality.coherence.mean() == pytest.approx(expected, abs=0.005)
@@ -85,24 +92,10 @@ def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     assert len(wide_windows(found, FREQ, 10 * span, poles=1)) == 1
 
 
-def _matrix_records(rng: np.random.Generator, M: int, n: int, P: int, s: float, F: int = 60) -> tuple[list, np.ndarray]:
-    """M realisations of n experiments of the same random plant, correlated noise on inputs and outputs; and G."""
-    lines, plant = np.arange(10, 10 + F), np.random.default_rng(n)
-    G = np.repeat(plant.normal(size=(1, n, n)) + 1j * plant.normal(size=(1, n, n)), F, axis=0)
-    records = []
-    for m in range(M):
-        for e, U in enumerate(orthogonal_set(np.ones((F, n)), rng)):
-            u, y = (np.tile(synthesise(lines, X, N), (P, 1)) for X in (U, np.einsum("fyu,fu->fy", G, U)))
-            u, y = (x + s * rng.normal(size=x.shape) @ (np.eye(n) + 0.4 * np.tri(n)) for x in (u, y))
-            records.append(record_of(u, y, m, e))
-    return records, G
-
-
 def test_the_form_of_a_covariance_follows_from_its_degrees_of_freedom() -> None:
     """2 x 2: the full matrix from 9 realisations on, a Kronecker product below, variances alone where one is left."""
-    rng = np.random.default_rng(0)
-    records, _ = _matrix_records(rng, 9, 2, 2, 0.1)
-    lines = np.arange(10, 70)
+    rng, lines = np.random.default_rng(0), np.arange(10, 70)
+    records = experiments_of(rng.normal(size=(60, 2, 2)), lines, 9, rng, noise=(0.1, 0.1))
 
     def forms(M: int) -> tuple[str, float]:
         response = estimate([r for r in records if r.realisation < M], ALL_PERIODS, lines)
@@ -132,11 +125,12 @@ def test_a_square_falls_on_even_lines_and_nowhere_else() -> None:
     assert quality.stochastic.max() < 1e-12
 
 
+ODD_RANDOM = np.delete(ODD, 4 * np.arange(1, 34) + np.random.default_rng(3).integers(4, size=33))
+
+
 def test_a_cube_falls_on_odd_lines_that_were_left_out() -> None:
     """y = u + 0.05 u^3 on an odd-random grid: nothing even; the odd level is that of the excited lines' scatter."""
-    rng = np.random.default_rng(3)
-    lines = np.delete(ODD, [4 * i + rng.integers(4) for i in range(1, len(ODD) // 4 - 1)])
-    response = estimate(nonlinear(lambda u: u + 0.05 * u**3, lines, 30), ALL_PERIODS, lines)
+    response = estimate(nonlinear(lambda u: u + 0.05 * u**3, ODD_RANDOM, 30), ALL_PERIODS, ODD_RANDOM)
     quality = response.quality
     assert quality.stochastic is not None
     assert quality.even.amplitude.max() < 1e-12
@@ -158,10 +152,8 @@ def test_levels_are_corrected_for_what_the_feedback_makes_of_them() -> None:
 
 def test_one_realisation_of_an_odd_random_grid_shows_its_total_variance() -> None:
     """The fast method: the predicted variance of one realisation is the scatter of many, within 15 %."""
-    rng = np.random.default_rng(3)
-    lines = np.delete(ODD, [4 * i + rng.integers(4) for i in range(1, len(ODD) // 4 - 1)])
-    records = nonlinear(lambda u: u + 0.05 * u**3, lines, 30, noise=0.02)
-    single = [estimate([replace(record, realisation=0)], ALL_PERIODS, lines) for record in records]
+    records = nonlinear(lambda u: u + 0.05 * u**3, ODD_RANDOM, 30, noise=0.02)
+    single = [estimate([replace(record, realisation=0)], ALL_PERIODS, ODD_RANDOM) for record in records]
     G = np.array([each.G for each in single])
     scatter = np.sum(np.abs(G - G.mean(axis=0)) ** 2, axis=0) / 29
     totals = [each.total for each in single]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
+from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.extended_kalman_filter import (
@@ -22,6 +22,14 @@ from elastid.friction_study.extended_kalman_filter import (
 )
 from elastid.friction_study.levels import Levels
 from elastid.friction_study.result import JointFriction
+
+
+def stops_and_moves(seconds: float) -> FloatArray:
+    """Pick and place: moves there and back of 60 rad/s, between stops of two seconds."""
+    move = np.concatenate([np.linspace(0, 60, 300), np.full(400, 60.0), np.linspace(60, 0, 300), np.zeros(2000)])
+    cycle = np.concatenate([move, -move])
+    return np.resize(cycle, int(seconds * RATE_HZ))
+
 
 DRIFT = {"Fc": 6e-3, "f": 25e-3, "offset": 1e-3}
 NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift=DRIFT)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from plants.published_friction import TERMS, drawn, published_levels
+from plants.published_friction import drawn, published_levels
 from plants.refusals import refused
 
 from elastid.friction.robot_friction import frictions
@@ -14,6 +14,16 @@ from elastid.friction_study.levels import Levels
 from elastid.friction_study.result import numbers_of_law
 from elastid.friction_study.spec import LawSpec
 from elastid.robot import Body, Joint, Motor, Robot
+
+# The twelve numbers of the published law.
+TERMS = Terms(
+    (
+        "coulomb", "stiction", "viscous", "load.coulomb", "load.stiction",
+        "temperature.stiction", "temperature.viscous",
+    ),
+    ("stribeck_velocity", "temperature.stribeck_velocity", "exponent", "load.stribeck_velocity", "temperature.decay"),
+    {},
+)  # fmt: skip
 
 
 def reasons(law: StaticLaw) -> dict[str, str]:

@@ -1,7 +1,10 @@
 """Forces at frames as inputs of a linear model: equations of their own, and derivatives by differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from plants import elastic_arm
 from plants.outside_arm import Outside
 
 from elastid.fit.parameter_choice import choose, with_tolerances
@@ -14,7 +17,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.record import Configuration, JointLoop, Motors
 from elastid.response import Response
-from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring, Tolerances
+from elastid.robot import Frame, Placement, Robot, Tolerances
 
 LINES = np.linspace(3, 60, 30)
 TOOL = (0.5, 0.1, 0.05)
@@ -24,15 +27,8 @@ MOTIONS = tuple(map(moved_by, FORCES))
 
 
 def arm(tolerances: Tolerances | str = "exact") -> Robot:
-    """Two driven joints, and a spring across the second one."""
-    first = Joint("1", "z", Spring(3e5, 500), Motor(2.4e-3, 121, 1.5e-3))
-    second = Joint("2", "y", Spring(2e5, 300), Motor(2.0e-3, 121, 1.2e-3))
-    column = Body("column", joints=(first,), mass=150, center_of_mass=(0.1, 0, 0.15), inertia=(8, 8, 9))
-    link = Body(
-        "link", "column", Placement((0.2, 0, 0.3)), (second, Joint("2x", "x", Spring(4e5, 300))), 60, (0.3, 0, 0.05),
-        (0.8, 5, 5),
-    )  # fmt: skip
-    return Robot("arm", (column, link), frames=(Frame("tool", "link", Placement(TOOL)),), tolerances=tolerances)
+    """The arm of two axes with a tool."""
+    return replace(elastic_arm.arm(), frames=(Frame("tool", "fore", Placement(TOOL)),), tolerances=tolerances)
 
 
 def outside(motors: Motors, loop: JointLoop | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -44,11 +44,14 @@ def regression(alike: float, seed: int, truth: tuple[float, float, float] = (F_C
     return sums(X, np.array(truth) @ X + noise)
 
 
+def folded(equations: NormalEquations) -> NormalEquations:
+    """The same in each of two folds."""
+    return replace(equations, **{name: np.repeat(getattr(equations, name), 2, axis=0) for name in "Abc"})
+
+
 def test_of_rivals_one_is_chosen() -> None:
     """Friction of a shape and of two rivals: the rival that explains more, also where another came first."""
-    equations, rivals = regression(1.0, 0, (F_C, 2.0, 3.0)), np.array([1, 2])
-    folds = replace(equations, A=np.repeat(equations.A, 2, axis=0), b=np.repeat(equations.b, 2, axis=0),
-                    c=np.repeat(equations.c, 2, axis=0))  # fmt: skip
+    folds, rivals = folded(regression(1.0, 0, (F_C, 2.0, 3.0))), np.array([1, 2])
     free, _ = choose_shapes(folds, 0, EVERY, NONE)
     np.testing.assert_array_equal(free, EVERY)
     chosen, _ = choose_shapes(folds, 0, EVERY, rivals)
@@ -57,9 +60,7 @@ def test_of_rivals_one_is_chosen() -> None:
 
 def test_a_stribeck_curve_is_not_chosen_alone() -> None:
     """A nearly flat Stribeck curve fits the friction alone but has no F_c: Coulomb friction is chosen with it."""
-    equations, rivals = regression(0.25, 0, (0.0, F_C, 0.0)), np.array([1])
-    folds = replace(equations, A=np.repeat(equations.A, 2, axis=0), b=np.repeat(equations.b, 2, axis=0),
-                    c=np.repeat(equations.c, 2, axis=0))  # fmt: skip
+    folds, rivals = folded(regression(0.25, 0, (0.0, F_C, 0.0))), np.array([1])
     chosen, _ = choose_shapes(folds, 0, EVERY, rivals)
     assert {0, 1} <= {*chosen.tolist()}
     alone, _ = choose_shapes(folds, 0, np.array([1]), rivals)

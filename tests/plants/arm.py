@@ -11,6 +11,7 @@ from elastid.linear.linearise import linearise
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring, Tolerances
+from plants.outside_arm import Outside
 
 STIFFNESS, DAMPING, MASS, OFFSET, INERTIA = (4e4, 2e4), (80.0, 40.0), (30.0, 20.0), (0.4, 0.35), (1.5, 1.0)
 LENGTH, TOOL, GRAVITY, RATIO = 0.8, 0.6, 9.81, 80.0
@@ -39,6 +40,9 @@ def robot(
     return Robot("arm", (upper, fore), (0.0, 0.0, -gravity), frames=frames, tolerances=tolerances)
 
 
+_OUTSIDE = Outside(robot())
+
+
 @cache
 def result(std: float = STD) -> Result:
     """Stiffnesses and dampings of the robot with independent errors."""
@@ -63,8 +67,8 @@ def rest(
     force: x and z at the tool.
     """
     q = np.array(angles, float)
-    for _ in range(60):
-        q = np.asarray(angles) + (_gravity(q) + jacobian(q).T @ force) / stiffness
+    for _ in range(12):
+        q = np.asarray(angles) + (jacobian(q).T @ force - _OUTSIDE.gradient(q)) / stiffness
     return q
 
 
@@ -76,27 +80,10 @@ def tool(q: np.ndarray) -> np.ndarray:
 
 def jacobian(q: np.ndarray) -> np.ndarray:
     """d tool / d q (2, 2)."""
-    a, b = q[0], q[0] + q[1]
-    x_b, z_b = -TOOL * np.sin(b), -TOOL * np.cos(b)
-    return np.array([[-LENGTH * np.sin(a) + x_b, x_b], [-LENGTH * np.cos(a) + z_b, z_b]])
-
-
-def _gravity(q: np.ndarray) -> np.ndarray:
-    """Torque of the weights (2,), along -z."""
-    a, b = q[0], q[0] + q[1]
-    second = MASS[1] * GRAVITY * OFFSET[1] * np.cos(b)
-    return np.array([GRAVITY * np.cos(a) * (MASS[0] * OFFSET[0] + MASS[1] * LENGTH) + second, second])
+    return _OUTSIDE.jacobian(q, 1, np.array([TOOL, 0.0, 0.0]))[0][[0, 2]]
 
 
 def closed_form(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """M, D, K (2, 2) and J (2, 2) of the tool's x and z in the axes of the base, motors held."""
-    q = rest(angles)
-    a, b = q[0], q[0] + q[1]
-    coupling = MASS[1] * LENGTH * OFFSET[1] * np.cos(q[1])
-    m_22 = INERTIA[1] + MASS[1] * OFFSET[1] ** 2
-    m_11 = INERTIA[0] + MASS[0] * OFFSET[0] ** 2 + MASS[1] * LENGTH**2 + m_22 + 2 * coupling
-    M = np.array([[m_11, m_22 + coupling], [m_22 + coupling, m_22]])
-    second = GRAVITY * MASS[1] * OFFSET[1] * np.sin(b)
-    first = GRAVITY * np.sin(a) * (MASS[0] * OFFSET[0] + MASS[1] * LENGTH) + second
-    K = np.diag(STIFFNESS) + np.array([[first, second], [second, second]])
-    return M, np.diag(DAMPING), K, jacobian(q)
+    M, D, K, q = _OUTSIDE.matrices(np.asarray(angles))
+    return M[:2, :2], D[:2, :2], K[:2, :2], jacobian(q)

@@ -5,17 +5,14 @@ import math
 
 import hypothesis.strategies as st
 import numpy as np
-from hypothesis import settings
 
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.store.artefacts import Stamp
 from plants.report_values import PARAMETERS, fit_result
 
 STAMP = Stamp("inputs", "code", "0.1.0", 3, "name: Kühlhaus\n" * 6000)
-QUICK = settings(deadline=None, max_examples=15)
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)
-NAME = TEXT.filter(bool)
 
 
 def same(a, b):

@@ -7,7 +7,6 @@ import numpy as np
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.robot.simplified import with_joints
 from elastid.use.moves import Move, point_to_point
-from elastid.use.tune import Given
 
 START, END = np.radians([0.0, 40.0]), np.radians([35.0, 15.0])
 
@@ -32,19 +31,6 @@ def arm(torque: float = 900.0, stiffness: float = 1.0, friction: float = 0.05) -
 
 def move(duration: float) -> Move:
     return point_to_point(START, END, duration)
-
-
-def given(torque: float = 900.0, draws: int = 3) -> Given:
-    """A truth that is 20 % softer than the catalogue, known to 0.3 %."""
-    rng, true = np.random.default_rng(0), arm(torque, 0.8)
-    names = [name for name in true.parameters() if name.startswith("k_")]
-
-    def drawn() -> Robot:
-        factors = dict(zip(names, np.exp(3e-3 * rng.standard_normal(len(names))), strict=True))
-        return true.with_parameters({name: true.parameters()[name][0] * factors[name] for name in names})
-
-    robots = [drawn() for _ in range(draws + 1)]
-    return Given(robots[0], arm(torque), true, "truth", tuple(robots[1:]), "tool", 500.0, 4.0, 1e-3)
 
 
 def rigid_gears(robot: Robot) -> Robot:

@@ -4,13 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import serial
-from elastid.record import Configuration
-from elastid.response import Covariance, Response
+from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from plants.two_mass import drawn
+from plants.measured_robots import responses_of
 
 FREQ = np.linspace(2, 60, 60)
 CONFIGURATIONS = ((0.0, 0.0), (0.6, -0.7), (-0.4, 0.9))
@@ -48,21 +44,11 @@ def pendulum() -> Robot:
 
 def measure(robot, configurations=CONFIGURATIONS, rng=None, delay=0.0, outputs=None) -> list[Response]:
     """Responses with 2 % noise whose variance was estimated from 6 degrees of freedom, or exact ones."""
-    model = serial(robot)
-    responses = []
-    for i, angles in enumerate(configurations):
-        configuration = Configuration(f"c{i + 1}", angles)
-        linear = Linearisation.of(model).at(
-            configuration, model.theta, outputs or robot.motor_locations, "acceleration"
-        )
-        exact = to_response(linear, np.append(model.theta, delay), FREQ)
-        std = 0.02 * np.abs(exact.G) + 2e-4 * np.abs(exact.G).max(axis=0)
-        if rng is None:
-            responses.append(replace(exact, noise=Covariance(std**2, np.inf)))
-            continue
-        G, total = drawn(exact.G, std, rng, 6.0)
-        responses.append(replace(exact, G=G, total=total))
-    return responses
+    further = () if outputs is None else outputs[len(robot.driven) :]
+    if rng is None:
+        return responses_of(robot, configurations, None, FREQ, further=further, delay=delay)
+    noisy = responses_of(robot, configurations, rng, FREQ, further=further, delay=delay, dof=6.0)
+    return [replace(response, noise=None, total=response.noise) for response in noisy]
 
 
 def started_elsewhere(robot: Robot, by: float, seed: int = 0) -> Robot:

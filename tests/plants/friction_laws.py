@@ -11,17 +11,11 @@ class Numeric:
 
     def __init__(self, law: Law, curve: Curve, step: float = 1e-4) -> None:
         v, z = ca.SX.sym("v"), ca.SX.sym("z", law.n_states)
+        after = law.advanced(v, z, curve, step)
         self.n = law.n_states
         self.torque = ca.Function("torque", [v, z], [law.torque(v, z, curve)])
         self.rate = ca.Function("rate", [v, z], [law.rate(v, z, curve)])
-        self.advanced = ca.Function("advanced", [v, z], [law.advanced(v, z, curve, step)])
-        self.path = self.advanced_path(law, curve, step)
-
-    @staticmethod
-    def advanced_path(law: Law, curve: Curve, step: float) -> ca.Function:
-        v, z = ca.SX.sym("v"), ca.SX.sym("z", law.n_states)
-        after = law.advanced(v, z, curve, step)
-        return ca.Function("step", [z, v], [after, law.torque(v, after, curve)])
+        self.path = ca.Function("step", [z, v], [after, law.torque(v, after, curve)])
 
     def follow(self, v: np.ndarray, z: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """States (n, n_z) and torques (n,) after each of n steps at the velocities v (n,)."""

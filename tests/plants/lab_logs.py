@@ -5,9 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
-from scipy.io import savemat
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -63,27 +61,6 @@ def save_csv(
 
 def with_names(names: Mapping[str, str], **same: Any) -> tuple[ChannelSpec, ...]:
     return tuple(replace(c, channel=names[c.channel], **same) for c in CHANNELS)
-
-
-def write_matlab(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
-    struct = {"cur": np.stack([log["i1"], log["i2"]]), "phi": log["phi"], "note": "run 7"}
-    runs = np.array([(log["w2"],), (2 * log["w2"],)], dtype=[("w", object)])
-    cells = np.array([np.ones(50), "text"], dtype=object)
-    savemat(base / "log.mat", {"rec": struct, "run": runs, "fs": 100.0, "cells": cells})
-    channels = with_names({"i1": "rec.cur", "i2": "rec.cur", "phi": "rec.phi", "w2": "run(1).w"})
-    return study_of("log.mat", (replace(channels[0], column=2), replace(channels[1], column=1), *channels[2:]))
-
-
-def write_matlab_73(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
-    with h5py.File(base / "new.mat", "w", userblock_size=512) as file:
-        file["rec/cur"] = np.stack([log["i1"], log["i2"]])  # a 800 x 2 matrix, as MATLAB writes it
-        file["rec/phi"] = log["phi"][None]
-        file["w2"] = log["w2"][None]
-        file["#refs#/junk"] = np.zeros(3)
-    with (base / "new.mat").open("r+b") as raw:
-        raw.write(b"MATLAB 7.3 MAT-file".ljust(512))
-    channels = with_names({"i1": "rec.cur", "i2": "rec.cur", "phi": "rec.phi", "w2": "w2"})
-    return study_of("new.mat", (replace(channels[0], column=2), replace(channels[1], column=1), *channels[2:]))
 
 
 def write_csv(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:

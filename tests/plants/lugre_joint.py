@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from elastid.base.arrays import FloatArray
+from elastid.excitation.multisine import synthesise
 from elastid.friction_study.extended_kalman_filter import FollowedJoint, JointSamples
 
 RATE_HZ, SUBSTEPS, PERIOD = 1000.0, 8, 2000
@@ -83,17 +84,9 @@ def write_rest_log(path: Path, torque: FloatArray, rng: np.random.Generator) -> 
 
 def multisine(peak: float, rng: np.random.Generator) -> FloatArray:
     """Six periods of 5 to 80 Hz, random phases."""
-    lines, spectrum = np.arange(10, 161), np.zeros(PERIOD // 2 + 1, complex)
-    spectrum[lines] = np.exp(2j * np.pi * rng.random(len(lines)))
-    u = np.fft.irfft(spectrum, PERIOD)
+    lines = np.arange(10, 161)
+    u = synthesise(lines, np.exp(2j * np.pi * rng.random((len(lines), 1))), PERIOD)[:, 0]
     return np.tile(u * peak / np.abs(u).max(), 6)
-
-
-def stops_and_moves(seconds: float) -> FloatArray:
-    """Pick and place: moves there and back of 60 rad/s, between stops of two seconds."""
-    move = np.concatenate([np.linspace(0, 60, 300), np.full(400, 60.0), np.linspace(60, 0, 300), np.zeros(2000)])
-    cycle = np.concatenate([move, -move])
-    return np.resize(cycle, int(seconds * RATE_HZ))
 
 
 def rich(seconds: float) -> FloatArray:

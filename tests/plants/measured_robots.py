@@ -12,7 +12,7 @@ from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.response import Response
+from elastid.response import Covariance, Response
 from elastid.robot import Robot
 from plants.two_mass import drawn
 
@@ -20,21 +20,27 @@ from plants.two_mass import drawn
 def responses_of(
     robot: Robot,
     postures: Mapping[str, Sequence[float]] | Sequence[Sequence[float]],
-    rng: np.random.Generator,
+    rng: np.random.Generator | None,
     freq_hz: FloatArray,
     relative: float = 0.02,
     added: float = 2e-4,
     further: tuple[str, ...] = (),
     spec: ModelSpec = ModelSpec(),  # noqa: B008
+    delay: float = 0.0,
+    dof: float = np.inf,
 ) -> list[Response]:
-    """Of the motors, and of further places, with noise relative to each element and to the largest one of all lines."""
+    """Of the motors, and of further places, with noise relative to each element and to the largest one of all lines.
+
+    rng: None of exact responses with the noise that they might have.  dof: from which its variance was estimated.
+    """
     named = postures if isinstance(postures, Mapping) else {f"c{i + 1}": q for i, q in enumerate(postures)}
     model, responses = formulate(robot, spec), []
     linearisation, outputs = Linearisation.of(model), (*model.inputs, *further)
     for name, angles in named.items():
         linear = linearisation.at(Configuration(name, tuple(angles)), model.theta, outputs, "acceleration")
-        exact = to_response(linear, linear.theta_ref, freq_hz)
-        G, noise = drawn(exact.G, relative * np.abs(exact.G) + added * np.abs(exact.G).max(axis=0), rng)
+        exact = to_response(linear, np.append(model.theta, delay), freq_hz)
+        std = relative * np.abs(exact.G) + added * np.abs(exact.G).max(axis=0)
+        G, noise = (exact.G, Covariance(std**2, dof)) if rng is None else drawn(exact.G, std, rng, dof)
         responses.append(replace(exact, G=G, noise=noise))
     return responses
 

@@ -51,3 +51,9 @@ def pinocchio_model(
 
     add(BASE, (0, pin.SE3.Identity()))
     return model, seats
+
+
+def mass_of(model: Any, data: Any, q: np.ndarray) -> np.ndarray:
+    """Pinocchio's mass matrix, of which crba writes the upper half."""
+    M = np.triu(pinocchio().crba(model, data, q))
+    return np.asarray(M + np.triu(M, 1).T)

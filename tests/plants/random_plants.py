@@ -1,6 +1,6 @@
 """Records of spectra, of static nonlinearities, and a response of two modes."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from elastid.record import Configuration, Motion, Record
 
 RATE, N = 1000.0, 1024
 ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
-ODD = np.arange(21, 301, 2)
 
 
 def record_of(
@@ -36,16 +35,34 @@ def periods_of(lines: np.ndarray, n: int, P: int, *spectra: np.ndarray | None) -
     return [None if X is None else np.tile(synthesise(lines, X, n), (P, 1)) for X in spectra]
 
 
-def nonlinear(
-    function: Callable[[np.ndarray], np.ndarray], lines: np.ndarray, M: int, noise: float = 0.0
+def experiments_of(
+    G: np.ndarray,
+    lines: np.ndarray,
+    M: int,
+    rng: np.random.Generator,
+    n: int = N,
+    P: int = 2,
+    noise: Sequence[np.ndarray | float] = (),
+    scale: Sequence[float] = (),
+    distortion: float = 0.0,
+    rate_hz: float = RATE,
 ) -> list[Record]:
-    """One input of RMS 1 through a static function, M realisations of two periods."""
-    rng = np.random.default_rng(0)
+    """M realisations of n_u orthogonal experiments of a plant G (F, n_y, n_u), with the references of their inputs.
+
+    noise: matrices, or factors, that mix white noise on u and on y.  scale: of each realisation.  distortion: a random
+    error of Y that repeats from period to period.
+    """
+    F, n_y, n_u = G.shape
     records = []
     for m in range(M):
-        R = orthogonal_set(np.full((len(lines), 1), np.sqrt(2 / len(lines))), rng)[0]
-        u = np.tile(synthesise(lines, R, N), (2, 1))
-        records.append(record_of(u, function(u) + noise * rng.normal(size=u.shape), m))
+        for e, U in enumerate(orthogonal_set(np.full((F, n_u), scale[m] if scale else 1.0), rng)):
+            Y = np.einsum("fyu,fu->fy", G, U)
+            if distortion:
+                Y = Y + distortion * (rng.normal(size=(F, n_y)) + 1j * rng.normal(size=(F, n_y))) / np.sqrt(2)
+            r, y = periods_of(lines, n, P, U, Y)
+            mixed = [rng.normal(size=x.shape) @ np.transpose(mix * np.eye(x.shape[1]) if np.isscalar(mix) else mix)
+                     for x, mix in zip((r, y), noise, strict=False)] or [0.0, 0.0]  # fmt: skip
+            records.append(record_of(r + mixed[0], y + mixed[1], m, e, r, n, rate_hz))
     return records
 
 

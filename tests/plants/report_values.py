@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.problem.least_squares import LocalOptimum
@@ -27,14 +28,12 @@ FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 
 def chain(n_u, n_y=None, stiffness=3e5, freq_hz=FREQ_HZ):
     """Acceleration (F, n_y, n_u) of the first n_y masses of a chain of n_u motors and as many links."""
-    n = 2 * n_u
-    M, K, D = np.diag(np.r_[np.full(n_u, 30.0), np.full(n_u, 25.0)]), np.zeros((n, n)), 20.0 * np.eye(n)
-    pairs = [(i, n_u + i) for i in range(n_u)] + [(n_u + i, n_u + i + 1) for i in range(n_u - 1)]
-    for i, j in pairs:
-        v = np.eye(n)[i] - np.eye(n)[j]
-        K, D = K + stiffness * np.outer(v, v), D + 500 * np.outer(v, v)
+    eye = np.eye(n_u)
+    springs = np.block([[eye, -eye], [0 * eye[1:], eye[:-1] - eye[1:]]])
+    stretch = springs.T @ springs
+    M, D = np.diag(np.repeat([30.0, 25.0], n_u)), 20.0 * np.eye(2 * n_u) + 500 * stretch
     s = 2j * np.pi * freq_hz[:, None, None]
-    return (s**2 * np.linalg.inv(M * s**2 + D * s + K))[:, : n_y or n_u, :n_u]
+    return (s**2 * np.linalg.inv(M * s**2 + D * s + stiffness * stretch))[:, : n_y or n_u, :n_u]
 
 
 def pair(n_u, n_y=None, name="c1", seed=0, freq_hz=FREQ_HZ):
@@ -124,9 +123,14 @@ def write_report(content: ReportContent, folder: Path, formats: Collection[str])
     return write_page(partial(html, content), drawings(content), folder, formats)
 
 
+def waves() -> list[FloatArray]:
+    """Amplitudes 4, 2 and 1 at 3, 6 and 20 Hz, 10 s."""
+    t = np.arange(2000) / 200.0
+    return [a * np.sin(2 * np.pi * f * t) for a, f in ((4.0, 3.0), (2.0, 6.0), (1.0, 20.0))]
+
+
 def balance() -> TorqueBalance:
     """Two parts and a rest at 3, 6 and 20 Hz."""
-    t = np.arange(1000) / 200.0
-    slow, middle, fast = (a * np.sin(2 * np.pi * f * t) for a, f in ((4.0, 3.0), (2.0, 6.0), (1.0, 20.0)))
+    slow, middle, fast = waves()
     parts = {INERTIA: slow, DRY: middle}
     return torque_balance("joint 1", "log", "N*m", 200.0, slow + middle + fast, parts, (0.0, 32.0))

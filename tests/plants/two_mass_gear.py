@@ -11,7 +11,8 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from numba import njit
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import FloatArray
+from elastid.excitation.multisine import synthesise
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
@@ -117,14 +118,11 @@ def records(gear: Gear, *, experiments: int = 4, seed: int = 1, substeps: int = 
     substeps: of a sample; a step over a reversal of friction is a wrong one.
     """
     rng = np.random.default_rng(seed)
-    spectrum = np.zeros((experiments, LINES[-1] + 1), complex)
     phases = rng.uniform(0, 2 * np.pi, (experiments, len(LINES)))
-    spectrum[:, LINES] = 200.0 * np.sqrt(2 / len(LINES)) * np.exp(1j * phases)
     n = SAMPLES * substeps * 2  # of half steps
-    torque = _periodic(spectrum, n)
-    carrier = np.zeros((experiments, 2), complex)
-    carrier[:, 1] = 0.02 * np.exp(1j * rng.uniform(0, 2 * np.pi, experiments))
-    reference = _periodic(carrier, n)
+    torque = synthesise(LINES, 200.0 * np.sqrt(2 / len(LINES)) * np.exp(1j * phases.T), n).T
+    carrier = 0.02 * np.exp(1j * rng.uniform(0, 2 * np.pi, (1, experiments)))
+    reference = synthesise(np.array([1]), carrier, n).T
     rate = np.gradient(reference, 1 / (RATE_HZ * substeps * 2), axis=1)
     signals = zip(torque, reference, rate, strict=True)
     logged, angle = np.array([_simulated(*each, gear.numbers, gear.ends, substeps) for each in signals]).transpose(
@@ -138,13 +136,6 @@ def records(gear: Gear, *, experiments: int = 4, seed: int = 1, substeps: int = 
                angle[:, m : m + 1])
         for m in range(experiments)
     )  # fmt: skip
-
-
-def _periodic(amplitudes: ComplexArray, n: int) -> FloatArray:
-    """Signals (M, n) of a period."""
-    padded = np.zeros((len(amplitudes), n // 2 + 1), complex)
-    padded[:, : amplitudes.shape[1]] = amplitudes
-    return np.asarray(np.fft.irfft(padded, n, axis=1) * (n / 2))
 
 
 def robot(gear: Gear) -> Robot:

@@ -13,9 +13,9 @@ import h5py
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis.extra.numpy import array_shapes, arrays
-from plants.artefacts import NAME, QUICK, STAMP, TEXT, same
+from plants.artefacts import STAMP, TEXT, same
 from typing_extensions import TypeAliasType
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
@@ -23,6 +23,12 @@ from elastid.base.errors import DataError
 from elastid.store.files import write_checksum
 from elastid.store.reading import read_part
 from elastid.store.values import from_json, json_value, or_text, write_artefact, write_value
+
+QUICK = settings(deadline=None, max_examples=15)
+
+
+NAME = TEXT.filter(bool)
+
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 # As numpy.typing has it from NumPy 2.5 and Python 3.12 on.

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from plants.measured import EMPS, measured
+from plants.report_values import balance, waves
 from scipy.io import loadmat
 
 from elastid.friction_study.motion import regress_motion
@@ -10,19 +11,13 @@ from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_twin import friction_balances
-from elastid.validation.torque_balance import DRY, INERTIA, VISCOUS, torque_balance
+from elastid.validation.torque_balance import DRY, INERTIA, VISCOUS
 from elastid.validation.twin import MOTION, TwinSignal
-
-RATE_HZ, N = 200.0, 2000
 
 
 def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_part_is_left() -> None:
     """Amplitudes 4, 2 and 1 at 3, 6 and 20 Hz: 16, 4 and 1 of 21; the model lacks the last."""
-    t = np.arange(N) / RATE_HZ
-    slow, middle, fast = (a * np.sin(2 * np.pi * f * t) for a, f in ((4.0, 3.0), (2.0, 6.0), (1.0, 20.0)))
-    found = torque_balance(
-        "motor 1", "log", "N*m", RATE_HZ, slow + middle + fast, {INERTIA: slow, DRY: middle}, (0.0, 32.0)
-    )
+    (_, middle, fast), found = waves(), balance()
     assert found.shares == pytest.approx((16 / 21, 4 / 21))
     assert found.left == pytest.approx(1 / 21)
     assert found.left_without_friction == pytest.approx(5 / 21)
@@ -55,7 +50,6 @@ def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left()
 
 def test_the_error_of_a_signal_is_over_the_signal_about_its_mean() -> None:
     """10 % off at 6 Hz, all of 20 Hz missing."""
-    t = np.arange(N) / RATE_HZ
-    slow, middle, fast = (a * np.sin(2 * np.pi * f * t) for a, f in ((4.0, 3.0), (2.0, 6.0), (1.0, 20.0)))
+    slow, middle, fast = waves()
     signal = TwinSignal(MOTION, "motor 1", "rad", slow + middle + fast + 7.0, slow + 0.9 * middle + 7.0)
     assert signal.error == pytest.approx(np.sqrt((0.2**2 + 1) / 21))

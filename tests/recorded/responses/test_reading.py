@@ -28,6 +28,7 @@ from elastid.response import Response
 from elastid.store.measured import read_responses
 from elastid.study import load
 
+pyuff = pytest.importorskip("pyuff")
 CONSTANT, DELAY = 0.5, 2e-3
 HOME = Configuration("home", np.zeros(2))
 FREQ_HZ = np.array([2.0, 3.0, 5.0, 7.5, 11.0, 20.0])
@@ -137,21 +138,20 @@ def _csv_in_rad(base: Path) -> ResponsesSpec:
     return _spec("frf.csv", columns=columns, frequency_unit="rad/s")
 
 
-def _uff_set(x: FloatArray, g: ComplexArray, response: tuple[int, int], reference: tuple[int, int], what: int) -> str:
-    """A data set 58 of double precision complex numbers at uneven frequencies, as the format's description has it."""
-    head = ["    -1", "    58", *("line" for _ in range(5))]
-    head.append(
-        f"{4:5d}{0:10d}{0:5d}{0:10d} {'NONE':10s}{response[0]:10d}{response[1]:4d} {'NONE':10s}{reference[0]:10d}"
-        f"{reference[1]:4d}"
-    )
-    head.append(f"{6:10d}{len(x):10d}{0:10d}{0.0:13.5E}{0.0:13.5E}{0.0:13.5E}")
-    head += [f"{kind:10d}{0:5d}{0:5d}{0:5d} {'NONE':20s} {'NONE':20s}" for kind in (18, what, 13, 0)]
-    data = [f"{f:13.5E}{v.real:20.12E}{v.imag:20.12E}" for f, v in zip(x, g, strict=True)]
-    return "\n".join([*head, *data, "    -1", ""])
+def _uff_set(
+    x: FloatArray, g: ComplexArray, response: tuple[int, int], reference: tuple[int, int], what: int
+) -> dict[str, Any]:
+    """A data set 58 of double precision complex numbers at uneven frequencies."""
+    return {
+        "type": 58, "binary": 0, "func_type": 4, "id1": "a", "id2": "b", "id3": "c", "id4": "d", "id5": "e",
+        "rsp_ent_name": "NONE", "rsp_node": response[0], "rsp_dir": response[1],
+        "ref_ent_name": "NONE", "ref_node": reference[0], "ref_dir": reference[1],
+        "abscissa_spec_data_type": 18, "ordinate_spec_data_type": what, "orddenom_spec_data_type": 13,
+        "ord_data_type": 6, "abscissa_spacing": 0, "abscissa_min": x[0], "abscissa_inc": 0.0, "data": g, "x": x,
+    }  # fmt: skip
 
 
 def _uff(base: Path) -> ResponsesSpec:
-    pytest.importorskip("pyuff")
     G, signs = in_file(), np.array([[1, -1], [1, -1]])  # motor 2 is driven along -z
     places = {"rsp": [(11, 6), (12, 6)], "ref": [(1, 6), (2, -6)]}
     sets = [
@@ -159,7 +159,7 @@ def _uff(base: Path) -> ResponsesSpec:
         for i in range(2)
         for j in range(2)
     ]
-    (base / "frf.uff").write_text("".join(sets))
+    pyuff.UFF(str(base / "frf.uff")).write_sets(sets, "overwrite")
     channels = tuple(
         replace(c, channel=name, column=None) for c, name in zip(CHANNELS, ("1rz", "2rz", "11rz", "12rz"), strict=True)
     )
@@ -377,7 +377,6 @@ def test_a_hold_needs_lines_below_half_of_its_rate(tmp_path: Path) -> None:
         _read(tmp_path, _spec("frf.mat", hold="zero-order", rate_hz=30.0))
 
 
-pyuff = pytest.importorskip("pyuff")
 LINES_HZ = np.arange(1.0, 40.0)
 G = 1 / (400 - LINES_HZ**2 + 8j * LINES_HZ)
 
@@ -386,17 +385,13 @@ def written(path: Path, units: int) -> Path:
     """One response of node 2 along z to node 1, three nodes 100 of their units apart, two trace lines."""
     nodes = {"node_nums": [1, 2, 3], "def_cs": [0] * 3, "disp_cs": [0] * 3, "color": [0] * 3}
     coordinates = {"x": [0.0, 100.0, 200.0], "y": [0.0] * 3, "z": [0.0, 0.0, 50.0]}
-    places = {"rsp_node": 2, "rsp_dir": -3, "ref_node": 1, "ref_dir": 3}
     sets = [
         {"type": 164, "units_code": units, "units_description": "own", "temp_mode": 1, "length": 1e3, "force": 1e3,
          "temp": 1.0, "temp_offset": 273.15},
         {"type": 15, **nodes, **coordinates},
         {"type": 82, "trace_num": 1, "n_nodes": 4, "color": 1, "id": "edge", "nodes": np.array([1, 2, 0, 3])},
         {"type": 82, "trace_num": 2, "n_nodes": 2, "color": 1, "id": "edge", "nodes": np.array([2, 3])},
-        {"type": 58, "binary": 0, "func_type": 4, "id1": "a", "id2": "b", "id3": "c", "id4": "d", "id5": "e", **places,
-         "rsp_ent_name": "NONE", "ref_ent_name": "NONE", "abscissa_spec_data_type": 18, "ordinate_spec_data_type": 12,
-         "orddenom_spec_data_type": 13, "ord_data_type": 6, "abscissa_spacing": 0, "abscissa_min": 1.0,
-         "abscissa_inc": 0.0, "data": G, "x": LINES_HZ},
+        _uff_set(LINES_HZ, G, (2, -3), (1, 3), 12),
     ]  # fmt: skip
     pyuff.UFF(str(path)).write_sets(sets, "overwrite")
     return path

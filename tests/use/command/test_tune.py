@@ -7,16 +7,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.commanded_arm import END, START, given, move
+from plants.commanded_arm import END, START, arm, move
 from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.posture import default_frame
-from elastid.robot import Frame
+from elastid.robot import Frame, Robot
 from elastid.study import load_robot
 from elastid.use.moves import MotionLimits, point_to_point
 from elastid.use.plans import CommandedRobot, best_plan, sampled
-from elastid.use.tune import TwinLoop, tune_move
+from elastid.use.tune import Given, TwinLoop, tune_move
+
+
+def given(torque: float = 900.0, draws: int = 3) -> Given:
+    """A truth that is 20 % softer than the catalogue, known to 0.3 %."""
+    rng, true = np.random.default_rng(0), arm(torque, 0.8)
+    names = [name for name in true.parameters() if name.startswith("k_")]
+
+    def drawn() -> Robot:
+        factors = dict(zip(names, np.exp(3e-3 * rng.standard_normal(len(names))), strict=True))
+        return true.with_parameters({name: true.parameters()[name][0] * factors[name] for name in names})
+
+    robots = [drawn() for _ in range(draws + 1)]
+    return Given(robots[0], arm(torque), true, "truth", tuple(robots[1:]), "tool", 500.0, 4.0, 1e-3)
+
 
 HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it back
 
