@@ -24,11 +24,9 @@ write_levels = writer(LEVELS, joints=(tuple[JointLevels, ...], ()))
 read_levels = reader(LEVELS, "joints", tuple[JointLevels, ...])
 write_filter = writer(FILTER, joints=(tuple[FollowedFriction, ...], ()))
 read_filter = reader(FILTER, "joints", tuple[FollowedFriction, ...])
-# Of friction.h5 the result, and the prediction of logs that were left out, empty where none was.
-read_friction_result, read_left_out = (
-    reader(FRICTION, "result", FrictionResult),
-    reader(FRICTION, "left_out", TwinFindings),
-)
+# Of friction.h5 the result, its twin, and the prediction of logs that were left out, empty where none was.
+read_friction_result = reader(FRICTION, "result", FrictionResult)
+read_twin, read_left_out = (reader(FRICTION, part, TwinFindings) for part in ("twin", "left_out"))
 # records.h5: a group for each record, written one at a time, then the logs of warm-ups.
 write_friction_records = writer(
     RECORDS,

@@ -44,6 +44,7 @@ write_gears, write_map = writer(GEARS, gears=(None, None)), writer(MAP, map=(Non
 write_tune, write_loops = writer("tune", tune=(None, None)), writer("loops", loops=(None, None))
 # Agreement and replay of each configuration, folds, and the twin.
 write_validation = writer(VALIDATION, validation=(Validation, None), twin=(TwinFindings, NO_TWIN))
+read_twin = reader(VALIDATION, "twin", TwinFindings)
 read_map = reader(MAP, "map", WorkspaceMap)
 # Responses of the fitted model; None in a file that `elastid.save` wrote.
 read_modelled = reader(FIT, "modelled", tuple[Response, ...], may_miss=True)
@@ -94,11 +95,6 @@ def write_fit(
     parts: dict[str, tuple[Any, Any]] = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
     parts["modelled"] = modelled, tuple[Response, ...] | None
     write_artefact(path, FIT, stamp, parts, {"modelled": "configuration.name"})
-
-
-def read_twin(path: Path | str, kind: str) -> TwinFindings:
-    """The twin in a file of a kind (validation, friction)."""
-    return read_part(path, kind, "twin", TwinFindings)
 
 
 def write_map_table(path: Path, workspace: WorkspaceMap) -> None:

@@ -33,7 +33,6 @@ from elastid.report.page.page_of_friction import html_of_friction
 from elastid.store import friction_study as stored
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.measured import write_signals
-from elastid.store.results import read_twin
 from elastid.study import Study
 from elastid.validation.friction_twin import friction_twin, predict_logs
 
@@ -154,7 +153,7 @@ def _content(name: str, files: Mapping[str, Path], stamp: Stamp = NO_STAMP) -> F
     """The results of a study by their stages, as far as they are there."""
     plan = stored.read_friction_plan(files["design"]) if "design" in files else None
     filters = stored.read_filter(files["follow"]) if "follow" in files else ()
-    result, twin = stored.read_friction_result(files["friction"]), read_twin(files["friction"], stored.FRICTION)
+    result, twin = stored.read_friction_result(files["friction"]), stored.read_twin(files["friction"])
     left_out = stored.read_left_out(files["friction"])
     return FrictionContent(name, result, stamp.study, stamp.shown, plan, filters, twin, left_out)
 

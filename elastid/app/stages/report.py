@@ -47,7 +47,7 @@ def report(study: Study, work: Work) -> Artefacts:
         comparison=read_comparison(work.parts.with_name("compare.json"), read_stamp(estimates) or Stamp()),
         dense=dense_models(fitted),
         friction=friction,
-        twin=read_twin(validated, "validation"),
+        twin=read_twin(validated),
         contents=contents(robot, simulated is not None, friction, result.parameters.free),
         gears=gears,
         measured_modes=measured_modes(fitted),

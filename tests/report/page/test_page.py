@@ -28,8 +28,7 @@ from elastid.report.figures.drawings import drawings
 from elastid.report.page.page import correlated, first_screen, html, html_of_responses
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.report.page.page_of_use import write_page_of_answer
-from elastid.store.friction_study import FRICTION, write_friction_result
-from elastid.store.results import read_twin
+from elastid.store.friction_study import read_twin, write_friction_result
 from elastid.validation.agreement import validate
 from elastid.validation.twin import LINK, MOTION, TORQUE, TwinFindings, TwinRun, TwinSignal
 
@@ -183,7 +182,7 @@ def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path:
     path, twin = tmp_path / "friction.h5", TwinFindings((balance(),), (run(), replace(run(), signals=(), lost="fast")))
     for given in (twin, TwinFindings()):
         write_friction_result(path, study.friction_result(), twin=given)
-        assert repr(read_twin(path, FRICTION)) == repr(given)
+        assert repr(read_twin(path)) == repr(given)
     text = html_of_friction(replace(study.friction_content(), twin=twin), ())
     assert text.count("the twin is lost: fast") == text.count('<td class="text">link motion</td>') == 1
     assert "link motion" not in html_of_friction(study.friction_content(), ())
