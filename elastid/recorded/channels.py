@@ -103,9 +103,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         periods.append(Finding("periods found", 1, text))
     aligned, shifts = _aligned(at_rate, period, experiment)
     n = min(len(part.signals) for part in aligned)
-    signals = np.full((len(channels), n), np.nan).T
-    for part in aligned:
-        signals[:, part.members] = part.signals[:n]
+    columns = {i: x[:n] for part in aligned for i, x in zip(part.members, part.signals.T, strict=True)}
     firsts: dict[tuple[str, str], int] = {}  # a signal that two files hold is taken from the first
     for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
         firsts.setdefault((channels[i].role, channels[i].at), i)
@@ -114,9 +112,9 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     first = 0 if file.samples is None else file.samples[0]
     drivers = [i for i in keep if channels[i].role == "r"] or [i for i in keep if channels[i].role == "u"]
     log = Log(str(experiment.paths[0]), tuple(channels[i].full_name for i in keep), known_hz, first, rows)
-    begin, rests = _begin(signals[:, drivers], period, log)
+    begin, rests = _begin(np.stack([columns[i] for i in drivers]).T, period, log)
     return GatheredChannels(
-        signals=signals[begin:, keep],
+        signals=np.stack([columns[i][begin:] for i in keep]).T,
         channels=tuple(channels[i] for i in keep),
         rate_hz=lowest,
         period=period,

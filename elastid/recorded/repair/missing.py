@@ -141,7 +141,8 @@ def repair(
     moving = without_standstill(going.signals, L, log)
     both = _and_missing(moving.signals)
     clock = resampled(both, both[:, drivers], N, log)
-    clock = replace(clock, signals=_with_missing(clock.signals)) if clock.findings else Repaired(moving.signals)
+    of_log = _with_missing(clock.signals, signals.shape[1]) if clock.findings else moving.signals
+    clock = replace(clock, signals=of_log)
     check(clock.signals[:, drivers])
     full = filled(clock.signals, L, sign, log)
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
@@ -168,7 +169,8 @@ def _in_whole_samples(signals: FloatArray, period: float, N: int, L: int) -> Rep
     if period != N:
         # A period of a fraction of samples is interpolated so that it has N of them.
         times = np.arange(int((len(signals) - 1) * N / period) + 1, dtype=np.float64) * (period / N)
-        result = _with_missing(at_times(_and_missing(signals), times, period, min(1.0, N / period)))
+        both = at_times(_and_missing(signals), times, period, min(1.0, N / period))
+        result = _with_missing(both, signals.shape[1])
         text = f"a period of {period:.8g} samples is brought to {N}"
         findings = (Finding("periods brought to whole samples", 1, text),)
     n, lacking = len(result), 2 * L - len(result)
@@ -183,14 +185,14 @@ def _in_whole_samples(signals: FloatArray, period: float, N: int, L: int) -> Rep
 
 
 def _and_missing(signals: FloatArray) -> FloatArray:
-    """Signals (n, c) -> (n, 2 c): straight lines where samples are missing, and 1 where they are."""
-    return np.concatenate([_bridged(signals), ~np.isfinite(signals)], axis=1)
+    """Signals (n, c) -> (n, 2 c): straight lines where samples are missing, and 1 where they are; whole ones alone."""
+    known = np.isfinite(signals)
+    return signals if known.all() else np.concatenate([_bridged(signals), ~known], axis=1)
 
 
-def _with_missing(both: FloatArray) -> FloatArray:
+def _with_missing(both: FloatArray, c: int) -> FloatArray:
     """The inverse after interpolation: a sample is missing where missing ones have 2 % in it."""
-    values, touched = np.split(both, 2, axis=1)
-    return np.where(np.abs(touched) > 0.02, np.nan, values)
+    return both if both.shape[1] == c else np.where(np.abs(both[:, c:]) > 0.02, np.nan, both[:, :c])
 
 
 def _bridged(signals: FloatArray) -> FloatArray:
