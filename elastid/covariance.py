@@ -58,7 +58,7 @@ class Covariance(Kept):
         """cov(vec G) (F, n_y n_u, n_y n_u), vec column-major: elements of one input side by side."""
         F, n_y, n_u = self.variance.shape
         if self.matrix is not None:
-            return np.asarray(self.matrix)
+            return self.matrix
         if self.left is not None and self.right is not None:
             return np.asarray(np.einsum("fab,fcd->facbd", self.left, self.right).reshape(F, n_u * n_y, n_u * n_y))
         diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)

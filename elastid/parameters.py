@@ -307,12 +307,12 @@ class _Chain:
 
     def theta(self, z: FloatArray) -> FloatArray:
         """theta (n_theta,) of z (n_x,)."""
-        return np.asarray((self.constant + self.gain @ z) * (self.by_constant + self.by_gain @ z))
+        return (self.constant + self.gain @ z) * (self.by_constant + self.by_gain @ z)
 
     def slopes(self, z: FloatArray) -> FloatArray:
         """d theta / d z (n_theta, n_x)."""
         value, by = self.constant + self.gain @ z, self.by_constant + self.by_gain @ z
-        return np.asarray(self.gain * by[:, None] + value[:, None] * self.by_gain)
+        return self.gain * by[:, None] + value[:, None] * self.by_gain
 
 
 def _chain(model: list[Parameter], parameters: Parameters) -> _Chain:

@@ -86,7 +86,7 @@ def _strength(model: Any, a: int) -> float:
 
 def _rotation(quaternion: Any) -> Any:
     """R (3, 3) of w, x, y, z."""
-    return np.asarray(Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
+    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
 def main(path: Path) -> dict[str, str]:

@@ -168,7 +168,7 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
 def runs(flags: BoolArray, least: int = 1) -> IntArray:
     """First sample and end (k, 2) of the runs of set flags (n,) that have at least so many samples."""
     bounds = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
-    return np.asarray(bounds[bounds[:, 1] - bounds[:, 0] >= least])
+    return bounds[bounds[:, 1] - bounds[:, 0] >= least]
 
 
 def mean_of_neighbours(values: Values, width: int) -> Values:
@@ -184,7 +184,7 @@ def interpolated(wanted: FloatArray | IntArray, lines: FloatArray | IntArray, va
     right = np.clip(np.searchsorted(lines, wanted), 1, len(lines) - 1)
     part = (wanted - lines[right - 1]) / np.maximum(lines[right] - lines[right - 1], 1e-300)
     part = part.reshape(-1, *(1,) * (values.ndim - 1))
-    return np.asarray((1 - part) * values[right - 1] + part * values[right])
+    return (1 - part) * values[right - 1] + part * values[right]
 
 
 def principal_axes(covariance: FloatArray) -> FloatArray:

@@ -66,7 +66,7 @@ class Forecast:
     @property
     def std(self) -> FloatArray:
         """Standard deviations (n,) in SI, first order for logarithmic parameters."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)) * np.where(self.log, np.abs(self.nominal), 1.0))
+        return np.sqrt(np.diag(self.covariance)) * np.where(self.log, np.abs(self.nominal), 1.0)
 
     @property
     def std_by_noise(self) -> FloatArray:
@@ -151,7 +151,7 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
     ranges = [p.upper - p.lower for p in asked]
     linear = [r if np.isfinite(r) else abs(value) or 1.0 for r, value in zip(ranges, x[:n], strict=True)]
     _, singular_values, Vt = np.linalg.svd(R * np.where([p.log for p in asked], 1.0, linear))
-    return np.asarray(Vt[singular_values < 1 / LIMITS.direction_std])
+    return Vt[singular_values < 1 / LIMITS.direction_std]
 
 
 def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
@@ -195,7 +195,7 @@ class LimitUse:
     @property
     def used(self) -> FloatArray:
         """Part of each limit that is used (Q, 5, n_u)."""
-        return np.asarray(self.peak / self.limit)
+        return self.peak / self.limit
 
     @property
     def closest(self) -> str:

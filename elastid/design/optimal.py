@@ -51,7 +51,7 @@ class DesignCriterion:
         ridge = 1e-13 * np.maximum(diagonal, 1e-13 * diagonal.max(axis=-1, keepdims=True))
         K = self.interest
         regular = M + ridge[..., None] * np.eye(M.shape[-1])
-        return np.asarray(np.linalg.solve(regular, np.broadcast_to(K, (*M.shape[:-2], *K.shape))))
+        return np.linalg.solve(regular, np.broadcast_to(K, (*M.shape[:-2], *K.shape)))
 
     def _of_covariance(self, C: FloatArray) -> FloatArray:
         """-ln det(C) / s of (M^-1)_SS (..., s, s); rounding may leave that of a singular M without a logarithm."""
@@ -150,7 +150,7 @@ class PowerSource:
     def information(self, P: FloatArray) -> FloatArray:
         """H (n_x, n_x) at powers P (F, n_u), summed over the experiments of a realisation."""
         rows = as_real(self.J * np.sqrt(self._weight(P))).reshape(len(self.J), -1)
-        return np.asarray(rows @ rows.T)
+        return rows @ rows.T
 
     def gains(self, P: FloatArray, gradient: FloatArray) -> FloatArray:
         """d Tr(gradient H) / d P (F, n_u), for a gradient (n_x, n_x) without negative eigenvalues."""

@@ -194,4 +194,4 @@ def _signal(lines: IntArray, S: ComplexArray, n: int) -> FloatArray:
     """x (..., n) over a period from spectra (..., F)."""
     spectrum = np.zeros((*S.shape[:-1], n // 2 + 1), dtype=np.complex128)
     spectrum[..., lines] = S
-    return np.asarray(irfft(spectrum, n, axis=-1) * (n / 2))
+    return irfft(spectrum, n, axis=-1) * (n / 2)

@@ -296,7 +296,7 @@ def _by_ratios(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
         for name, pull in part.ratio_pull.items():
             pulls[name] = pulls.get(name, 0.0) + pull
     shifts = half.T @ np.stack(list(pulls.values()), axis=1) if pulls else np.zeros((half.shape[1], 0))
-    return np.asarray(shifts @ shifts.T)
+    return shifts @ shifts.T
 
 
 def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:
@@ -334,4 +334,4 @@ def _floor(
     deviation = expected_cost * np.sqrt(2 / max(cost_dof, 1.0))
     room = cost - expected_cost + 2 * deviation
     share = np.clip(room / power, 0.0, 1.0) if power else 0.0
-    return np.asarray(share * (0.5 * (shifts @ shifts.conj().T).real))
+    return share * (0.5 * (shifts @ shifts.conj().T).real)

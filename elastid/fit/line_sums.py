@@ -160,7 +160,7 @@ def autocovariance(residual: ComplexArray) -> FloatArray:
     """Re sum_k r_k^* r_{k+l} (F,) of residuals (F, n), l = 0 ... F - 1."""
     F = len(residual)
     spectrum = np.sum(np.abs(np.fft.fft(residual, 2 * F, axis=0)) ** 2, axis=1)
-    return np.asarray(np.fft.ifft(spectrum)[:F].real)
+    return np.fft.ifft(spectrum)[:F].real
 
 
 def correlation_length(autocovariances: Sequence[FloatArray], n_residuals: int) -> float:

@@ -146,7 +146,7 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     cross = C[:n, n:]
     if not np.isfinite(C).all():  # of what the data do not reach
         return C[:n, :n].copy()
-    return np.asarray(C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T))
+    return C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T)
 
 
 CORRELATED = 0.99  # beyond which two parameters cannot be distinguished

@@ -224,4 +224,4 @@ def _step_response(mobility: ComplexArray, lines: IntArray, N: int) -> FloatArra
     every[1:] /= k[1:]
     below = k < lines[0]
     every[below] = mobility[0] * k[below] / lines[0]
-    return np.asarray(np.fft.irfft(every, N))
+    return np.fft.irfft(every, N)

@@ -305,7 +305,7 @@ def _amplitudes(record: Record, signals: FloatArray, columns: list[int]) -> Comp
     """Complex amplitudes (N // 2, c) of some signals in the last period of a record that is used; twice at 0."""
     N, P = record.period_samples, record.n_periods
     last = max((p for p in range(P) if p not in record.left_out), default=P - 1)
-    return np.asarray(rfft(signals[last * N : (last + 1) * N, columns], axis=0)[: N // 2] * (2 / N))
+    return rfft(signals[last * N : (last + 1) * N, columns], axis=0)[: N // 2] * (2 / N)
 
 
 def _feedback(

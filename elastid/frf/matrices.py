@@ -17,7 +17,7 @@ Stacks: TypeAlias = Sequence[ComplexArray]
 
 def squared_magnitude(A: ComplexArray) -> FloatArray:
     """|A|^2 of each element, without the root that its magnitude costs."""
-    return np.asarray(A.real**2 + A.imag**2)
+    return A.real**2 + A.imag**2
 
 
 def power(A: ComplexArray) -> FloatArray:

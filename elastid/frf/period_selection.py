@@ -217,7 +217,7 @@ def _median_of_others(compared: Compared, good: IntArray) -> FloatArray:
     columns = np.flatnonzero(np.isin(compared.references, good))
     of_good = compared.apart[:, :, columns]
     of_good[:, compared.references[columns], np.arange(len(columns))] = np.nan
-    return np.asarray(np.nanmedian(of_good, axis=2).T)
+    return np.nanmedian(of_good, axis=2).T
 
 
 def _flags(P: int, chosen: Sequence[IntArray]) -> BoolArray:

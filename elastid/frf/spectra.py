@@ -110,7 +110,7 @@ class RecordSpectra:
         signals: FloatArray = getattr(record, role)
         blocks = signals[first * L : last * L].reshape(last - first, L, -1)
         if not record.half_wave:
-            return np.asarray(rfft(blocks, axis=1))
+            return rfft(blocks, axis=1)
         # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
         blocks = blocks - mean_of_rows(signals, record.n_repeats // 2 * 2 * L)
         halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)

@@ -49,7 +49,7 @@ def stop(path: Path, D: float) -> FloatArray:
     states = [0.0]
     for step in path.steps.tolist():
         states.append(min(max(states[-1] + step, -D), D))
-    return np.asarray(np.clip(np.array(states)[path.last] + path.moved, -D, D))
+    return np.clip(np.array(states)[path.last] + path.moved, -D, D)
 
 
 def bristle(path: Path, D: float) -> FloatArray:

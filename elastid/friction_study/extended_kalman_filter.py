@@ -241,7 +241,7 @@ class Track:
     @property
     def nis(self) -> FloatArray:
         """e^2 / S (n,): chi-squared of one degree of freedom where the filter's noise is right."""
-        return np.asarray(self.innovation**2 / self.variance)
+        return self.innovation**2 / self.variance
 
     def values(self, name: str, stds: float = 0.0) -> FloatArray:
         """A state over time (n,), or the end of its band at so many stds; of a followed logarithm the number itself."""
@@ -373,7 +373,7 @@ def unknown(track: Track) -> BoolArray:
     """True (n, p) where a number is no better known than before the log, drift included."""
     prior = np.diag(first_estimate(track.joint, 0.0)[1])[-len(track.joint.followed) :]
     variance = np.diagonal(track.followed_covariance, axis1=1, axis2=2)
-    return np.asarray(variance > FILTER.max_std_ratio**2 * prior)
+    return variance > FILTER.max_std_ratio**2 * prior
 
 
 def estimate_noise(kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, settled_s: float) -> FilterNoise:

@@ -309,4 +309,4 @@ def _basis(R: FloatArray) -> FloatArray:
     if not size.any():
         return np.zeros((len(R), 0))
     U, s, _ = np.linalg.svd(R[:, size > 0] / size[size > 0], full_matrices=False)
-    return np.asarray(U[:, s > RANK_TOLERANCE * s[0]])
+    return U[:, s > RANK_TOLERANCE * s[0]]

@@ -67,7 +67,7 @@ class Elements:
     def torque(self, position: FloatArray) -> FloatArray:
         """tau_f (n,) along positions, the elements at rest at the first."""
         states = operators(position, self.threshold)
-        return np.asarray(states @ self.stiffness + self.offset)
+        return states @ self.stiffness + self.offset
 
     def to_maxwell_slip(self) -> MaxwellSlip:
         """Maxwell slip as a robot's file has it."""

@@ -137,7 +137,7 @@ def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
     pull, size = modes.T @ torque, np.abs(stiffness)
     floor = 1e-13 * size.max() or 1.0
     moving = (size > floor) | (np.abs(pull) > rounding)
-    return np.asarray(-modes @ np.where(moving, pull / np.maximum(size, floor), 0.0))
+    return -modes @ np.where(moving, pull / np.maximum(size, floor), 0.0)
 
 
 def _shortened(

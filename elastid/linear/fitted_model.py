@@ -300,7 +300,7 @@ class FittedModel:
         J = self._response_slopes(freq_hz)
         flat = J.reshape(len(J), -1).T
         parts = (_deviation(part, self.estimated.covariance) for part in (flat.real, flat.imag))
-        return np.asarray(np.hypot(*parts).reshape(J.shape[1:]))
+        return np.hypot(*parts).reshape(J.shape[1:])
 
     def response_shifts(self, freq_hz: FloatArray) -> ComplexArray:
         """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions.
@@ -310,13 +310,13 @@ class FittedModel:
         C = self.estimated.covariance
         unreached = np.isinf(np.diag(C))
         axes = principal_axes(np.where(unreached[:, None] | unreached, 0.0, C) + 1e4 * np.diag(unreached))
-        return np.asarray(np.tensordot(axes, self._response_slopes(freq_hz), axes=1))
+        return np.tensordot(axes, self._response_slopes(freq_hz), axes=1)
 
     def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
         """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
         moved = self.estimated.moved
         kernel = Kernel(self.linear, checked_frequencies(freq_hz), tuple(self.estimated.names[row] for row in moved))
-        return np.asarray(np.tensordot(self.estimated.slopes[moved].T, Columns(kernel).evaluate(self.theta)[1], axes=1))
+        return np.tensordot(self.estimated.slopes[moved].T, Columns(kernel).evaluate(self.theta)[1], axes=1)
 
     def modes(self) -> UncertainModes:
         """Natural frequencies, damping ratios and shapes of what can move, an integral of a controller left out.
@@ -361,7 +361,7 @@ class FittedModel:
 
         def compliance(theta: FloatArray) -> FloatArray:
             K, J = whole.matrices(theta)[2], whole.readout(theta)[0][-len(FRAME_AXES) :]
-            return np.asarray(J @ np.linalg.solve(K, J.T))
+            return J @ np.linalg.solve(K, J.T)
 
         C, matrix, std = self._spread(compliance), np.full((6, 6), np.nan), np.full((6, 6), np.nan)
         length = float(np.sqrt(C.value.trace() / max(C.value[3:, 3:].trace(), 1e-300)))  # m and rad on one scale

@@ -66,7 +66,7 @@ class LagElement:
         """d ln H / dT = -s P'(s T) / P(s T)."""
         P = (1.0, *self.coefficients)
         x = s * T
-        return np.asarray(-s * polynomial.polyval(x, polynomial.polyder(P)) / polynomial.polyval(x, P))
+        return -s * polynomial.polyval(x, polynomial.polyder(P)) / polynomial.polyval(x, P)
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class DifferenceElement:
         x = s * T
         small = np.abs(x) < 1e-3
         safe = np.where(small, 1.0, x)
-        return np.asarray(s * np.where(small, -0.5 + x / 12, 1 / np.expm1(safe) - 1 / safe))
+        return s * np.where(small, -0.5 + x / 12, 1 / np.expm1(safe) - 1 / safe)
 
 
 Element = LagElement | DifferenceElement
@@ -125,7 +125,7 @@ def projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
     if len(Z) == Z.shape[1]:
         return matrix  # nothing is held: Z is the unit matrix
     product = Z.T @ matrix @ Z
-    return np.asarray((product + product.T) / 2)
+    return (product + product.T) / 2
 
 
 @frozen_value

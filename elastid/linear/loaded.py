@@ -154,7 +154,7 @@ class LoadedRobot:
         """K^-1 right; of constraints that repeat each other, the smallest multipliers."""
         if not self.model.n_c:
             return np.asarray(np.linalg.solve(K, right), dtype=float)
-        return np.asarray(np.linalg.pinv(K, rcond=1e-12, hermitian=False) @ right)
+        return np.linalg.pinv(K, rcond=1e-12, hermitian=False) @ right
 
 
 def _size(r: FloatArray, K: FloatArray) -> FloatArray:

@@ -41,7 +41,7 @@ class Modes:
     def poles(self) -> ComplexArray:
         """lambda (n_m,) in 1/s of each mode, that with the positive imaginary part."""
         swinging = 1j * np.sqrt(np.maximum(1 - self.zeta**2, 0.0))
-        return np.asarray(2 * np.pi * self.freq_hz * (swinging - self.zeta))
+        return 2 * np.pi * self.freq_hz * (swinging - self.zeta)
 
 
 def modes(model: LinearModel, theta: FloatArray) -> Modes:
@@ -68,7 +68,7 @@ def normalised(shapes: ComplexArray) -> ComplexArray:
     if not shapes.size:
         return shapes
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
-    return np.asarray(shapes / largest)
+    return shapes / largest
 
 
 def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexArray, ComplexArray]:

@@ -78,7 +78,7 @@ def effect_of_motion(
         changes = interpolated(omega, nodes, np.stack([moved.change(node) for node in nodes]))
         dG = expansion.response_change(omega, changes)[:, :, inputs]
         gain = factor(linear, theta, (1j * omega).astype(np.complex128))[:, None, None]
-        return np.asarray(gain * of_outputs[:, None] * dG * of_inputs)
+        return gain * of_outputs[:, None] * dG * of_inputs
 
     if known is not None:
         few = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
@@ -136,7 +136,7 @@ class _Expansion:
         X, of_equations, of_outputs = self.X(omega), change[:, : self.n], change[:, self.n :]
         dX = -np.linalg.solve(self.L(omega) + of_equations, of_equations @ X)
         moved = self._in_front_of_x(self.J[self.n :], omega) @ dX + of_outputs @ (X + dX)
-        return np.asarray(moved / (1j * omega[:, None, None]) ** self.orders[:, None])
+        return moved / (1j * omega[:, None, None]) ** self.orders[:, None]
 
     def held(self, omega: Any) -> ComplexArray:
         """L^-1 (..., n, n) with motors that stand still."""
@@ -267,7 +267,7 @@ def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) 
     n, moved = expansion.n, expansion.B @ shift
     torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ moved
     mean = moved - expansion.held(0.0).real @ torque
-    return np.asarray(np.tensordot(mean, expansion.curvature[:n], axes=1))
+    return np.tensordot(mean, expansion.curvature[:n], axes=1)
 
 
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:

@@ -105,7 +105,7 @@ def by_differences(freq_hz: FloatArray, G: ComplexArray) -> FloatArray:
     F = len(freq_hz)
     power = np.abs(_differences(freq_hz, G)) ** 2
     median = median_filter(power, size=(min(DIFFERENCE_LINES, len(power)), 1, 1), mode="nearest") / math.log(2)
-    return np.asarray(np.pad(median, ((2, F - len(power) - 2), (0, 0), (0, 0)), "edge"))
+    return np.pad(median, ((2, F - len(power) - 2), (0, 0), (0, 0)), "edge")
 
 
 def _differences(freq_hz: FloatArray, G: ComplexArray) -> ComplexArray:

@@ -196,7 +196,7 @@ class Influences:
         weight = np.sum(np.abs(scaled) ** 2, axis=(0, 2))
         lines = len(shifts) + float(weight.sum() ** 2 / (weight @ weight)) - 1
         dof = 2 * lines * float(weight @ self._free[low:high]) / float(weight.sum()) / self._together
-        return np.asarray(total * small_sample_factors(max(dof, LEAST_DOF)) ** 2)
+        return total * small_sample_factors(max(dof, LEAST_DOF)) ** 2
 
     def _line_factor(self, influence: ComplexArray) -> float:
         """Variance with correlated lines over that without, by the autocorrelation of the residuals."""
@@ -222,7 +222,7 @@ class Influences:
     @cached_property
     def _normalised(self) -> ComplexArray:
         """Residuals (F, C) over their stated standard deviation."""
-        return np.asarray(unstacked(self.fit.residual) / np.sqrt(self.fit.data.variance) * self._phase.conj())
+        return unstacked(self.fit.residual) / np.sqrt(self.fit.data.variance) * self._phase.conj()
 
     @property
     def _together(self) -> float:
@@ -245,7 +245,7 @@ class Influences:
     def _phase(self) -> ComplexArray:
         """Phase of the model (F, C): noise of an input turns with it from line to line, in all outputs alike."""
         model = self.fit.synthesis()
-        return np.asarray(model / np.maximum(np.abs(model), np.finfo(float).tiny))
+        return model / np.maximum(np.abs(model), np.finfo(float).tiny)
 
     def _pole_leverage(self) -> FloatArray:
         """Part (F,) of each line in the fit of the poles, over all elements."""

@@ -70,7 +70,7 @@ class Basis:
         if self.correlation is not None:
             return self._smoothed(poles, derivative)
         columns = 1 / (self.s[:, None] - poles)
-        return np.asarray(columns**2 if derivative else columns)
+        return columns**2 if derivative else columns
 
     def _smoothed(self, poles: ComplexArray, derivative: bool) -> ComplexArray:
         assert self.correlation is not None
@@ -112,7 +112,7 @@ def stacked(columns: ComplexArray) -> FloatArray:
 def unstacked(columns: FloatArray) -> ComplexArray:
     """Complex (F, ...) of real over imaginary parts."""
     real, imaginary = np.split(columns, 2)
-    return np.asarray(real + 1j * imaginary)
+    return real + 1j * imaginary
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class ModalData:
         """
         direct, mirrored = self.basis.poles(poles, derivative), self.basis.poles(poles.conj(), derivative)
         both = np.stack([direct + mirrored, 1j * (direct - mirrored)], axis=2)
-        return np.asarray(self.weights[:, None] * stacked(both.reshape(len(both), -1)))
+        return self.weights[:, None] * stacked(both.reshape(len(both), -1))
 
 
 @dataclass(frozen=True)
@@ -185,12 +185,12 @@ class ModalFit:
         inside = Q.T @ self.data.y
         if kept.all():
             return np.asarray(scipy.linalg.solve_triangular(R, inside) / norms[:, None])
-        return np.asarray(np.linalg.lstsq(R, inside, rcond=1e-12)[0] / norms[:, None])
+        return np.linalg.lstsq(R, inside, rcond=1e-12)[0] / norms[:, None]
 
     @cached_property
     def residual(self) -> FloatArray:
         """y less the model (2 F, C)."""
-        return np.asarray(self.data.y - self.Q @ (self.Q.T @ self.data.y))
+        return self.data.y - self.Q @ (self.Q.T @ self.data.y)
 
     @cached_property
     def cost(self) -> float:
@@ -208,7 +208,7 @@ class ModalFit:
     def free_slopes(self) -> FloatArray:
         """P D (2 F, 2 n): derivatives of the columns that the model does not follow."""
         D = self.data.columns(self.poles, derivative=True)
-        return np.asarray(D - self.Q @ (self.Q.T @ D))
+        return D - self.Q @ (self.Q.T @ D)
 
     @cached_property
     def directions(self) -> FloatArray:
@@ -268,4 +268,4 @@ class ModalFit:
     def synthesis(self) -> ComplexArray:
         """G (F, C) of the model."""
         model = self.Q @ (self.Q.T @ self.data.y)
-        return np.asarray(unstacked(model) * self.data.scale / self.data.weight[:, None])
+        return unstacked(model) * self.data.scale / self.data.weight[:, None]

@@ -98,7 +98,7 @@ class Modes:
     def poles(self) -> ComplexArray:
         """lambda (n,) in 1/s."""
         omega = 2 * np.pi * self.freq_hz
-        return np.asarray(omega * (-self.zeta + 1j * np.sqrt(1 - self.zeta**2)))
+        return omega * (-self.zeta + 1j * np.sqrt(1 - self.zeta**2))
 
     @property
     def freq95(self) -> FloatArray:

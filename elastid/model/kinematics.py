@@ -183,7 +183,7 @@ def placed(R: list[FloatArray], p: list[FloatArray], frame: int, local: FloatArr
     """A point (3,) in a frame's axes (-1: the base's) in the base frame (Q, 3), Q = count postures."""
     if frame < 0:
         return np.tile(local, (count, 1))
-    return np.asarray(p[frame] + R[frame] @ local)
+    return p[frame] + R[frame] @ local
 
 
 StickKind: TypeAlias = Literal["arm", "mass", "strut"]

@@ -262,4 +262,4 @@ def null_space(Phi: FloatArray) -> FloatArray:
     if not Phi.size:
         return np.eye(Phi.shape[1])
     _, s, Vt = np.linalg.svd(Phi)
-    return np.asarray(Vt[int(np.sum(s > RANK_TOLERANCE * s.max())) :].T)
+    return Vt[int(np.sum(s > RANK_TOLERANCE * s.max())) :].T

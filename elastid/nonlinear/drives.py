@@ -80,11 +80,11 @@ class DriveLines:
     def moved(self, place: Place, joint: int, U: ComplexArray) -> ComplexArray:
         """Motion (F, M) of a place by torques (F, n_u, M) that were logged, in the linear model."""
         q = self.H @ (self.B @ (self.command[:, :, None] * U))
-        return np.asarray(np.tensordot(self.directions(place, joint), q, axes=(0, 1)))
+        return np.tensordot(self.directions(place, joint), q, axes=(0, 1))
 
     def motor_row(self, joint: int) -> FloatArray:
         """Angle of a motor by the logged angles (n_u,)."""
-        return np.asarray(self.directions("motor", joint) @ np.linalg.pinv(self.C))
+        return self.directions("motor", joint) @ np.linalg.pinv(self.C)
 
 
 def elastic_joints(linearisation: Linearisation) -> tuple[str, ...]:
@@ -163,7 +163,7 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
     first = (tau(h) - tau(-h)) / (2 * h)
     beyond = (tau(1.0) - first - tau(0.0)).reshape(n, -1, M)
     of_lines = np.where(np.arange(F + 1) == 0, 1, 2)[:, None, None] / beyond.shape[1]
-    return np.asarray(rfft(beyond, axis=1)[:, : F + 1].swapaxes(0, 1) * of_lines)
+    return rfft(beyond, axis=1)[:, : F + 1].swapaxes(0, 1) * of_lines
 
 
 def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLines:

@@ -39,7 +39,7 @@ def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
 def points_of_means(means: FloatArray) -> FloatArray:
     """Values at the points (n,) of a period by means over the cells that begin there."""
     n = len(means)
-    return np.asarray(irfft(rfft(means) * _from_means(n), n))
+    return irfft(rfft(means) * _from_means(n), n)
 
 
 @lru_cache(maxsize=4)

@@ -70,14 +70,14 @@ class Shape:
         if self.kind == "sign":
             return np.where(distance > 0, 1.0, -1.0)
         x = distance / self.threshold
-        return np.asarray(np.minimum(x - 1, 1.0) if self.kind == "stop" else 1 - 2 * np.exp(-x))
+        return np.minimum(x - 1, 1.0) if self.kind == "stop" else 1 - 2 * np.exp(-x)
 
     def sliding(self, velocity: FloatArray) -> FloatArray:
         """The shape (n,) in steady sliding at `velocity` (n,)."""
         if self.kind == "stribeck":
-            return np.asarray(np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2)))
+            return np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2))
         gradual = self.kind == "sign" and self.threshold > 0
-        return np.asarray(np.tanh(velocity / self.threshold) if gradual else np.sign(velocity))
+        return np.tanh(velocity / self.threshold) if gradual else np.sign(velocity)
 
     def integral(self, speed: FloatArray) -> FloatArray:
         """The integral (n,) over velocity of a sign or Stribeck curve in steady sliding, up to speeds (n,)."""
@@ -86,7 +86,7 @@ class Shape:
 
             return np.asarray(self.threshold * np.sqrt(np.pi) / 2 * erf(speed / self.threshold))
         gradual = self.threshold * np.log1p(np.exp(speed * (-2 / self.threshold))) if self.threshold > 0 else 0.0
-        return np.asarray(speed + gradual)
+        return speed + gradual
 
 
 Taken: TypeAlias = Sequence[tuple[Shape, float]]
@@ -188,7 +188,7 @@ def held_samples(record: Record, place: str, motion: Motion, taken: Taken) -> Fl
     low = spectrum(rfft(friction_means(record, motion, taken).ravel()), n)
     H = hold_of(record)[:, record.inputs.index(place)]
     # Near a zero of the hold the torque's samples do not determine the torque.
-    return np.asarray(irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n))
+    return irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
 
 
 def hold_of(record: Record) -> ComplexArray:

@@ -212,7 +212,7 @@ class _Problem:
     def _rest(self, m: int) -> FloatArray:
         """Deflections (n_j,) of the gears in the mean of an experiment, under gravity along its motion."""
         moved = 0.0 if self.lines.arm is None else self.lines.arm[0, :, m].real
-        return np.asarray((self.drive.torque + moved) / self.drive.k)
+        return (self.drive.torque + moved) / self.drive.k
 
     def _unmoved(self, base: ComplexArray, m: int) -> FloatArray:
         """The unknown deflections (n_x, n) at rest and by transmission errors; 0 of velocities."""

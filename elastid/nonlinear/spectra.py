@@ -188,7 +188,7 @@ class PeriodLines:
         n = self.points
         padded = np.zeros((*X.shape[:-1], n // 2 + 1), complex)
         padded[..., 1 : X.shape[-1] + 1] = X
-        return np.asarray(irfft(padded, n) * (n / 2))
+        return irfft(padded, n) * (n / 2)
 
     def amplitudes(self, x: FloatArray) -> ComplexArray:
         """Amplitudes (..., F) of signals (..., n) on the fine grid."""

@@ -165,7 +165,7 @@ def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> Float
     gain = (1j * np.append(1.0, omega[1:])) ** order * np.exp(-((width * omega) ** 2) / 2)
     gain[0] = order == 0  # an integral has no mean
     margin = int(6 * width)  # a jump from the last sample to the first has no effect beyond
-    return np.asarray(np.fft.irfft(np.fft.rfft(x) * gain, len(x))[margin:-margin] * rate_hz**order)
+    return np.fft.irfft(np.fft.rfft(x) * gain, len(x))[margin:-margin] * rate_hz**order
 
 
 def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> Iterator[MotionRelation]:

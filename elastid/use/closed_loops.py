@@ -263,7 +263,7 @@ class Closed:
 def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:
     """J^-1/2 S J^1/2 of S (N, F, n_u, n_u) with inertia (N, n_u)."""
     root = np.sqrt(inertia)[:, None]
-    return np.asarray(S / root[..., :, None] * root[..., None, :])
+    return S / root[..., :, None] * root[..., None, :]
 
 
 def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
@@ -301,4 +301,4 @@ def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None)
 def _blocks(rows: list[list[FloatArray]]) -> FloatArray:
     """Block matrices (N, m, n) of blocks (N, ., .) or (., .)."""
     N = np.broadcast_shapes(*((1, *block.shape)[-3:-2] for row in rows for block in row))
-    return np.asarray(np.block([[np.broadcast_to(block, (*N, *block.shape[-2:])) for block in row] for row in rows]))
+    return np.block([[np.broadcast_to(block, (*N, *block.shape[-2:])) for block in row] for row in rows])

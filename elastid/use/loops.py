@@ -74,7 +74,7 @@ class Cascade:
     def vector(self) -> FloatArray:
         """x (n_x,): logarithms of all numbers."""
         parts = self.position_gain, self.velocity_gain, self.low_pass_hz, self.notches.ravel()
-        return np.asarray(np.log(np.concatenate(parts)))
+        return np.log(np.concatenate(parts))
 
     @property
     def owners(self) -> IntArray:

@@ -162,7 +162,7 @@ class Quantity:
     def relative_std(self) -> FloatArray:
         """std over value (Q,)."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(self.std / self.value)
+            return self.std / self.value
 
     @property
     def interval(self) -> tuple[FloatArray, FloatArray]:

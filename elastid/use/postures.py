@@ -163,7 +163,7 @@ class Table:
         in_degrees = [name_and_unit(self.heads[words[name]])[1] in _DEGREES for name in names]
         turning = [not joint.slides for joint in robot.driven]
         scale = [np.pi / 180 if deg and turns else 1.0 for deg, turns in zip(in_degrees, turning, strict=True)]
-        return np.asarray(self.values[:, [words[name] for name in names]] * scale)
+        return self.values[:, [words[name] for name in names]] * scale
 
     def poses(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
         """Positions (Q, 3) and rotations (Q, 3, 3), None without them; DataError where there are no poses either."""

@@ -164,7 +164,7 @@ def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionR
     if fit.rigid_body is not None:
         return record.torque - fit.motion.torque
     parts = motion_parts(fit.chosen, full_rate_columns(signals, fit.terms))
-    return np.asarray(parts["inertia"] + parts.get("gravity", 0.0))
+    return parts["inertia"] + parts.get("gravity", 0.0)
 
 
 def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:

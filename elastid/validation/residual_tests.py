@@ -125,4 +125,4 @@ def above_2sigma(measured: Response, sigma: FloatArray | None = None) -> BoolArr
     """Lines (F, n_y, n_u) of at least twice sigma (default: of `sigma_of`); without noise all that are not zero."""
     magnitude = np.abs(measured.G)
     sigma = sigma_of(measured) if sigma is None else sigma
-    return np.asarray((magnitude >= 2 * sigma) & (magnitude > 0))
+    return (magnitude >= 2 * sigma) & (magnitude > 0)

@@ -223,7 +223,7 @@ def _held(record: Record, u: FloatArray) -> FloatArray:
     held = replace(record, hold="zero-order", hold_samples=())
     factor = record.hold_response(freq_hz) / held.hold_response(freq_hz)
     factor[0] = 0.0
-    return np.asarray(np.fft.irfft(np.fft.rfft(u, axis=0) * factor, N, axis=0))
+    return np.fft.irfft(np.fft.rfft(u, axis=0) * factor, N, axis=0)
 
 
 def _in_band(

@@ -1,14 +1,13 @@
 """How fast responses are estimated: 6 x 6 with full noise and total covariance, against the bare FFT and two peers.
 
-    python scripts/benchmarks/frf.py [--quick] [--no-peers] [--case A|B]
+    python scripts/benchmarks/frf.py [--quick] [--no-peers]
 
 P = 8 periods, M = 6 realisations of 6 orthogonal experiments, N = 16384 samples: 36 records, 453 MB. Case A: all 8191
 lines. Case B: 200 odd lines. One process, one thread, CPU time, everything in the same run and in turn. The floor is
-scipy.fft.rfft of u and y, record by record, its results dropped, in the fastest of three orders: all channels of a
-record in contiguous periods, one period of a channel after the other, and as recorded. Peers: scipy.signal.csd of all
-pairs at once by broadcasting, for H1 without any variance and without the detrending that excited
-lines do not need; the package best-linear-approximation (its `noisy_input`) where it is installed; it needs Python
-3.12.
+scipy.fft.rfft of u and y, record by record, its results dropped, in the faster of two orders: all channels of a record
+in contiguous periods, and as recorded. Peers: scipy.signal.csd of all pairs at once by broadcasting, for H1 without any
+variance and without the detrending that excited lines do not need; the package best-linear-approximation (its
+`noisy_input`) where it is installed; it needs Python 3.12.
 The last line is one JSON object with the numbers of the table; last_run.json has those of the last run of each part.
 
 Measured (CPU time, medians in turn, two cores): the odd lines take 1.57 (B_over_floor) and all lines 3.56
@@ -137,7 +136,7 @@ def log_s(record: Record, repeats: int) -> float:
 
 
 def floors(records: Sequence[Record]) -> dict[str, Callable[[], None]]:
-    """The bare FFT of the same data in three orders; memory holds the spectra of one record at a time."""
+    """The bare FFT of the same data in two orders; memory holds the spectra of one record at a time."""
     blocks = contiguous_periods(records)
     recorded = [x.reshape(-1, r.period_samples, x.shape[1]) for r in records for x in (r.u, r.y)]
 
@@ -145,16 +144,11 @@ def floors(records: Sequence[Record]) -> dict[str, Callable[[], None]]:
         for block in blocks:
             rfft(block, axis=2, workers=1)
 
-    def one_by_one() -> None:
-        for block in blocks:
-            for row in block.reshape(-1, block.shape[2]):
-                rfft(row, workers=1)
-
     def as_recorded() -> None:
         for block in recorded:
             rfft(block, axis=1, workers=1)
 
-    return {"floor, records": at_once, "floor, rows": one_by_one, "floor, as recorded": as_recorded}
+    return {"floor, records": at_once, "floor, as recorded": as_recorded}
 
 
 def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: int, peers: bool) -> dict[str, float]:
@@ -179,8 +173,7 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
     floor = min(found[order] for order in orders)
     assert found["elastid"] >= floor, "nothing that needs the spectra is faster than they are"
     found |= {"floor": floor, "data_gb": data_gb, "gb_above_data": above, **ratios}
-    if name == "B":
-        found["log"] = log_s(records[0], repeats) * len(records)
+    found["log"] = log_s(records[0], repeats) * len(records)
     if peers:
         found["csd"] = cpu_seconds(lambda: by_csd(records, lines), min(repeats, 3))
         peer = by_peer(records, lines, M)
@@ -200,24 +193,18 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="short records, to see that it runs")
-    parser.add_argument("--no-peers", action="store_true", help="floor and elastid only")
-    parser.add_argument("--case", choices=("A", "B"), help="one case only (a peer may need 12 GB in case A)")
+    parser.add_argument("--no-peers", action="store_true", help="floor and elastid only (a peer may need 12 GB)")
     arguments = parser.parse_args()
     size, repeats = ((512, 4, 3, 3), 1) if arguments.quick else ((16384, 8, 6, 6), 5)
     print(machine())
     N = size[0]
     cases = {"B": np.arange(1, min(400, N // 2), 2), "A": np.arange(1, N // 2)}
-    results = {
-        name: case(name, lines, size, repeats, not arguments.no_peers)
-        for name, lines in cases.items()
-        if arguments.case in (None, name)
-    }
+    results = {name: case(name, lines, size, repeats, not arguments.no_peers) for name, lines in cases.items()}
     summary = {}
     for name, found in results.items():
         summary[f"{name}_over_floor"] = round(found["elastid"] / found["floor"], 3)
         summary[f"{name}_gb_above_data"] = round(found["gb_above_data"], 3)
-        if "log" in found:
-            summary[f"{name}_log_over_floor"] = round(found["log"] / found["floor"], 1)
+        summary[f"{name}_log_over_floor"] = round(found["log"] / found["floor"], 1)
         for peer in PEERS:
             if peer in found:
                 summary[f"{name}_faster_than_{peer.replace(' ', '_')}"] = round(found[peer] / found["elastid"], 1)

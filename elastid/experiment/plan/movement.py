@@ -71,7 +71,7 @@ def reach(carrier: CarrierSpec, n_u: int, period_s: float, before_s: float) -> F
     """
     v = np.abs(carrier.velocities(n_u))
     swing = v * before_s if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
-    return np.asarray(swing + carrier.amplitudes(n_u))
+    return swing + carrier.amplitudes(n_u)
 
 
 def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
@@ -146,7 +146,7 @@ def _constant_velocity(v: FloatArray, s: FloatArray, ds: FloatArray, plan: Plan)
 
 
 def _time(plan: Plan) -> FloatArray:
-    return np.asarray((np.arange(plan.run_samples) - plan.first_sample) / plan.rate_hz)
+    return (np.arange(plan.run_samples) - plan.first_sample) / plan.rate_hz
 
 
 # Torque (n, n_u) of the rigid robot on a movement of n samples about a configuration.
@@ -172,7 +172,7 @@ class Reference:
     def injected(self, period: FloatArray) -> FloatArray:
         """r (n, n_u) of a whole run from one period (N, n_u) of torque."""
         sample = np.arange(-self.first_sample, len(self.scale) - self.first_sample)
-        return np.asarray(self.scale[:, None] * period[sample % len(period)])
+        return self.scale[:, None] * period[sample % len(period)]
 
 
 def reference(
@@ -213,7 +213,7 @@ class Rehearsal:
     @property
     def time_s(self) -> FloatArray:
         """Time (n,), 0 where the periods begin."""
-        return np.asarray((np.arange(len(self.torque)) - self.first_sample) / self.rate_hz)
+        return (np.arange(len(self.torque)) - self.first_sample) / self.rate_hz
 
     @property
     def signals(self) -> FloatArray:

@@ -104,7 +104,7 @@ def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
 
 def _own(response: ComplexArray) -> FloatArray:
     """|T_ii| (F, n_u): of each motor to its own torque."""
-    return np.asarray(np.abs(np.diagonal(response, axis1=1, axis2=2)))
+    return np.abs(np.diagonal(response, axis1=1, axis2=2))
 
 
 @dataclass(frozen=True)

@@ -270,7 +270,7 @@ class SimulatedFrictionRig:
         if heat is None or run.temperature is None or heat.thermometer_std is None:
             return None
         error = np.random.default_rng(np.random.SeedSequence((self.seed, number, 1))).standard_normal()
-        return np.asarray(run.temperature + heat.thermometer_std * error)
+        return run.temperature + heat.thermometer_std * error
 
     def _warm_up(self, warm_up: PlannedWarmUp) -> WarmUpLog:
         spec = self.simulated.heat

@@ -48,7 +48,7 @@ class ColoredNoiseSpec:
 
     def amplitude(self, freq_hz: FloatArray) -> FloatArray:
         """Relative amplitude density (F,) at freq_hz (F,)."""
-        return np.asarray((1 + (freq_hz / self.corner_hz) ** 2) ** (self.slope / 40))
+        return (1 + (freq_hz / self.corner_hz) ** 2) ** (self.slope / 40)
 
 
 @section

@@ -120,7 +120,7 @@ def _minima(costs: FloatArray, depth: float) -> BoolArray:
     """Flags where V (n_k,) by growing stiffness is below its neighbours and, by so much, a stiffer spring's."""
     stiffer = np.maximum.accumulate(costs[::-1])[::-1]
     lower = costs <= np.concatenate([[math.inf], costs[:-1]])
-    return np.asarray(lower & (costs <= np.append(costs[1:], -math.inf)) & (costs < stiffer - depth))
+    return lower & (costs <= np.append(costs[1:], -math.inf)) & (costs < stiffer - depth)
 
 
 def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> FloatArray:
@@ -131,7 +131,7 @@ def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> F
     low, high = float(freq_hz[freq_hz > 0].min()), float(freq_hz.max())
     count = min(LIMITS.stiffnesses, 2 + math.ceil(math.log(high / low) / math.log(LIMITS.frequency_step)))
     f = high * LIMITS.frequency_step ** np.arange(2 - count, 2)
-    return np.asarray(inertia * (2 * np.pi * f) ** 2)
+    return inertia * (2 * np.pi * f) ** 2
 
 
 def _with_spring(

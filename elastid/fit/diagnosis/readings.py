@@ -117,7 +117,7 @@ def _turned(outputs: set[str], inputs: set[str], evaluated: Evaluated, values: C
     model = evaluated.part.kernel.model
     rows = np.array([-1.0 if name in outputs else 1.0 for name in model.outputs])
     columns = np.array([-1.0 if name in inputs else 1.0 for name in model.inputs])
-    return np.asarray(values * np.outer(rows, columns))
+    return values * np.outer(rows, columns)
 
 
 def exchanged_channels(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Reading]:
@@ -141,7 +141,7 @@ def _permuted(
 
     model = evaluated.part.kernel.model
     rows, columns = places(model.outputs, outputs), places(model.inputs, inputs)
-    return np.asarray(values[..., rows, :][..., columns])
+    return values[..., rows, :][..., columns]
 
 
 def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Reading]:
@@ -164,7 +164,7 @@ def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
 
 
 def _conjugated(sign: int, _: Evaluated, values: ComplexArray) -> ComplexArray:
-    return np.asarray(sign * values.conj())
+    return sign * values.conj()
 
 
 def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
@@ -177,7 +177,7 @@ def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
 
 def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
     s = 2j * np.pi * evaluated.part.kernel.freq_hz
-    return np.asarray(values * (s**power)[:, None, None])
+    return values * (s**power)[:, None, None]
 
 
 # How responses were read: the family, its changes, and the advice.
@@ -216,7 +216,7 @@ def _rescaled(
     """The response of the model as channels with these ln c read it."""
     model = evaluated.part.kernel.model
     rows, columns = [outputs[place] for place in model.outputs], [inputs[place] for place in model.inputs]
-    return np.asarray(values * np.exp(-np.add.outer(rows, columns)))
+    return values * np.exp(-np.add.outer(rows, columns))
 
 
 def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str, float]]:
@@ -297,9 +297,9 @@ def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated,
     model = evaluated.part.kernel.model
     H = factor(evaluated.part.kernel.freq_hz, T)[:, None, None]
     if not role:
-        return np.asarray(H * values)
+        return H * values
     named = np.array([name == place for name in (model.outputs if role == "y" else model.inputs)])
-    return np.asarray(np.where(named[:, None] if role == "y" else named, H, 1.0) * values)
+    return np.where(named[:, None] if role == "y" else named, H, 1.0) * values
 
 
 def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:

@@ -130,7 +130,7 @@ class ScoreTest:
 
     def effects(self, candidate: Candidate, steps: FloatArray) -> FloatArray:
         """Change (n_x,) of the free parameters that the steps (n_m,) of a candidate imply."""
-        return np.asarray(self.response[:, candidate.places] @ steps)
+        return self.response[:, candidate.places] @ steps
 
     def freed(self, candidate: Candidate) -> ScoreTest:
         """The test of all numbers with a candidate at its step and free."""

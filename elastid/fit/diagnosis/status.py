@@ -53,7 +53,7 @@ def at_bound(parameters: Parameters, x: FloatArray) -> BoolArray:
     """True for each free parameter (n_x,) that ended at a bound."""
     lower, upper = parameters.x_bounds
     reach = NEAR_BOUND * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    return np.asarray((x - lower < reach) | (upper - x < reach))
+    return (x - lower < reach) | (upper - x < reach)
 
 
 def bound_notes(result: Result) -> Iterator[Note]:
@@ -153,7 +153,7 @@ def _matters(change: FloatArray, result: Result) -> BoolArray:
     """True for each parameter asked for (n,) that a change of x by so much moves by what a user asks for."""
     asked = result.parameters.asked
     size = [LIMITS.effect_on_damping if p.unit in DAMPING_UNITS else LIMITS.effect for p in asked]
-    return np.asarray(change > size * np.where([p.log for p in asked], 1.0, np.abs(result.x[: len(asked)])))
+    return change > size * np.where([p.log for p in asked], 1.0, np.abs(result.x[: len(asked)]))
 
 
 def _shifts(evidence: Evidence) -> FloatArray:

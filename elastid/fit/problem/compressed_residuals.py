@@ -124,7 +124,7 @@ def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
     """R U (F, n_e, n) of each line, R possibly given by its diagonal."""
     if R.ndim == 2:
         return np.asarray((np.ascontiguousarray(U).view(R.dtype) * R[:, :, None]).view(U.dtype))
-    return np.asarray(R @ U)
+    return R @ U
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +174,7 @@ class CompressedResiduals(Kept):
     def _log_measured(self) -> ComplexArray:
         """ln Ghat (F, n_y, n_u), the same at every x."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.log(self.measured))
+            return np.log(self.measured)
 
     def _full(self, G: ComplexArray) -> ComplexArray:
         """G (F, n_y, n_u) of its elements (F, n_e)."""
@@ -193,7 +193,7 @@ class CompressedResiduals(Kept):
     def _projected(self, Q: FloatArray, weighted: ComplexArray) -> ComplexArray:
         """Q^H (F, n_e) of residuals (F, n_y n_u) whose elements count one by one."""
         first, second = self._places
-        return np.asarray(Q[:, :, 0] * weighted[:, first] + Q[:, :, 1] * weighted[:, second])
+        return Q[:, :, 0] * weighted[:, first] + Q[:, :, 1] * weighted[:, second]
 
     @cached_property
     def _places(self) -> tuple[IntArray, IntArray]:
@@ -205,7 +205,7 @@ class CompressedResiduals(Kept):
     def _counts(self) -> BoolArray:
         """Elements (F, n_e) of which at least one measured number counts."""
         used = (self.gain > 0).reshape(len(self.gain), -1)
-        return np.asarray(used[:, self._places[0]] | used[:, self._places[1]])
+        return used[:, self._places[0]] | used[:, self._places[1]]
 
     @cached_property
     def compressed(self) -> Compressed:

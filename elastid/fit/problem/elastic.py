@@ -131,7 +131,7 @@ def mixed(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
     if mixing is None:
         return values
     flat = values.reshape(-1, len(mixing), mixing.shape[1])
-    return np.asarray((mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape))
+    return (mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape)
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,4 +125,4 @@ def held_by_bounds(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> 
     lower, upper = problem.parameters.x_bounds
     reach = 1e-6 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
     below, above = x <= lower + reach, x >= upper - reach
-    return np.asarray((below & (ending.gradient > 0)) | (above & (ending.gradient < 0)))
+    return (below & (ending.gradient > 0)) | (above & (ending.gradient < 0))

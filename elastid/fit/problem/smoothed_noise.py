@@ -327,7 +327,7 @@ def moving_mean(values: Any, width: int) -> Any:
     """Mean over the `width` nearest lines, axis 0; at the ends the window stays inside."""
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
     first = np.clip(np.arange(len(values)) - width // 2, 0, len(values) - width)
-    return np.asarray((total[first + width] - total[first]) / width)
+    return (total[first + width] - total[first]) / width
 
 
 def log_moment(power: int, dof: float, width: int) -> float:

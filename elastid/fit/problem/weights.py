@@ -204,11 +204,11 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
     v = noise.variance
     share = np.divide(v, v + floor, out=np.zeros_like(v), where=v > 0)
     # A variance that weighs by itself alone, of one degree of freedom, has an inverse without an expectation.
-    return np.asarray(1 / np.sqrt(np.maximum(1 - share_of_itself[:, None, None] * share / noise.measured.dof, 0.1)))
+    return 1 / np.sqrt(np.maximum(1 - share_of_itself[:, None, None] * share / noise.measured.dof, 0.1))
 
 
 def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
-    return np.asarray((freq_hz >= band_hz[0]) & (freq_hz <= band_hz[1]))
+    return (freq_hz >= band_hz[0]) & (freq_hz <= band_hz[1])
 
 
 def _no_more_than_noise(response: Response, variance: FloatArray, used: BoolArray) -> BoolArray:

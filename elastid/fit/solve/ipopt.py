@@ -78,10 +78,10 @@ class _ScaledProblem:
         self._cache = (x0.tobytes(), beginning)
 
     def to_x(self, z: ca.DM) -> FloatArray:
-        return np.asarray(self.origin + self.scale * np.asarray(z).ravel())
+        return self.origin + self.scale * np.asarray(z).ravel()
 
     def to_z(self, x: FloatArray) -> FloatArray:
-        return np.asarray((x - self.origin) / self.scale)
+        return (x - self.origin) / self.scale
 
     def at(self, x: FloatArray) -> Evaluation:
         """The problem at x; cost, gradient and Hessian are asked for one after the other at the same x."""

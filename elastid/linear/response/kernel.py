@@ -259,7 +259,7 @@ class Elimination:
         weak = np.flatnonzero(~(smallest > LEAST_PIVOT**2))  # not above: NaN too
         if len(weak):
             products[:, :, weak] = solved_products(M, D, K, omega[weak], B, Y).T
-        return np.asarray(products.T)
+        return products.T
 
     @cached_property
     def _later(self) -> tuple[IntArray, IntArray, IntArray]:
@@ -279,4 +279,4 @@ def solved_products(
     X = np.linalg.solve(K + 1j * of_lines * D - of_lines**2 * M, B.astype(complex)).transpose(1, 2, 0)
     # One product of real matrices, since Y is real and may have thousands of columns.
     real = np.ascontiguousarray(X).reshape(len(Y), -1).view(np.float64)
-    return np.asarray((Y.T @ real).view(np.complex128).reshape(-1, *X.shape[1:]).T)
+    return (Y.T @ real).view(np.complex128).reshape(-1, *X.shape[1:]).T

@@ -121,7 +121,7 @@ def scaled(drivers: FloatArray, N: int) -> FloatArray:
     """X (P, N, d): the flat periods of drivers (n, d), each of which has an rms of 1, or is zero."""
     X = np.stack([flat(x, N) for x in drivers.T], axis=2)
     size = np.sqrt(np.mean(X**2, axis=(0, 1)))
-    return np.asarray(X / np.where(size > 0, size, 1.0))
+    return X / np.where(size > 0, size, 1.0)
 
 
 def _median(X: FloatArray) -> FloatArray:

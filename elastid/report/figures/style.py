@@ -96,7 +96,7 @@ def frequency_unit(rate_is_known: bool) -> str:
 def in_db(values: ComplexArray | FloatArray) -> FloatArray:
     """20 log10 |values|, NaN for zero so that it is not drawn."""
     magnitude = np.abs(values)
-    return np.asarray(20 * np.log10(np.where(magnitude > 0, magnitude, np.nan)))
+    return 20 * np.log10(np.where(magnitude > 0, magnitude, np.nan))
 
 
 @dataclass(frozen=True)

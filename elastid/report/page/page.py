@@ -105,7 +105,7 @@ def _projected(drawing: ModeDrawing) -> FloatArray:
     away = p[:, depth] * np.cos(AZIMUTH) - p[:, right] * np.sin(AZIMUTH)
     y = (-1.0 if drawing.hanging else 1.0) * p[:, up] * np.cos(ELEVATION) + away * np.sin(ELEVATION)
     view = np.stack([x - x.min(), y.max() - y], axis=1)
-    return np.asarray(MARGIN + view * (SIZE - 2 * MARGIN) / max(float(np.ptp(view, axis=0).max()), 1e-9))
+    return MARGIN + view * (SIZE - 2 * MARGIN) / max(float(np.ptp(view, axis=0).max()), 1e-9)
 
 
 # Of a row; pixels of the drawing of its interval.
