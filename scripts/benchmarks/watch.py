@@ -25,7 +25,7 @@ COMMITTED = HERE / "ratios.toml"
 WATCHED = {
     "cli": (("--loading",), ("ratio.elastid --help", "ratio.elastid check")),
     "fit": (("--passes",), ("evaluation_over_solve", "inertial_evaluation_over_solve")),
-    "frf": (("--no-peers",), ("A_over_floor", "B_over_floor")),
+    "frf": (("--no-peers",), ("A_over_floor", "B_over_floor", "B_log_over_floor")),
     "simulation": ((), ("six_axes.time_over_mujoco",)),
     "study": (("--quick",), ("all_over_work",)),
     "large_fit": (("--configurations", "40"), ("cpu_over_work",)),
