@@ -43,6 +43,8 @@ def bending_arm() -> Robot:
 
 LINKAGE = linkage(Rod(0.86, 6.2, 0.4, 0.5, 2e7, 3000), crank=0.33, bends=True)
 POSTURES = ((0.4, -0.3), (-0.5, 0.8), (0.9, 1.0), (0.0, 0.1))
+APART = ((0.0, 0.0), (0.5, -0.1), (-0.4, 0.4), (0.2, 0.9), (0.6, -0.2))
+GYROSCOPES = ("body end y", "body upper y")
 
 
 def measure(
@@ -134,3 +136,18 @@ def test_equations_without_geometry_refuse_it() -> None:
     """They name the coordinate, and the variants that have it."""
     with pytest.raises(StudyError, match="p1_rod_x"):
         fit_of_two(LINKAGE, {"p1_rod_x": ParameterSpec()}, ModelSpec("minimal", "constant_stiffness"))
+
+
+@pytest.mark.parametrize(("formulation", "seed"), [("constrained", 0), ("minimal", 1)])
+@pytest.mark.slow
+def test_the_ends_of_a_rod_and_its_stiffness(formulation: str, seed: int) -> None:
+    """The crank's length to a tenth of a millimetre, with the stiffness of rod, gears and bending, from 30 mm off."""
+    truth, spec = LINKAGE, ModelSpec(formulation)  # type: ignore[arg-type]
+    wanted = {name: ParameterSpec() for name in ("k_*", "d_*")}
+    wanted["p1_rod_x"] = ParameterSpec(start=-0.30, bounds=(-0.4, -0.2))
+    responses = measure(truth, APART, seed, GYROSCOPES, spec)
+    result = identify(responses, truth, FitSpec(starts=1, parameters=wanted, seed=seed), model=spec)
+    assert result.status == "converged"
+    assert deviations(result, truth).max() < 3.5
+    low, high = result.interval("p1_rod_x")
+    assert high - low < 1e-4

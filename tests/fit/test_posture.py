@@ -135,3 +135,11 @@ def test_a_misfit_widens_what_is_predicted_by_the_numbers_that_would_explain_it(
     before, after = own.at(ANGLES).modes(), wrong.at(ANGLES).modes()
     assert after.freq_std[0] > 2 * before.freq_std[0]  # residuals of twice the noise, and the mass
     assert after.freq_std[0] / after.freq_hz[0] > 0.02
+
+
+def test_an_accelerometer_sees_gravity_turn() -> None:
+    """Its reading by a slow force is the tilt times gravity, which a frame's acceleration lacks."""
+    model = result().at([0.0, 0.0], ["force tool z"], ["accelerometer tool x", "frame tool x"])
+    slow = model.response([0.01]).G[0, :, 0]
+    assert model.linear.quantity == "acceleration"
+    assert abs(slow[0]) > 1e3 * abs(slow[1])

@@ -9,6 +9,7 @@ from plants.load_tests import NAMED, load_tests, measure
 from plants.refusals import refused
 
 from elastid.fit.assembly import Assembly
+from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.static_loads import placed_tests
@@ -61,3 +62,24 @@ def test_unknown_places_are_named():
     test = LoadTest(configuration="c7", force=(0, 0, -1), std=1e-6, deflection=(0, 0, 0))
     with refused("fit/loads", place="loads"):
         placed_tests([test], NAMED)
+
+
+def test_covariance_adds_the_information_of_the_loads(responses):
+    """C^-1 = C_responses^-1 + J^T J where the noise is known: a fit with load tests, held against that."""
+    tests = load_tests(np.random.default_rng(2), std=2e-6)
+    alone, both = (
+        fit_parameters(responses, arm(), SPRINGS),
+        identify(responses, arm(), SPRINGS, loads=placed_tests(tests, NAMED)),
+    )
+    parameters = choose(SPRINGS, arm(), [*NAMED])
+    fit = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed_tests(tests, NAMED)).at(both.x, "complex")
+    _, J = fit.static(both.x)
+    expected = np.linalg.inv(np.linalg.inv(alone.covariance) + J.T @ J)
+    np.testing.assert_allclose(np.diag(both.covariance), np.diag(expected), rtol=0.25)
+    assert both.status == "converged", both.message
+    assert np.all(np.abs(both.x - parameters.x) < 4 * np.sqrt(np.diag(both.covariance)))
+    assert len(both.static.readings) == sum(test.n_readings for test in tests)
+    assert not both.static.disagrees
+    assert abs(both.static.ratio - 1) < 3.5 * both.static.ratio_std
+    assert "fit/loads" not in {note.code for note in both.notes}
+    assert max(reading.by_responses_std for reading in both.static.readings) > 1e-7
