@@ -64,7 +64,7 @@ def test_places_choose_elements_and_their_covariance() -> None:
 
     def positive(n: int) -> np.ndarray:
         root = rng.normal(size=(F, n, n)) + 1j * rng.normal(size=(F, n, n))
-        return np.asarray(root @ root.conj().transpose(0, 2, 1))
+        return root @ root.conj().transpose(0, 2, 1)
 
     left, right = positive(n_u), positive(n_y)
     variance = np.einsum("fbb,faa->fab", left, right).real

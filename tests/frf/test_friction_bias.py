@@ -48,7 +48,7 @@ def rubbing(coulomb: float, n: int, noise: float = 0.0) -> list[Record]:
 
 def impedance(G: np.ndarray) -> np.ndarray:
     """Torque per velocity (F,) of acceleration per torque (F,)."""
-    return np.asarray(2j * np.pi * LINES * RATE / N / G)
+    return 2j * np.pi * LINES * RATE / N / G
 
 
 @pytest.mark.parametrize("coulomb", [1.6, 3.0])

@@ -37,7 +37,7 @@ def motion(seed: int, top: float = 0.2) -> Callable[[np.ndarray], np.ndarray]:
     phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, 8)
 
     def v(t: np.ndarray) -> np.ndarray:
-        return np.asarray(np.sin(2 * np.pi * np.arange(1, 9) * np.asarray(t)[..., None] + phases).sum(axis=-1))
+        return np.sin(2 * np.pi * np.arange(1, 9) * np.asarray(t)[..., None] + phases).sum(axis=-1)
 
     largest = np.abs(v(np.linspace(0, 1, 1000))).max()
     return lambda t: top / largest * v(t)

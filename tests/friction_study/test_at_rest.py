@@ -126,13 +126,13 @@ REACH = 0.012
 def growing(seconds: float = 40.0) -> FloatArray:
     """Loops of 0.5 Hz that grow from 2 to 100 % of the reach."""
     t = np.arange(round(seconds * RATE_PRESLIDING)) / RATE_PRESLIDING
-    return np.asarray(REACH * np.clip(0.02 + 0.98 * t / seconds, 0, 1) * np.sin(2 * np.pi * 0.5 * t))
+    return REACH * np.clip(0.02 + 0.98 * t / seconds, 0, 1) * np.sin(2 * np.pi * 0.5 * t)
 
 
 def minor_loops() -> FloatArray:
     """Loops in loops, not seen by the fit."""
     t = np.arange(round(20 * RATE_PRESLIDING)) / RATE_PRESLIDING
-    return np.asarray(REACH * (0.55 * np.sin(2 * np.pi * 0.3 * t) + 0.25 * np.sin(2 * np.pi * 1.1 * t + 1)))
+    return REACH * (0.55 * np.sin(2 * np.pi * 0.3 * t) + 0.25 * np.sin(2 * np.pi * 1.1 * t + 1))
 
 
 def loops(q: FloatArray, torque: FloatArray, counts: float = 0.0) -> FrictionRecord:

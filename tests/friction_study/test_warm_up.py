@@ -39,7 +39,7 @@ def campaign(seed: int, second_share: float = 0.0, thermometer: bool = True) -> 
     shares = np.array([1 - second_share, second_share])
 
     def rates(t: float, theta: FloatArray) -> FloatArray:
-        return np.asarray((power_at(t) - theta) / constants)
+        return (power_at(t) - theta) / constants
 
     theta = solve_ivp(rates, (0, time_s[-1]), [0.0, 0.0], t_eval=time_s, max_step=30.0, rtol=1e-8).y
     T = AMBIENT + shares @ theta / H

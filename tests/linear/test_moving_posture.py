@@ -72,7 +72,7 @@ def test_sums_and_differences_of_lines_meet_the_motion_again() -> None:
     (M,), (D,), (K,) = linear.M[0], linear.D[0], linear.K[0]
 
     def L(omega: np.ndarray) -> np.ndarray:
-        return np.asarray(K + 1j * omega * D - omega**2 * M)
+        return K + 1j * omega * D - omega**2 * M
 
     omega, curvature = 2 * np.pi * FREQ, -WEIGHT * np.sin(angle)
     change = -WEIGHT * np.cos(angle) * rms**2 / 2 + 0j * omega

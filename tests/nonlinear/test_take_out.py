@@ -128,7 +128,7 @@ def test_power_is_the_same_on_both_sides_and_the_way_back_leads_home() -> None:
     links, shafts = record(), on_shafts(record(), E)
 
     def power(one: Record) -> np.ndarray:
-        return np.asarray(one.u[:, 0] * one.y[:, 2] + one.u[:, 1] * one.y[:, 1])
+        return one.u[:, 0] * one.y[:, 2] + one.u[:, 1] * one.y[:, 1]
 
     np.testing.assert_allclose(power(shafts), power(links))
     np.testing.assert_array_equal(shafts.y[:, 0], links.y[:, 0])

@@ -46,7 +46,7 @@ def trapezoids(speeds: Sequence[float], travel: float = 0.8, rate_hz: float = RA
         rise = x**3 * (10 - 15 * x + 6 * x**2)
         way = speed * np.concatenate([rise, np.ones(n_flat), rise[::-1], rest])
         parts += [way, -way]
-    return np.asarray(np.cumsum(np.concatenate(parts)) / rate_hz)
+    return np.cumsum(np.concatenate(parts)) / rate_hz
 
 
 def sliding_torque(q: FloatArray, seed: int = 0) -> FloatArray:
@@ -55,7 +55,7 @@ def sliding_torque(q: FloatArray, seed: int = 0) -> FloatArray:
     rest = np.abs(v) < 1e-6
     friction = np.where(rest, 0.0, COULOMB * np.sign(v)) + VISCOUS * v
     known = INERTIA * np.gradient(v, 1 / RATE) - GRAVITY * np.cos(q) + RIPPLE * np.sin(RATIO * q) + OFFSET
-    return np.asarray(friction + known + 0.3 * np.random.default_rng(seed).standard_normal(len(q)))
+    return friction + known + 0.3 * np.random.default_rng(seed).standard_normal(len(q))
 
 
 def write_log(path: Path, q: FloatArray, torque: FloatArray, temperature: FloatArray | None = None) -> None:

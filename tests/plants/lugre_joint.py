@@ -72,7 +72,7 @@ def moved(torque: FloatArray) -> FloatArray:
     """The motor's angle (n,) at the instant at which each torque begins to act, from rest."""
     level = np.ones(len(torque))
     states, _ = _simulated(0 * torque, torque, (0.0, 0.0, 0.0), COULOMB * level, VISCOUS * level, STICTION_RATIO, 0.0)
-    return np.asarray(states[:-1, 0])
+    return states[:-1, 0]
 
 
 def write_rest_log(path: Path, torque: FloatArray, rng: np.random.Generator) -> None:

@@ -49,7 +49,7 @@ def deviations(result: Result, robot: Robot) -> FloatArray:
     """Distances of the free parameters from those of a robot, in claimed standard deviations."""
     table = robot.parameters(robot.geometry)
     truth = np.array([p.to_x(table[p.name][0]) for p in result.parameters.free])
-    return np.asarray(np.abs(result.x - truth) / np.sqrt(np.diag(result.covariance)))
+    return np.abs(result.x - truth) / np.sqrt(np.diag(result.covariance))
 
 
 def deviation(result: Result, name: str, truth: float) -> float:

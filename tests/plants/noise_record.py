@@ -50,12 +50,12 @@ class Resonances:
 
     def driven(self, u: FloatArray) -> FloatArray:
         """The output (n, 1) under an input (n, 1), from rest."""
-        return np.asarray(sum(f * lfilter([1.0], a, u, axis=0) for f, a in self.denominators))
+        return sum(f * lfilter([1.0], a, u, axis=0) for f, a in self.denominators)
 
     def G(self, freq_hz: FloatArray) -> ComplexArray:
         """The response (F,)."""
         z = np.exp(-2j * np.pi * freq_hz / self.rate_hz)
-        return np.asarray(sum(f / (a[0] + a[1] * z + a[2] * z**2) for f, a in self.denominators))
+        return sum(f / (a[0] + a[1] * z + a[2] * z**2) for f, a in self.denominators)
 
 
 AXIS, SWEPT_HZ = Resonances((6.0, 15.0), 0.03), (2.0, 35.0)

@@ -56,4 +56,4 @@ def pinocchio_model(
 def mass_of(model: Any, data: Any, q: np.ndarray) -> np.ndarray:
     """Pinocchio's mass matrix, of which crba writes the upper half."""
     M = np.triu(pinocchio().crba(model, data, q))
-    return np.asarray(M + np.triu(M, 1).T)
+    return M + np.triu(M, 1).T

@@ -32,7 +32,7 @@ class WarmLog:
 def friction(speed: FloatArray | float, degc: FloatArray | float) -> FloatArray:
     """Nm at |speed| in rad/s and a temperature."""
     fade = np.exp(-(np.asarray(degc) - ROOM) / DECAY)
-    return np.asarray(COULOMB * (0.7 + 0.3 * fade) + VISCOUS * (0.3 + 0.7 * fade) * np.abs(speed))
+    return COULOMB * (0.7 + 0.3 * fade) + VISCOUS * (0.3 + 0.7 * fade) * np.abs(speed)
 
 
 def warm_log(hours: float, thermometer_std: float = 0.3, count: float = 0.0) -> WarmLog:

@@ -16,7 +16,7 @@ def wave(t: FloatArray, seed: int = 0, lines: IntArray = LINES) -> FloatArray:
     U = np.exp(2j * np.pi * rng.random(len(lines))) * np.sqrt(2 / len(lines))
     G = 1e3 / (1 + 2j * 0.03 * lines / 40 - (lines / 40) ** 2)
     phasors = np.exp(2j * np.pi * np.outer(np.asarray(t) / N, lines))
-    return np.asarray(np.stack([(phasors @ U).real, (phasors @ (U * G)).real], axis=1))
+    return np.stack([(phasors @ U).real, (phasors @ (U * G)).real], axis=1)
 
 
 CLEAN = wave(np.arange(P * N))

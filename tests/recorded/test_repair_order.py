@@ -35,7 +35,7 @@ def plant(freq_hz: FloatArray) -> ComplexArray:
     """Angle per torque with a resonance at 30 Hz of 4 % damping and an antiresonance at 20 Hz."""
     s = 2j * np.pi * freq_hz
     w, a = 2 * np.pi * 30, 2 * np.pi * 20
-    return np.asarray(10 * (s**2 + 0.06 * a * s + a**2) / (s**2 * (s**2 + 0.08 * w * s + w**2)))
+    return 10 * (s**2 + 0.06 * a * s + a**2) / (s**2 * (s**2 + 0.08 * w * s + w**2))
 
 
 def log(t: FloatArray, noise: float = 0.0) -> dict[str, FloatArray]:

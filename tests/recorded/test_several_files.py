@@ -40,7 +40,7 @@ def multisine(phases: int = 0) -> np.ndarray:
     """One period (N,) of unit rms; phases: seed of them."""
     angle = np.random.default_rng(phases).uniform(0, 2 * np.pi, len(LINES))
     x = np.cos(2 * np.pi * np.outer(np.arange(N), LINES) / N + angle).sum(axis=1)
-    return np.asarray(x / x.std())
+    return x / x.std()
 
 
 def run(samples: int, seed: int, first: int = 0, at_rest: bool = False) -> np.ndarray:

@@ -23,7 +23,7 @@ def slopes(f: Callable[[FloatArray], FloatArray], n: int, step: float = 1e-3) ->
     """The Jacobian (n, n) at 0, by central differences of sixth order."""
     weights = (0.75, -0.15, 1 / 60)
     odd = [[w * (f(i * h) - f(-i * h)) for i, w in enumerate(weights, 1)] for h in step * np.eye(n)]
-    return np.asarray(np.sum(odd, axis=1).T / step)
+    return np.sum(odd, axis=1).T / step
 
 
 def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, serial_model: FittedRobot) -> None:

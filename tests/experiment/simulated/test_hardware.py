@@ -64,7 +64,7 @@ def response(simulated: SimulatedRig) -> np.ndarray:
             for part in (record.u[:, 0], record.y[:, 0])
         )
         ratios.append(y / u / record.hold_response(simulated.plan.freq_hz)[:, 0])
-    return np.asarray(np.mean(ratios, axis=0))
+    return np.mean(ratios, axis=0)
 
 
 def linear(robot: Robot, freq_hz: np.ndarray) -> np.ndarray:

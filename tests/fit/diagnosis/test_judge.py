@@ -78,7 +78,7 @@ def test_what_is_freed_is_that_of_least_squares_whatever_the_units_of_what_is_fr
     J, raw = rng.standard_normal((50, 5)) * 10.0 ** np.array([*decades, 0, 0]), rng.standard_normal(50)
 
     def left(r: FloatArray, *columns: int) -> FloatArray:
-        return np.asarray(r - J[:, columns] @ np.linalg.lstsq(J[:, columns], r, rcond=None)[0])
+        return r - J[:, columns] @ np.linalg.lstsq(J[:, columns], r, rcond=None)[0]
 
     r, limits = left(raw, 0, 1, 2), room / np.linalg.norm(J[:, 3:], axis=0)
     assert free_drop(J.T @ J, J.T @ raw, np.arange(5) < 3) == pytest.approx(raw @ raw - r @ r)

@@ -24,7 +24,7 @@ NOISE = noise_of(plant())
 def by_a_mass(size: float) -> np.ndarray:
     """delta G (F, 1, 1) of a motor that is heavier by a part `size` of its 0.0059 kg m^2."""
     G = frequency_response(plant(), plant().theta_ref, FREQ)
-    return np.asarray(-(2j * np.pi * FREQ[:, None, None]) * 0.0059 * size * G**2)
+    return -(2j * np.pi * FREQ[:, None, None]) * 0.0059 * size * G**2
 
 
 def data(seed: int, size: float, factor: float) -> Response:

@@ -90,7 +90,7 @@ def sines(seed: int = 0) -> FloatArray:
     rng = np.random.default_rng(seed)
     t = 2 * np.pi * np.arange(4 * M) / M
     parts = [np.cos(k * t[:, None] + rng.uniform(0, 6, 2)) for k in range(2, 30)]
-    return np.asarray(sum(parts) + 1e-3 * rng.normal(size=(4 * M, 2)))
+    return sum(parts) + 1e-3 * rng.normal(size=(4 * M, 2))
 
 
 def test_what_stands_in_every_period_or_within_a_count_does_not_hang() -> None:

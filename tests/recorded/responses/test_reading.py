@@ -45,7 +45,7 @@ def plant(freq_hz: FloatArray) -> ComplexArray:
     """Acceleration per torque of two coupled motors behind a delay: -w^2 e^{-jwT} (K + jwD - w^2 J)^-1."""
     J, D, K = np.diag([2.0, 1.0]), np.array([[3.0, -1], [-1, 2]]), np.array([[900.0, -600], [-600, 1500]])
     w = 2 * np.pi * freq_hz[:, None, None]
-    return np.asarray(-(w**2) * np.exp(-1j * w * DELAY) * np.linalg.inv(K + 1j * w * D - w**2 * J))
+    return -(w**2) * np.exp(-1j * w * DELAY) * np.linalg.inv(K + 1j * w * D - w**2 * J)
 
 
 def in_file() -> ComplexArray:
@@ -54,7 +54,7 @@ def in_file() -> ComplexArray:
     G = plant(FREQ_HZ)
     outputs = np.stack([RATIO / s * 60 / (2 * np.pi), 180 / np.pi / s**2], axis=1)
     inputs = np.array([RATIO * CONSTANT * 1e-3, -1.0])
-    return np.asarray(outputs[:, :, None] * G * inputs)
+    return outputs[:, :, None] * G * inputs
 
 
 def _spec(path: str, **changes: Any) -> ResponsesSpec:

@@ -46,7 +46,7 @@ def about(y: Any, std: Any) -> np.ndarray:
 
 
 def decibel(values: Any) -> np.ndarray:
-    return np.asarray(20 * np.log10(np.abs(values)))
+    return 20 * np.log10(np.abs(values))
 
 
 def shown(axes: Axes, column: int = 1) -> dict[str, np.ndarray]:
