@@ -93,6 +93,7 @@ def test_check_foretells_the_plan(finished: Path) -> None:
     assert (*map(int, numbers.groups()),) == expected
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores of a process are those of Linux")
 def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(
     finished: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
