@@ -118,7 +118,7 @@ def answers(
     robot = family.model.robot_at(family.theta)
     return {name: np.array(value) for name, value in results.items()} | {
         "axes": axes, "chatter_hz": chatter_hz, "magnitude": magnitude,
-        "share": strain_energy(family.model, family.theta, point, u[:, None].astype(complex)).share[:, 0],
+        "share": np.nan_to_num(strain_energy(family.model, family.theta, point, u[:, None].astype(complex)).share[:, 0]),
         "magnitude_std": np.linalg.norm((along.conj() * moved).real / magnitude, axis=0),
         "position": frame_poses(robot, point.q[None, : len(robot.joints)], family.frame).position[0],
     }  # fmt: skip
@@ -160,9 +160,8 @@ class Quantity:
 
     @property
     def relative_std(self) -> FloatArray:
-        """std over value (Q,)."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return self.std / self.value
+        """std over value (Q,); 0 of what does not give at all, such as a point on the axis of the only joint."""
+        return np.divide(self.std, self.value, out=np.zeros_like(self.std), where=self.value != 0)
 
     @property
     def interval(self) -> tuple[FloatArray, FloatArray]:
