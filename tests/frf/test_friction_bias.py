@@ -5,10 +5,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.special import ive
 
 from elastid.excitation.multisine import synthesise
 from elastid.fit.problem.least_squares import as_real
-from elastid.frf.distortion import OWN_SHARE, TURNED_SHARE
+from elastid.frf.distortion import OWN_SHARE, TURNED_SHARE, Detected, fast_total_error, unit_impedance
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record
@@ -99,3 +100,23 @@ def test_friction_whose_distortion_is_a_part_of_the_noise_has_its_bias() -> None
     assert np.median(noisy.total.variance) < 2 * np.median(noisy.noise.variance)
     ratio = np.linalg.norm(noisy.bias[0]) / np.linalg.norm(clean.bias[0])
     assert ratio == pytest.approx(1.0, abs=0.5)
+
+
+@pytest.mark.parametrize("carrier", [0.0, 0.5, 3.0])
+def test_the_density_of_a_standstill_is_that_of_a_sine_in_noise(carrier: float) -> None:
+    """e^-x I_0(x) / sqrt(2 pi sigma^2), x = c^2 / 4 sigma^2, of a velocity of deviation sigma about a carrier c."""
+    (record, *_), rng = rubbing(1.6, 6), np.random.default_rng(5)
+    V = np.zeros((400, N // 2 + 1), complex)
+    V[:, LINES] = N / 2 * np.sqrt(2 / len(LINES)) * np.exp(2j * np.pi * rng.random((400, len(LINES))))
+    V[:, 2] = N / 2 * carrier
+    density, _ = unit_impedance(V, np.ones(len(LINES), complex), LINES, record)
+    assert density == pytest.approx(ive(0, carrier**2 / 4) / np.sqrt(2 * np.pi), rel=1e-3)
+
+
+def test_the_level_at_a_line_is_that_of_detection_lines_about_it() -> None:
+    """An excess in proportion to the frequency is found at each line to the distance of two detection lines."""
+    lines, odd = np.arange(1, 201, 2), np.arange(7, 200, 8)
+    detected = Detected(None, None, odd, odd[:, None, None].astype(complex), 1)
+    error = fast_total_error(detected, lines, np.zeros((len(lines), 1, 1), complex), 9)
+    assert error is not None
+    assert np.abs(error[0][10:90, 0, 0].real - lines[10:90]).max() <= 8

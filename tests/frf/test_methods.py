@@ -17,7 +17,7 @@ from elastid.app.overview import overview
 from elastid.app.run import Run, run_all
 from elastid.excitation.multisine import orthogonal_set
 from elastid.frf.estimate import estimate
-from elastid.frf.estimators import METHODS, arithmetic, errors_in_variables, h1, joint
+from elastid.frf.estimators import METHODS, arithmetic, errors_in_variables, h1, joint, noise_covariance
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Record
 from elastid.store.measured import read_forecast, read_plan, read_responses
@@ -94,6 +94,22 @@ def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased() 
     data = spectra_from(Z[:, :, n:], Z[:, :, :n], P=1, C_Z=C_Z)
     error = {m.__name__: np.abs(m(data).G - G).mean() for m in (h1, errors_in_variables)}
     assert error["errors_in_variables"] < 0.3 * error["h1"]
+
+
+def test_an_experiment_of_several_periods_counts_as_so_many_of_one() -> None:
+    """The maximum likelihood estimate of both, and the variance of h1 of one input by the noise of each experiment."""
+    rng, F, P = np.random.default_rng(4), 8, np.array([3, 4, 3, 4, 4])
+    U, Y, Z = (complex_normal(rng, F, n, k) for n, k in ((2, 5), (2, 5), (4, 9)))
+    data = spectra_from(U[None], Y[None], C_Z=Z @ Z.mT.conj())
+    once = replace(data, blocks=tuple(replace(block, periods=P.astype(float)) for block in data.blocks))
+    U_all, Y_all = (np.repeat(X, P, axis=2)[None] for X in (U, Y))
+    apart = spectra_from(U_all, Y_all, P=1, C_Z=data.S_Z)
+    np.testing.assert_allclose(errors_in_variables(once).G, errors_in_variables(apart).G, rtol=1e-9)
+    one = spectra_from(U[None, :, :1], Y[None, :, :1])
+    one = replace(one, blocks=tuple(replace(block, periods=P.astype(float)) for block in one.blocks))
+    power = np.abs(U[:, 0]) ** 2
+    variance = noise_covariance(one, h1(one), np.ones((F, 1, 1), complex)).variance[:, 0, 0]
+    np.testing.assert_allclose(variance, np.sum(power / P, axis=1) / np.sum(power, axis=1) ** 2, rtol=1e-12)
 
 
 def test_joint_needs_the_injected_torque() -> None:
