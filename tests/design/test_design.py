@@ -78,6 +78,7 @@ def _with(**changes: object) -> DesignProblem:
     return replace(PROBLEM, design=replace(PROBLEM.design, **changes))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_fits_scatter_as_the_forecast_said() -> None:
     """Thirty times measured, estimated and fitted: 4 parameters within what 30 draws allow, 25 % on average."""
     problem = replace(PROBLEM, design=None, experiment=replace(PROBLEM.experiment, configurations={"a": (0.3, 0.8)}))

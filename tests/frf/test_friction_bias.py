@@ -118,5 +118,4 @@ def test_the_level_at_a_line_is_that_of_detection_lines_about_it() -> None:
     lines, odd = np.arange(1, 201, 2), np.arange(7, 200, 8)
     detected = Detected(None, None, odd, odd[:, None, None].astype(complex), 1)
     error = fast_total_error(detected, lines, np.zeros((len(lines), 1, 1), complex), 9)
-    assert error is not None
     assert np.abs(error[0][10:90, 0, 0].real - lines[10:90]).max() <= 8

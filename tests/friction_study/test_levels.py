@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.friction_records import records, simulated, template
+from plants.marks import slow
 from plants.refusals import refused
 
 from elastid.app.identified_robot import robot_of_friction
@@ -81,7 +82,7 @@ def test_levels_are_right_under_gravity_of_four_times_the_friction() -> None:
     assert found.notes == ()
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.03])
+@pytest.mark.parametrize("memory", [slow(0.0), 0.03])
 def test_levels_are_covered_whatever_the_noise_remembers(memory: float) -> None:
     """12 campaigns of 12 speeds: 95 % intervals hold 91 % or more."""
     held = []

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.dry_friction import COULOMB, measured, measured_bristles
+from plants.marks import slow
 from plants.units import factor, record_in_other_units
 
 from elastid.frf.spec import EstimatorSpec
@@ -116,7 +117,7 @@ def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval()
     assert result.sliding_level("motor 2")[1] < 0.02 * COULOMB[1]
 
 
-@pytest.mark.parametrize("law", ["coulomb", "lugre", "maxwell slip"])
+@pytest.mark.parametrize("law", ["coulomb", slow("lugre"), "maxwell slip"])
 def test_friction_is_found_the_same_in_other_units_and_with_motors_in_another_order(law: str) -> None:
     """The level of sliding within 5 %, with its std; the distortion falls to less than a fifth; bristles bend."""
     configurations, lines = measured() if law == "coulomb" else measured_bristles(law)

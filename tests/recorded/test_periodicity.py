@@ -119,7 +119,7 @@ def test_logs_without_a_period_are_aligned_by_their_noise(tmp_path: Path) -> Non
     np.testing.assert_allclose(record.y[:, 0], y[37 : 37 + record.n_samples], rtol=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     kind=st.sampled_from(["noise", "walk", "motion", "constant", "holes"]),
     n=st.integers(4, 2501),

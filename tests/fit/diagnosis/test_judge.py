@@ -31,11 +31,7 @@ def fitted(fault: str) -> Result:
 
 @pytest.mark.parametrize(
     "fault",
-    [
-        slow(name) if name in FURTHER and name != "behind the gear" else name
-        for name in FAULTS
-        if name not in ("rate 2 % wrong", "missing torsion")
-    ],
+    [slow(name) if name in FURTHER else name for name in FAULTS if name not in ("rate 2 % wrong", "missing torsion")],
 )
 def test_a_fault_is_named_first_with_its_size(fault: str) -> None:
     """It explains most of the excess, its steps are the true ones, and a warning is about it."""
