@@ -194,8 +194,8 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
     def work(result: Result) -> Used:
         """Loops of the fitted robot, with what is written of them."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
-        rig_delay = 0 if today is None else today.delay_samples
-        asked_delay = rig_delay if delay is None else delay
+        stated_delay = 0 if today is None else today.delay_samples
+        asked_delay = stated_delay if delay is None else delay
         loops = design_loops(run.study.name, result, family, asked_delay, draws, run.study.seed, today, study_hz)
         files = {
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),

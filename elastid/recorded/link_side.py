@@ -27,7 +27,7 @@ from elastid.recorded.repair.time_stamps import CLOCK
 UNWRAPPED = "records/unwrapped"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
 MAX_COMPUTABLE = 1e60
-# Sine of the angle between two signals without their means, up to which they are one but for rounding.
+# Sine of the angle between two signals without their means, up to which they are one but for single precision.
 MAX_DIFFERENCE = 1e-5
 
 

@@ -103,7 +103,7 @@ def _loaded(function: ca.Function) -> ca.Function:
 def evaluated(
     function: ca.Function, given: Sequence[FloatArray], shapes: Sequence[tuple[int, ...]]
 ) -> list[FloatArray]:
-    """Results of these shapes; CasADi's columns are rows here, and no matrices of its own are made, which take long."""
+    """Results as arrays of given shapes, CasADi's columns as rows; without matrices of its own, which take long."""
     results = [np.empty(shape) for shape in shapes]
     buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
     buffer, evaluate = function.buffer()

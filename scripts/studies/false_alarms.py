@@ -6,7 +6,7 @@ Sets of clean logs of many kinds are read, repaired, estimated, as a study does,
 with `local-`), fitted by the true robot's file with the diagnosis, and validated. An alarm is a repair, a warning, a
 refusal, a status that is not `converged`, friction that is taken out of a robot without any, or an excess of the cost;
 each counts once in a set. What is true of a kind, such as a period that differs because the torque stepped in it, is
-none (`true_of`). No code has alarms in 1 % of the sets or more, but those that state their own rate in their words. The
+none (`true_of`). No code may have alarms in 1 % of the sets or more, but those that state their own rate. The
 last line is one JSON object.
 
 Half of the logs are of the simulated rig. The others come from equations of their own, which share nothing with it:
