@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError
 from elastid.base.execution import HERE, Execution
-from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, linear_model, part_of
+from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, linear_model, part_of, part_with
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     Evaluation,
@@ -33,7 +33,7 @@ from elastid.fit.problem.least_squares import (
     distance,
     is_far_from_noise,
 )
-from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
+from elastid.fit.problem.shared_bias import errors_of, find_factors, next_factors, shares_of, with_modelled_bias
 from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor
 from elastid.fit.solve.solvers import FINE, solve
@@ -130,6 +130,11 @@ class Assembly:
         inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
         return ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home)), inertias, self.loads, self.home)
 
+    def as_linearised(self, fit: ElasticFit, of: Assembly) -> ElasticFit:
+        """The fit with every configuration linearised as in the fit of another assembly."""
+        each = list(zip(self.responses, of.responses, self.weights, fit.parts, strict=True))
+        return replace(fit, parts=tuple(each_at_home(_part_again, each, self.home)))
+
     @cached_property
     def is_local(self) -> bool:
         """True if a linearisation is valid only near its point: nonlinear springs, or masses and places both free."""
@@ -195,7 +200,9 @@ class Assembly:
         if not c.any():
             return self
         factors = find_factors(self.responses)
-        corrected = (replace(G, G=G.G - np.tensordot(c, bias_of(G, factors), axes=1)) for G in self.responses)
+        corrected = (
+            replace(G, G=G.G - np.tensordot(c @ shares_of(G, factors), errors_of(G), axes=1)) for G in self.responses
+        )
         return replace(self, responses=tuple(corrected))
 
 
@@ -210,6 +217,12 @@ def _part(
     response, weights = pair
     model = linear_model(linearisation, response, parameters.expand(x, response.configuration.name))
     return part_of(response, model, weights, parameters, criterion)
+
+
+def _part_again(each: tuple[Response, Response, Weights, Part]) -> Part:
+    """The part of a response with the model and the images of held torques of the part of another one."""
+    response, other, weights, part = each
+    return part_with(part.columns, other.G - part.measured, response, weights, part.criterion)
 
 
 def _weigh(spec: FitSpec, pair: tuple[Response, Weights]) -> Weights:
@@ -289,12 +302,13 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
             if i == 1 or (i == 2 and moved > 3):  # std: most effects of a motion do not move the optimum so far
                 rested = assembly.at_rest(end.x)
             current = rested.reweighted(end.x)
-            if len(c):
-                current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
-                c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
-            fit = current.unbiased(c).at(end.x, criterion)
+            fit = current.at(end.x, criterion)
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
+        if len(c):
+            biased = current.with_modelled_bias(fit, end.x)
+            c = next_factors(biased.unbiased(c).as_linearised(fit, current), biased.responses, end.x, c)
+            current, fit = biased, biased.unbiased(c).as_linearised(fit, current)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         precise = replace(fit.problem, evaluate=fit.evaluate)
         before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
