@@ -20,7 +20,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, FitError, Note, StudyError, check_kind
 from elastid.base.execution import Execution, lasting_workers
 from elastid.fit.assembly import (
@@ -57,7 +57,6 @@ from elastid.response import Response
 from elastid.robot import Robot
 
 
-@lasting_workers()
 def identify(
     responses: Sequence[Response],
     robot: Robot,
@@ -79,6 +78,21 @@ def identify(
     a parameter without effect, where every start fails, or where the best robot finds no rest
     between its end and its start.
     """
+    return identified(responses, robot, spec, model, execution, hypotheses, parameters, loads)[0]
+
+
+@lasting_workers()
+def identified(
+    responses: Sequence[Response],
+    robot: Robot,
+    spec: FitSpec,
+    model: ModelSpec = EXACT,
+    execution: Execution | None = None,
+    hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
+    parameters: Parameters | None = None,
+    loads: Sequence[PlacedTest] = (),
+) -> tuple[Result, dict[str, ComplexArray]]:
+    """`identify`, and what the motion of each fitted response adds to it (F, n_y, n_u), by configuration."""
     execution = execution or Execution()
     assembly, ends = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
@@ -91,7 +105,10 @@ def identify(
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
             result = add_intervals(result, optimum, spec, execution)
-            return replace(result, notes=(*result.notes, *_contradicted_priors(result)))
+            result = replace(result, notes=(*result.notes, *_contradicted_priors(result)))
+            pairs = zip(assembly.responses, optimum.responses, strict=True)
+            known = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
+            return result, known
     except FitError as error:
         if not isinstance(error, NoRestError) or robot.tolerances is None:
             if not loads:
@@ -100,10 +117,7 @@ def identify(
             text = f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
             raise FitError("fit/loads", text) from None
     # A gross fault bends the numbers of the file, too, and is named less surely from there.
-    return identify(
-        responses, replace(robot, tolerances=None), spec, model=model, execution=execution, hypotheses=hypotheses,
-        parameters=parameters, loads=loads,
-    )  # fmt: skip
+    return identified(responses, replace(robot, tolerances=None), spec, model, execution, hypotheses, parameters, loads)
 
 
 def fit_parameters(
