@@ -290,8 +290,8 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
 def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
     """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
 
-    Until it moves by less than 1e-3 standard deviations, for 10 rounds at most, 30 with a robust loss: each gains a
-    decimal or two, and of a quiet rig whose file is off the first moves by 1e5.
+    Until it moves by less than 10 FINE, for 10 rounds at most, 30 with a robust loss: each gains a decimal or two, and
+    of a quiet rig whose file is off the first moves by 1e5.
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 10 if is_square else 30
@@ -315,7 +315,7 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         is_whole = i > 0 or all(response.motion is None for response in assembly.responses)
-        is_settled = is_whole and (moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
+        is_settled = is_whole and (moved < 10 * FINE or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
         if is_settled:
             break
     if not is_settled or is_far_from_noise(end.cost, fit.problem.dof):

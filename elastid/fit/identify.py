@@ -35,8 +35,9 @@ from elastid.fit.assembly import (
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis
-from elastid.fit.diagnosis.judge import diagnose, judge
+from elastid.fit.diagnosis.judge import RESIDUALS, diagnose, judge
 from elastid.fit.diagnosis.second_source import static_agreement, tool_agreement
+from elastid.fit.diagnosis.sensitivities import thinning
 from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
@@ -255,7 +256,11 @@ def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, executi
     """Ends of all starts, best first, and how many reached the best; fit: at the start of the parameters."""
     parameters, problems = fit.parameters, [assembly.search_problem(fit, spec.criterion)]
     if spec.criterion == "complex":
-        problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
+        log = assembly.at(parameters.x, "log")
+        if not assembly.is_local:  # far from the end a third of the residuals of a score test lead to the same valley
+            thin = thinning(log, RESIDUALS // 3)
+            log = replace(log, parts=tuple(each_at_home(thin, log.parts, assembly.home)))
+        problems.insert(0, assembly.search_problem(log, "log"))
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts = feasible_starts(drawn, fit.inertias, parameters)
     return multistart(problems, starts, spec.solver, fit.evaluated_by(execution))
