@@ -86,12 +86,11 @@ class Basis:
         # Of the discrete sum that which a continuous pole has not: images, as smooth as the residuals.
         return columns
 
-    def residuals(self) -> FloatArray:
-        """Real columns (2 F, 5), real over imaginary parts, of the residuals."""
+    def residuals(self) -> ComplexArray:
+        """Columns (F, 5) of the residuals."""
         s = self.s
         middle = float(np.sqrt(np.abs(s[0] * s[-1])))
-        columns = np.stack([(s / middle) ** (self.order + p) for p in RESIDUALS], axis=1)
-        return stacked(columns)
+        return np.stack([(s / middle) ** (self.order + p) for p in RESIDUALS], axis=1)
 
 
 def window_correlation(response: Response) -> FloatArray:
@@ -140,10 +139,10 @@ class ModalData:
         y = stacked(weight[:, None] * flat / scale)
         return cls(basis, y, scale, weight, np.exp(log) * (weight[:, None] / scale) ** 2)
 
-    @property
-    def weights(self) -> FloatArray:
-        """Weights of the stacked rows (2 F,)."""
-        return np.concatenate([self.weight, self.weight])
+    @cached_property
+    def residuals(self) -> FloatArray:
+        """Weighted columns (2 F, 5), real over imaginary parts, of the residuals."""
+        return stacked(self.weight[:, None] * self.basis.residuals())
 
     def columns(self, poles: ComplexArray, derivative: bool = False) -> FloatArray:
         """Weighted columns (2 F, 2 n) of real and imaginary parts of each pole's residue, or derivatives by the pole.
@@ -152,7 +151,7 @@ class ModalData:
         """
         direct, mirrored = self.basis.poles(poles, derivative), self.basis.poles(poles.conj(), derivative)
         both = np.stack([direct + mirrored, 1j * (direct - mirrored)], axis=2)
-        return self.weights[:, None] * stacked(both.reshape(len(both), -1))
+        return stacked(self.weight[:, None] * both.reshape(len(both), -1))
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,7 @@ class ModalFit:
     def factors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Q, R and the norms of the columns: poles first, residuals last; columns without a part of their own go."""
         data = self.data
-        A = np.concatenate([data.columns(self.poles), data.weights[:, None] * data.basis.residuals()], axis=1)
+        A = np.concatenate([data.columns(self.poles), data.residuals], axis=1)
         norms = np.linalg.norm(A, axis=0)
         return *np.linalg.qr(A / norms), norms
 
@@ -234,23 +233,22 @@ class ModalFit:
 
     def refined(self, steps: int = 20, tolerance: float = 1e-3) -> ModalFit:
         """Fit at the poles with the least squares, by damped Gauss-Newton steps; tolerance in standard deviations."""
-        fit, damping = self, 1e-6
+        fit, damping = self, 1e-3
         if not len(fit.poles):
             return fit
         for _ in range(steps):
             information, gradient = fit.information, fit.gradient
-            scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-            shared = information / np.outer(scale, scale)
+            # Of both numbers of a pole: by the frequency alone, one on the real axis has no information.
+            of_poles = np.maximum(np.diag(information).reshape(-1, 2).sum(axis=1), 1e-200).repeat(2)
             while True:
-                step = np.linalg.solve(shared + damping * np.eye(len(scale)), gradient / scale) / scale
-                # A pole moves by its own half width at most.
-                size = np.hypot(step[0::2], step[1::2]) / np.maximum(-fit.poles.real, 1e-12)
-                moved = step / max(1.0, float(size.max()))
-                # Unstable ones are mirrored, frequencies stay positive.
-                poles = fit.poles + moved[0::2] + 1j * moved[1::2]
-                trial = ModalFit(fit.data, -np.abs(poles.real) + 1j * np.abs(poles.imag))
+                step = np.linalg.solve(information + damping * np.diag(of_poles), gradient)
+                # A pole moves by its own half width at most, stays stable, and its frequency positive.
+                moved = step.view(complex)
+                moved = moved / max(1.0, float(np.abs(moved / fit.poles.real).max()))
+                real = fit.poles.real * np.exp(moved.real / fit.poles.real)
+                trial = ModalFit(fit.data, real + 1j * np.abs(fit.poles.imag + moved.imag))
                 if trial.cost <= fit.cost:
-                    damping = max(damping / 10, 1e-10)
+                    damping = max(damping / 3, 1e-10)
                     break
                 damping *= 10
                 if damping > 1e6:
