@@ -79,25 +79,29 @@ def measure_parts(
     """
     work.parts.mkdir(parents=True, exist_ok=True)
     remove_leftovers(work.parts)
-    groups = [tuple(group) for _, group in groupby(parts, lambda part: (is_large(part), together(part)))]
-    files = {group[0].name: work.parts / f"{group[0].name}.h5" for group in groups if not is_large(group[0])}
-    stamps = {name: read_stamp(path) for name, path in files.items()}
-    finished = [name for name, stamp in stamps.items() if stamp is not None and stamp.is_of(work.stamp)]
-    kept = sum(len(group) for group in groups if group[0].name in finished)
-    if finished:
+    groups = [list(group) for _, group in groupby(parts, lambda part: (is_large(part), together(part)))]
+    files = [None if is_large(group[0]) else work.parts / f"{group[0].name}.h5" for group in groups]
+    remaining = [(file, group) for file, group in zip(files, groups, strict=True) if not _is_kept(file, work.stamp)]
+    kept = len(parts) - sum(len(group) for _, group in remaining)
+    if kept:
         work.console.say(f"measure: resumed, {kept} of {len(parts)} {noun} are kept")
-    remaining = [(files[g[0].name], g) for g in groups if g[0].name in files and g[0].name not in finished]
     with work.execution() as execution:
+        remaining = [(file, group) for file, group in remaining if file is not None]
         execution.ordered(partial(_measure_part, measure, write, work.stamp), remaining)
     notes: list[Note] = []
 
     def gathered() -> Iterator[R]:
-        for group in groups:
-            for record in read(files[group[0].name]) if group[0].name in files else map(measure, group):
+        for file, group in zip(files, groups, strict=True):
+            for record in map(measure, group) if file is None else read(file):
                 notes.extend(record.notes)
                 yield record
 
     return gathered(), partial(report_count, notes, len(parts))
+
+
+def _is_kept(file: Path | None, wanted: Stamp) -> bool:
+    stamp = None if file is None else read_stamp(file)
+    return stamp is not None and stamp.is_of(wanted)
 
 
 def _measure_part(
