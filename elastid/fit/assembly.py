@@ -12,7 +12,6 @@ their places: M contains m c^2.
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -158,16 +157,8 @@ class Assembly:
 
     def at_rest(self, x: FloatArray) -> Assembly:
         """Assembly without what the motion of the measurements adds to their responses at x (n_x,)."""
-        if all(response.motion is None for response in self.responses):
-            return self
-        responses = []
-        for response in self.responses:
-            theta = self.parameters.expand(x, response.configuration.name)
-            linear = linear_model(self.linearisation, response, theta)
-            effect = effect_of_motion(self.linearisation.model, linear, theta, response)
-            responses.append(response if effect is None else replace(response, G=response.G - effect))
-        is_same = all(map(operator.is_, responses, self.responses))
-        return self if is_same else replace(self, responses=tuple(responses))
+        rested = partial(_at_rest, self.linearisation, self.parameters, x)
+        return replace(self, responses=tuple(each_at_home(rested, self.responses, self.home)))
 
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Springs that no one stiffness describes where the robot rests at x."""
@@ -223,6 +214,15 @@ def _part_again(each: tuple[Response, Response, Weights, Part]) -> Part:
     """The part of a response with the model and the images of held torques of the part of another one."""
     response, other, weights, part = each
     return part_with(part.columns, other.G - part.measured, response, weights, part.criterion)
+
+
+def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray, response: Response) -> Response:
+    if response.motion is None:
+        return response
+    theta = parameters.expand(x, response.configuration.name)
+    linear = linear_model(linearisation, response, theta)
+    effect = effect_of_motion(linearisation.model, linear, theta, response)
+    return response if effect is None else replace(response, G=response.G - effect)
 
 
 def _weigh(spec: FitSpec, pair: tuple[Response, Weights]) -> Weights:

@@ -15,13 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.problem.elastic import ElasticFit, Part, mixed
+from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, mixed
 from elastid.fit.problem.least_squares import as_real
 from elastid.response import Response
 
@@ -118,13 +119,21 @@ def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, 
     r_static, J_static = fit.static(x)
     A[: len(x), : len(x)] += J_static.T @ J_static
     g[: len(x)] += J_static.T @ r_static
-    for part, response in zip(fit.parts, responses, strict=True):
-        mixing = part.mixing
-        r, J = fit.block(part, x, mixing)
-        J, T = with_factors(J, part, response, factors, mixing)
-        rows = as_real(J).reshape(len(J), -1)
-        A += T @ (rows @ rows.T) @ T.T
-        g += T @ (rows @ as_real(r).ravel())
+    sums = partial(_sums, replace(fit, parts=(), loads=None), x, factors)
+    for A_q, g_q, T in each_at_home(sums, list(zip(fit.parts, responses, strict=True)), fit.home):
+        A, g = A + T @ A_q @ T.T, g + T @ g_q
     length = np.sqrt(np.maximum(np.diag(A), 1e-300))
     step = np.linalg.lstsq(A / np.outer(length, length), -g / length, rcond=1e-12)[0] / length
     return np.asarray(c + step[len(x) :])
+
+
+def _sums(
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], pair: tuple[Part, Response]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """J^T J, J^T r and T (`with_factors`) of one configuration; fit: whose parameters count."""
+    part, response = pair
+    mixing = part.mixing
+    r, J = fit.block(part, x, mixing)
+    J, T = with_factors(J, part, response, factors, mixing)
+    rows = as_real(J).reshape(len(J), -1)
+    return rows @ rows.T, rows @ as_real(r).ravel(), T
