@@ -27,7 +27,6 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
-from scipy.optimize import nnls
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError, Note, check_kind
@@ -122,19 +121,19 @@ def smoothed(variance: FloatArray, power: FloatArray) -> FloatArray:
 
     a, b >= 0 of each element by least squares relative to their sum; single variances would weigh lines by chance.
     """
-    F, size = len(variance), min(MEAN_LINES, len(variance))
+    F, size, tiny = len(variance), min(MEAN_LINES, len(variance)), np.finfo(float).tiny
     v, p = variance.reshape(F, -1), power.reshape(F, -1)
-    level = np.empty(v.shape)
-    for c in range(v.shape[1]):
-        mean = max(float(v[:, c].mean()), np.finfo(float).tiny)
-        columns = np.stack(
-            [np.full(F, mean), p[:, c] * mean / max(float(p[:, c].mean()), np.finfo(float).tiny)], axis=1
-        )
-        fitted = np.full(F, mean)
-        for _ in range(5):
-            share, _ = nnls(columns / fitted[:, None], v[:, c] / fitted)
-            fitted = columns @ share + 1e-9 * mean
-        level[:, c] = fitted
+    mean = np.maximum(v.mean(axis=0), tiny)
+    columns = mean * np.stack([np.ones(p.shape), p / np.maximum(p.mean(axis=0), tiny)])
+    level = columns[0]
+    for _ in range(5):
+        A = columns / level
+        gram = np.einsum("ifc,jfc->cij", A, A) + 1e-12 * np.eye(2)
+        inside = np.einsum("ifc,fc->ci", A, v / level)
+        share = np.linalg.solve(gram, inside[:, :, None])[:, :, 0]
+        # Where one of them is negative, the other is alone.
+        share = np.where(share[:, ::-1] < 0, inside / np.einsum("cii->ci", gram), np.maximum(share, 0.0))
+        level = np.einsum("ifc,ci->fc", columns, share) + 1e-9 * mean
     local = uniform_filter1d(np.minimum(v / level, MAX_RATIO), size, axis=0, mode="nearest")
     return np.asarray((level * np.maximum(local, 1 / MAX_RATIO)).reshape(variance.shape))
 

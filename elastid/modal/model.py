@@ -28,7 +28,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.record import MOTION_ORDER
@@ -53,9 +52,7 @@ class Basis:
     @classmethod
     def of(cls, response: Response) -> Basis:
         """The columns for a response, smoothed where its segments had a window."""
-        correlation = None
-        if response.window:
-            correlation = window_correlation(response)
+        correlation = window_correlation(response) if response.window else None
         scale = 2 * np.pi * float(response.freq_hz[-1])
         order = MOTION_ORDER[response.quantity]
         return cls(response.freq_hz, order, scale, correlation, response.segment_s)
@@ -183,7 +180,7 @@ class ModalFit:
         kept = np.abs(np.diag(R)) > 1e-10
         inside = Q.T @ self.data.y
         if kept.all():
-            return np.asarray(scipy.linalg.solve_triangular(R, inside) / norms[:, None])
+            return np.asarray(np.linalg.solve(R, inside) / norms[:, None])
         return np.linalg.lstsq(R, inside, rcond=1e-12)[0] / norms[:, None]
 
     @cached_property

@@ -114,10 +114,9 @@ def _block_toeplitz(ahead: FloatArray, back: FloatArray) -> FloatArray:
 
 def _roots(M: FloatArray, n_u: int, step_s: float) -> ComplexArray:
     """Stable poles of the least-squares denominator with alpha_n = I."""
-    try:
-        rest = np.linalg.lstsq(M[:-n_u, :-n_u], -M[:-n_u, -n_u:], rcond=1e-14)[0]
-    except np.linalg.LinAlgError:
-        return np.empty(0, complex)
+    # Of exact data M is singular.
+    regular = M[:-n_u, :-n_u] + max(1e-15 * np.trace(M), 1e-300) * np.eye(len(M) - n_u)
+    rest = np.linalg.solve(regular, -M[:-n_u, -n_u:])
     n = len(rest) // n_u
     # z^n I + z^(n-1) alpha_(n-1) + ...
     companion = np.zeros((n * n_u, n * n_u))

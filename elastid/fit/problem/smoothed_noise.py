@@ -182,10 +182,8 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
         return None
     F, n_y, n_u = response.G.shape
     if known.form == "diagonal":
-        variance, kept = np.zeros(response.G.shape), np.zeros(F)
-        for i, j in np.ndindex(n_y, n_u):
-            variance[:, i, j], kappa = smooth_variance(known.variance[:, i, j], response.G[:, i, j], known.dof)
-            kept = np.maximum(kept, kappa)
+        variance, kappa = smooth_variance(known.variance, response.G, known.dof)
+        kept = np.full(F, float(kappa.max()))
         return SmoothedNoise(known, Covariance(variance, known.dof), kept, kept, response.G)
     S = known.matrix if known.left is None or known.right is None else known.right
     assert S is not None
@@ -250,15 +248,8 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     X = whiten @ S @ whiten.mT.conj()
     level = np.einsum("faa->f", X).real / n
     known = level > 0
-    level = np.interp(np.arange(F), np.flatnonzero(known), level[known]) if known.any() else np.ones(F)
-    geometric = np.exp(moving_mean(np.log(level), width))
-    mean = geometric / math.exp(log_moment(1, n * dof, width))
-    for_weights = geometric * math.exp(log_moment(-1, n * dof, width))
-    # A sample variance exceeds that factor over its mean once in a thousand lines.
-    by_chance = chi_square_limit(2 * n * dof, 1e-3) / (2 * n * dof) if width > 1 else math.inf
-    loud = level > mean * by_chance
-    quiet = np.exp(moving_mean(np.log(np.where(loud, mean, level)), width)) / geometric
-    for_weights = np.where(loud, level, for_weights * quiet)
+    level = without_gaps(level) if known.any() else np.ones(F)
+    for_weights = _for_weights(level, n * dof, width)
     X = X / level[:, None, None]
     X[~known] = np.eye(n)
     # Fewer degrees of freedom than elements leave the covariance of a lone line singular.
@@ -304,23 +295,39 @@ def _own(S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: flo
     return whole, diagonal
 
 
+def without_gaps(level: FloatArray) -> FloatArray:
+    """Levels (F,) with those of their neighbours where they are zero."""
+    known = np.flatnonzero(level)
+    return np.interp(np.arange(len(level)), known, level[known])
+
+
+def _for_weights(level: FloatArray, dof: float, width: int) -> FloatArray:
+    """c l (F, ...) of levels of `dof` degrees of freedom each; loud lines keep their own."""
+    geometric = np.exp(moving_mean(np.log(level), width))
+    mean = geometric / math.exp(log_moment(1, dof, width))
+    # A sample variance exceeds that factor over its mean once in a thousand lines.
+    by_chance = chi_square_limit(2 * dof, 1e-3) / (2 * dof) if width > 1 else math.inf
+    loud = level > mean * by_chance
+    quiet = np.exp(moving_mean(np.log(np.where(loud, mean, level)), width))
+    return np.where(loud, level, quiet * math.exp(log_moment(-1, dof, width)))
+
+
 def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[FloatArray, FloatArray]:
-    r"""Sample variances (F,) of one element as `smooth_covariance` smooths them, and kappa (F,); zeros if all are zero.
+    r"""Sample variances (F, ...) of elements as `smooth_covariance` smooths them, and kappa of each; zeros stay zeros.
 
     The model of the noise is |G|^{2 a}, its exponent a in [0, 1] found by regression: 0 where noise ignores the
     resonances, 1 where it follows them.  A line of zero variance takes its neighbours'.
     """
-    known = variance > 0
-    if not known.any():
-        return np.zeros_like(variance), np.zeros_like(variance)
-    power = np.abs(G) ** 2
-    followed = np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300)))
-    width = min(_width(1, dof), int(known.sum()))
-    rough, wanted = (log - moving_mean(log, width) for log in (followed[known], np.log(variance[known])))
-    a = float(np.linalg.lstsq(rough[:, None], wanted)[0][0])
-    model = np.exp(min(max(a, 0.0), 1.0) * (followed - followed.mean()))
-    smooth, _, kept = smooth_covariance(variance[:, None, None].astype(complex), model[:, None, None], dof)
-    return smooth[:, 0, 0].real, kept
+    known = np.any(variance > 0, axis=0)
+    levels = np.apply_along_axis(without_gaps, 0, np.where(known, variance, 1.0))
+    power, width = np.abs(G) ** 2, min(_width(1, dof), len(G))
+    followed = np.log(np.maximum(power, np.maximum(1e-30 * power.max(axis=0), 1e-300)))
+    rough, wanted = (log - moving_mean(log, width) for log in (followed, np.log(levels)))
+    a = np.sum(rough * wanted, axis=0) / np.maximum(np.sum(rough**2, axis=0), 1e-300)
+    model = np.exp(np.clip(a, 0.0, 1.0) * (followed - followed.mean(axis=0)))
+    smooth = model * _for_weights(levels / model, dof, width)
+    filled = np.mean(variance / smooth, axis=0) / width
+    return np.where(known, smooth, 0.0), np.where(known, filled / np.maximum(1 - filled / dof, 0.1), 0.0)
 
 
 def moving_mean(values: Any, width: int) -> Any:
