@@ -315,7 +315,9 @@ def part_with(
     whitening = None
     if weights.correlated is not None and criterion == "complex":
         whitening = Whitening(weights.correlated, weights.floor, response.G, weights.sigma)
-    part = Part(columns, frozen(response.G - images, np.complex128), frozen(gain), criterion, whitening)
+    # Without any the array of the response, which workers have.
+    plain = response.G - images if images.any() else response.G
+    part = Part(columns, frozen(plain, np.complex128), frozen(gain), criterion, whitening)
     return replace(part, compressed=part.normal.residuals)
 
 
