@@ -135,8 +135,8 @@ def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | No
     for shape, level in taken:
         if not shape.is_memoryless:
             path = path or path_of(record, motion)
-            s = (stop if shape.kind == "stop" else bristle)(path, shape.threshold) * (level / shape.threshold)
-            means += (s[:-1] + s[1:]) / 2
+            s = (stop if shape.kind == "stop" else bristle)(path, shape.threshold) * (level / shape.threshold / 2)
+            means += s[:-1] + s[1:]
     return means
 
 
