@@ -12,7 +12,6 @@ their places: M contains m c^2.
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -22,7 +21,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError
 from elastid.base.execution import HERE, Execution
-from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, linear_model, part_of
+from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, linear_model, part_of, part_with
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     Evaluation,
@@ -33,7 +32,7 @@ from elastid.fit.problem.least_squares import (
     distance,
     is_far_from_noise,
 )
-from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
+from elastid.fit.problem.shared_bias import errors_of, find_factors, next_factors, shares_of, with_modelled_bias
 from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor
 from elastid.fit.solve.solvers import FINE, solve
@@ -130,6 +129,11 @@ class Assembly:
         inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
         return ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home)), inertias, self.loads, self.home)
 
+    def as_linearised(self, fit: ElasticFit, of: Assembly) -> ElasticFit:
+        """The fit with every configuration linearised as in the fit of another assembly."""
+        each = list(zip(self.responses, of.responses, self.weights, fit.parts, strict=True))
+        return replace(fit, parts=tuple(each_at_home(_part_again, each, self.home)))
+
     @cached_property
     def is_local(self) -> bool:
         """True if a linearisation is valid only near its point: nonlinear springs, or masses and places both free."""
@@ -153,16 +157,8 @@ class Assembly:
 
     def at_rest(self, x: FloatArray) -> Assembly:
         """Assembly without what the motion of the measurements adds to their responses at x (n_x,)."""
-        if all(response.motion is None for response in self.responses):
-            return self
-        responses = []
-        for response in self.responses:
-            theta = self.parameters.expand(x, response.configuration.name)
-            linear = linear_model(self.linearisation, response, theta)
-            effect = effect_of_motion(self.linearisation.model, linear, theta, response)
-            responses.append(response if effect is None else replace(response, G=response.G - effect))
-        is_same = all(map(operator.is_, responses, self.responses))
-        return self if is_same else replace(self, responses=tuple(responses))
+        rested = partial(_at_rest, self.linearisation, self.parameters, x)
+        return replace(self, responses=tuple(each_at_home(rested, self.responses, self.home)))
 
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Springs that no one stiffness describes where the robot rests at x."""
@@ -195,7 +191,9 @@ class Assembly:
         if not c.any():
             return self
         factors = find_factors(self.responses)
-        corrected = (replace(G, G=G.G - np.tensordot(c, bias_of(G, factors), axes=1)) for G in self.responses)
+        corrected = (
+            replace(G, G=G.G - np.tensordot(c @ shares_of(G, factors), errors_of(G), axes=1)) for G in self.responses
+        )
         return replace(self, responses=tuple(corrected))
 
 
@@ -210,6 +208,21 @@ def _part(
     response, weights = pair
     model = linear_model(linearisation, response, parameters.expand(x, response.configuration.name))
     return part_of(response, model, weights, parameters, criterion)
+
+
+def _part_again(each: tuple[Response, Response, Weights, Part]) -> Part:
+    """The part of a response with the model and the images of held torques of the part of another one."""
+    response, other, weights, part = each
+    return part_with(part.columns, other.G - part.measured, response, weights, part.criterion)
+
+
+def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray, response: Response) -> Response:
+    if response.motion is None:
+        return response
+    theta = parameters.expand(x, response.configuration.name)
+    linear = linear_model(linearisation, response, theta)
+    effect = effect_of_motion(linearisation.model, linear, theta, response)
+    return response if effect is None else replace(response, G=response.G - effect)
 
 
 def _weigh(spec: FitSpec, pair: tuple[Response, Weights]) -> Weights:
@@ -277,8 +290,8 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
 def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
     """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
 
-    Until it moves by less than 1e-3 standard deviations, for 10 rounds at most, 30 with a robust loss: each gains a
-    decimal or two, and of a quiet rig whose file is off the first moves by 1e5.
+    Until it moves by less than 10 FINE, for 10 rounds at most, 30 with a robust loss: each gains a decimal or two, and
+    of a quiet rig whose file is off the first moves by 1e5.
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 10 if is_square else 30
@@ -289,19 +302,20 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
             if i == 1 or (i == 2 and moved > 3):  # std: most effects of a motion do not move the optimum so far
                 rested = assembly.at_rest(end.x)
             current = rested.reweighted(end.x)
-            if len(c):
-                current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
-                c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
-            fit = current.unbiased(c).at(end.x, criterion)
+            fit = current.at(end.x, criterion)
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
+        if len(c):
+            biased = current.with_modelled_bias(fit, end.x)
+            c = next_factors(biased.unbiased(c).as_linearised(fit, current), biased.responses, end.x, c)
+            current, fit = biased, biased.unbiased(c).as_linearised(fit, current)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         precise = replace(fit.problem, evaluate=fit.evaluate)
         before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         is_whole = i > 0 or all(response.motion is None for response in assembly.responses)
-        is_settled = is_whole and (moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
+        is_settled = is_whole and (moved < 10 * FINE or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
         if is_settled:
             break
     if not is_settled or is_far_from_noise(end.cost, fit.problem.dof):

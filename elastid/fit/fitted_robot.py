@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import index_of
 from elastid.fit.parameter_choice import group_labels, tolerances_of
 from elastid.fit.problem.elastic import linear_model
@@ -81,12 +81,16 @@ class FittedRobot:
     @cached_property
     def responses(self) -> tuple[Response, ...]:
         """The model's frequency response for each measured one: its lines, inputs, outputs, and its motion."""
-        if self.modelled is not None:
-            return self.modelled
+        return self.responses_by({}) if self.modelled is None else self.modelled
+
+    def responses_by(self, effects: Mapping[str, ComplexArray]) -> tuple[Response, ...]:
+        """`responses`; effects: what its motion adds to a response (F, n_y, n_u), by configuration, where known."""
         responses = []
         for model, G in zip(self.models, self.measured, strict=True):
             modelled = replace(model.response(G.freq_hz, sampled=True), rate_is_known=G.rate_is_known)
-            effect = effect_of_motion(self.model, model.linear, self.theta_of(G.configuration.name), G)
+            effect = effects.get(name := G.configuration.name)
+            if effect is None:
+                effect = effect_of_motion(self.model, model.linear, self.theta_of(name), G)
             responses.append(modelled if effect is None else replace(modelled, G=modelled.G + effect))
         return tuple(responses)
 

@@ -20,7 +20,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, FitError, Note, StudyError, check_kind
 from elastid.base.execution import Execution, lasting_workers
 from elastid.fit.assembly import (
@@ -35,8 +35,9 @@ from elastid.fit.assembly import (
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis
-from elastid.fit.diagnosis.judge import diagnose, judge
+from elastid.fit.diagnosis.judge import RESIDUALS, diagnose, judge
 from elastid.fit.diagnosis.second_source import static_agreement, tool_agreement
+from elastid.fit.diagnosis.sensitivities import thinning
 from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
@@ -57,7 +58,6 @@ from elastid.response import Response
 from elastid.robot import Robot
 
 
-@lasting_workers()
 def identify(
     responses: Sequence[Response],
     robot: Robot,
@@ -79,6 +79,21 @@ def identify(
     a parameter without effect, where every start fails, or where the best robot finds no rest
     between its end and its start.
     """
+    return identified(responses, robot, spec, model, execution, hypotheses, parameters, loads)[0]
+
+
+@lasting_workers()
+def identified(
+    responses: Sequence[Response],
+    robot: Robot,
+    spec: FitSpec,
+    model: ModelSpec = EXACT,
+    execution: Execution | None = None,
+    hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
+    parameters: Parameters | None = None,
+    loads: Sequence[PlacedTest] = (),
+) -> tuple[Result, dict[str, ComplexArray]]:
+    """`identify`, and what the motion of each fitted response adds to it (F, n_y, n_u), by configuration."""
     execution = execution or Execution()
     assembly, ends = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
@@ -91,7 +106,10 @@ def identify(
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
             result = add_intervals(result, optimum, spec, execution)
-            return replace(result, notes=(*result.notes, *_contradicted_priors(result)))
+            result = replace(result, notes=(*result.notes, *_contradicted_priors(result)))
+            pairs = zip(assembly.responses, optimum.responses, strict=True)
+            known = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
+            return result, known
     except FitError as error:
         if not isinstance(error, NoRestError) or robot.tolerances is None:
             if not loads:
@@ -100,10 +118,7 @@ def identify(
             text = f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
             raise FitError("fit/loads", text) from None
     # A gross fault bends the numbers of the file, too, and is named less surely from there.
-    return identify(
-        responses, replace(robot, tolerances=None), spec, model=model, execution=execution, hypotheses=hypotheses,
-        parameters=parameters, loads=loads,
-    )  # fmt: skip
+    return identified(responses, replace(robot, tolerances=None), spec, model, execution, hypotheses, parameters, loads)
 
 
 def fit_parameters(
@@ -241,7 +256,11 @@ def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, executi
     """Ends of all starts, best first, and how many reached the best; fit: at the start of the parameters."""
     parameters, problems = fit.parameters, [assembly.search_problem(fit, spec.criterion)]
     if spec.criterion == "complex":
-        problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
+        log = assembly.at(parameters.x, "log")
+        if not assembly.is_local:  # far from the end a third of the residuals of a score test lead to the same valley
+            thin = thinning(log, RESIDUALS // 3)
+            log = replace(log, parts=tuple(each_at_home(thin, log.parts, assembly.home)))
+        problems.insert(0, assembly.search_problem(log, "log"))
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts = feasible_starts(drawn, fit.inertias, parameters)
     return multistart(problems, starts, spec.solver, fit.evaluated_by(execution))

@@ -33,7 +33,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.statistics import small_sample_factors
 from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.least_squares import as_real
-from elastid.fit.problem.shared_bias import Factor, bias_slopes, ratio_errors
+from elastid.fit.problem.shared_bias import Factor, ratio_errors, with_factors
 from elastid.fit.problem.weights import Weights, vec
 from elastid.response import Response
 
@@ -42,7 +42,7 @@ from elastid.response import Response
 class LineSums:
     """Sums of one configuration, n_x variables and F lines; small, since there may be a thousand of them.
 
-    rows (n_x, n_x): a triangle with the J^T J of its part.  power (F, n_p): of each line, what it contributes to the
+    rows (n, n_x): rows with the J^T J of its part.  power (F, n_p): of each line, what it contributes to the
     variances of the n_p parameters: [A^-1 A_k A^-1]_ii, A_k = J_k^T J_k.  autocovariance (F,): Re sum r_k^* r_{k+l} of
     its whitened residuals, by lag.  n_residuals: real ones that are not zero.  pull (n_x, F): J_k^T r_k of each line.
     blocks (B, n_x): the pulls summed over bands.  noise (n_x, n_x): the covariance of their sum under the measured
@@ -80,8 +80,8 @@ def triangle(
     fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], chunk: Sequence[tuple[Part, Response, Weights]]
 ) -> FloatArray:
     """R (n_x, n_x) of J = Q R of some configurations; arguments as `sum_lines`."""
-    blocks = (_block(fit, x, factors, part, response, part.mixing)[1] for part, response, _ in chunk)
-    return _triangle(np.vstack([_triangle(_rows(J)) for J in blocks]))
+    blocks = (_block(fit, x, factors, part, response, part.mixing)[1:] for part, response, _ in chunk)
+    return _triangle(np.vstack([_triangle(_rows(J)) @ T.T for J, T in blocks]))
 
 
 def sum_lines(
@@ -99,8 +99,10 @@ def sum_lines(
     """
     part, response, weights = configuration
     mixing = part.mixing
-    r, J = _block(fit, x, factors, part, response, mixing)
-    J = np.tensordot(half, J, axes=1)
+    r, J, chain = _block(fit, x, factors, part, response, mixing)
+    # Of z those combinations U^T z that move the residuals of this configuration.
+    U, combined = np.linalg.qr(half @ chain)
+    J = np.tensordot(combined, J, axes=1)
     T = _whitening(part, mixing)
     floor = vec(weights.floor * response.G)
     # A sum over lines whose errors are correlated has so many times the variance.
@@ -117,19 +119,20 @@ def sum_lines(
         spread = together_in_power * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
     rows = _rows(J)
-    power_of_lines = ((rows @ half) ** 2).reshape(len(r), -1, half.shape[1]).sum(axis=1)
+    power_of_lines = ((rows @ (U.T @ half)) ** 2).reshape(len(r), -1, half.shape[1]).sum(axis=1)
     residual, n_residuals = r.reshape(len(r), -1), 2 * int(np.count_nonzero(r))
     pull = np.einsum("pfab,fab->pf", J.conj(), r).real
     S = None if S is None else together * S
     lags = autocovariance(residual)
-    blocks = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([lags], n_residuals))
+    blocks, scatter, parted = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([lags], n_residuals))
     floor_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
-    floor_pull = _coherent(response, pulls.transpose(1, 0, 2))
+    floor_pull = {key: U @ sums for key, sums in _coherent(response, pulls.transpose(1, 0, 2)).items()}
     ratios = ratio_errors(part, response, mixing)
-    ratio_pull = {name: np.einsum("pfab,fab->p", J.conj(), error).real for name, error in ratios.items()}
+    ratio_pull = {name: U @ np.einsum("pfab,fab->p", J.conj(), error).real for name, error in ratios.items()}
     noise_sums, error_sums = (power, spread, dof), (floor_power, floor_pull, ratio_pull)
-    by_line = response.freq_hz, _triangle(rows), power_of_lines
-    return LineSums(*by_line, lags, n_residuals, pull, *blocks, *noise_sums, *error_sums)
+    by_line = response.freq_hz, _triangle(rows) @ U.T, power_of_lines
+    of_z = U @ pull, blocks @ U.T, None if scatter is None else U @ scatter @ U.T
+    return LineSums(*by_line, lags, n_residuals, *of_z, parted, *noise_sums, *error_sums)
 
 
 def _block(
@@ -139,12 +142,10 @@ def _block(
     part: Part,
     response: Response,
     mixing: ComplexArray | None,
-) -> tuple[ComplexArray, ComplexArray]:
-    """Whitened r (F, n_y, n_u) and J (n_x, F, n_y, n_u), with the columns of factors."""
+) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+    """Whitened r (F, n_y, n_u), and J and T of `with_factors`."""
     r, J = fit.block(part, x, mixing)
-    if factors:
-        J = np.concatenate([J, bias_slopes(part, response, factors, mixing)])
-    return r, J
+    return r, *with_factors(J, part, response, factors, mixing)
 
 
 def _rows(J: ComplexArray) -> FloatArray:

@@ -111,15 +111,14 @@ def separated_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], metho
 def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     """Flags (F,) of the lines where every combination of the inputs stands out of the noise; DataError without any."""
     E = block.U.shape[2]
-    squares = squared_magnitude(block.U)
-    power = np.mean(squares, axis=(0, 2))
+    squares = np.vecdot(block.U, block.U).real / E
+    power = np.mean(squares, axis=0)
     power = np.where(power > 0, power, 1.0)
-    total = squares.sum(axis=2) @ (1 / (E * power))
-    noise = [smoothed_noise(of_input, block.dof) for of_input in np.mean(1 / block.periods) * block.input_noise.T]
-    least = np.maximum(MIN_SNR * np.stack(noise, axis=1), LIMITS.power_ratio * np.outer(total, power))
+    noise = smoothed_noise(np.mean(1 / block.periods) * block.input_noise, block.dof)
+    least = np.maximum(MIN_SNR * noise, LIMITS.power_ratio * np.outer(squares @ (1 / power), power))
     least = np.maximum(least, np.finfo(float).tiny)
     separated = _surely_separated(block, least)
-    ratio = singular_values((block.U / np.sqrt(least)[:, :, None])[~separated]) ** 2 / E
+    ratio = singular_values(block.U[~separated] / np.sqrt(least[~separated])[:, :, None]) ** 2 / E
     separated[~separated] = ratio[:, -1] > 1
     if not separated.any():
         record = group[0]
@@ -140,7 +139,7 @@ def _surely_separated(block: Block, least: FloatArray) -> BoolArray:
     sigma_n(A) >= 1 / |A^-1| in the norm of Frobenius; least (F, n_u): squares that count as 1.
     """
     try:
-        squares = np.sum(squared_magnitude(block.W), axis=1)
+        squares = np.vecdot(block.W.mT, block.W.mT).real
     except np.linalg.LinAlgError:
         return np.zeros(len(least), bool)
     return np.asarray(block.U.shape[2] * np.sum(squares * least, axis=1) < 1)

@@ -118,7 +118,12 @@ def equation_error(data: MeanSpectra, G: ComplexArray) -> ComplexArray:
     """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
     n_y, S = G.shape[1], data.S_Z
     cross, of_inputs = (added_cross_products([S[:, rows, n_y:]], [G]) for rows in (slice(n_y), slice(n_y, None)))
-    return (S[:, :n_y, :n_y] - cross - cross.mT.conj() + added_products([G], [of_inputs])) / data.dof
+    C_V = added_products([G], [of_inputs])
+    C_V += S[:, :n_y, :n_y]
+    C_V -= cross
+    C_V -= cross.mT.conj()
+    C_V /= data.dof
+    return C_V
 
 
 def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -> Covariance:

@@ -11,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import Note
 from elastid.base.kernels import call, is_compiled
-from elastid.frf.matrices import added_cross_products, inverse, squared_magnitude
+from elastid.frf.matrices import added_cross_products, inverse
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import (
@@ -95,7 +95,7 @@ def add_periods(sums: FullSum | PackedSum, groups: Iterable[PeriodSpectra]) -> C
     the scatter of two periods, one on either side.
     """
     F, n_channels = sums.scale.shape
-    mean, n = np.zeros((n_channels, F), np.complex128).T, 0
+    mean, n = np.empty((n_channels, F), np.complex128).T, 0
     for spectra in groups:
         p = len(spectra.periods)
         if not p:
@@ -111,7 +111,8 @@ def add_periods(sums: FullSum | PackedSum, groups: Iterable[PeriodSpectra]) -> C
             mean[part] = of_group
         n += p
     sums.dof += n - 1
-    return mean * sums.scale
+    mean *= sums.scale
+    return mean
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,7 @@ class MeanSpectra:
         """Torques of each block."""
         return tuple(block.U for block in self.blocks)
 
-    @property
+    @cached_property
     def Y(self) -> tuple[ComplexArray, ...]:
         """Motions of each block."""
         return tuple(block.Y for block in self.blocks)
@@ -173,22 +174,21 @@ class MeanSpectra:
         return np.concatenate([block.periods for block in self.blocks])
 
     @cached_property
+    def YY(self) -> ComplexArray:
+        """Y Y^H (F, n_y, n_y) of all experiments."""
+        return added_cross_products(self.Y, self.Y)
+
+    @cached_property
     def UU(self) -> ComplexArray:
         """U U^H (F, n_u, n_u) of all experiments."""
         return added_cross_products(self.U, self.U)
 
-    @property
-    def output_powers(self) -> tuple[FloatArray, FloatArray]:
-        """Sums (F, n_y) over experiments of |Y|^2, and of P |Y|^2."""
-        powers = [squared_magnitude(Y) for Y in self.Y]
-        of_periods = [power @ block.periods for power, block in zip(powers, self.blocks, strict=True)]
-        return np.sum([power.sum(axis=2) for power in powers], axis=0), np.sum(of_periods, axis=0)
-
-    def of_periods(self, X: Sequence[ComplexArray]) -> ComplexArray:
-        """Sum over experiments of P X U^H, P periods each; X: Y or U of each block."""
-        if np.ptp(self.periods) == 0:
-            return np.asarray(self.periods[0] * (self.UU if X is self.U else added_cross_products(X, self.U)))
-        return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], self.U)
+    def of_periods(self, X: Sequence[ComplexArray], Z: Sequence[ComplexArray]) -> ComplexArray:
+        """Sum over experiments of P X Z^H, P periods each; X, Z: Y or U of each block."""
+        if np.ptp(self.periods) > 0:
+            return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], Z)
+        product = self.UU if X is self.U else self.YY if Z is self.Y else added_cross_products(X, Z)
+        return np.asarray(self.periods[0] * product)
 
     @cached_property
     def every(self) -> Block:
@@ -230,8 +230,8 @@ def gather_spectra(
     blocks: list[Block] = []
     notes: list[Note] = []
     scatter: list[ComplexArray] = []
+    power, n_y = sums.power(), len(realisations[0][0].record.outputs)
     for group in realisations:
-        power, dof, n_y = sums.power(), sums.dof, len(group[0].record.outputs)
         Z, periods = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128), np.zeros(len(group))
         for i, spectra in enumerate(group):
             used, mean, every = _mean(spectra, lines, excited, spec, sums)
@@ -241,13 +241,14 @@ def gather_spectra(
                 scatter.append(every.z * every.scale - mean)
         R = [reference_spectrum(spectra, lines) for spectra in group] if with_reference else []
         known = [spectrum for spectrum in R if spectrum is not None]
+        before, power, dof = power, sums.power(), sums.dof - sum(block.dof for block in blocks)
         block = Block(
             U=Z[:, n_y:].transpose(2, 1, 0),
             Y=Z[:, :n_y].transpose(2, 1, 0),
             R=np.stack(known, axis=2) if len(known) == len(group) else None,
             periods=periods,
-            input_noise=(sums.power() - power)[:, n_y:] / (sums.dof - dof),
-            dof=sums.dof - dof,
+            input_noise=(power - before)[:, n_y:] / dof,
+            dof=dof,
         )
         blocks.append(block)
     return MeanSpectra(tuple(blocks), sums.collected(), sums.dof, tuple(notes), tuple(scatter))

@@ -73,7 +73,7 @@ def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolA
 
 
 def smoothed_noise(noise: FloatArray, dof: int) -> FloatArray:
-    """Noise power (F,) averaged over neighbouring lines, more of them where each has few degrees of freedom."""
+    """Noise power (F, ...) averaged over neighbouring lines, more of them where each has few degrees of freedom."""
     return mean_of_neighbours(noise, 1 + 2 * round(2 / dof))
 
 

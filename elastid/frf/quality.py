@@ -21,7 +21,7 @@ from elastid.base.errors import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
-from elastid.frf.matrices import inverse, power, singular_values, squared_magnitude
+from elastid.frf.matrices import added_products, inverse, power, singular_values, squared_magnitude
 from elastid.record import Motion, Record
 from elastid.response import Levels, Quality, Response
 
@@ -63,13 +63,12 @@ def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) ->
     S_Z, n_y = data.S_Z, G.shape[1]
     spread = np.einsum("fii->fi", S_Z).real
     noise = spread / data.dof
-    output_power, of_periods = data.output_powers
     coherence, multiple = coherences(
-        of_periods + spread[:, :n_y],
-        data.of_periods(data.Y) + S_Z[:, :n_y, n_y:],
-        data.of_periods(data.U) + S_Z[:, n_y:, n_y:],
+        power(data.of_periods(data.Y, data.Y)) + spread[:, :n_y],
+        data.of_periods(data.Y, data.U) + S_Z[:, :n_y, n_y:],
+        data.of_periods(data.U, data.U) + S_Z[:, n_y:, n_y:],
     )
-    amplitude = np.sqrt(output_power / len(data.periods))
+    amplitude = np.sqrt(power(data.YY) / len(data.periods))
     return Quality(
         coherence=coherence,
         multiple_coherence=multiple,
@@ -90,8 +89,7 @@ def relative_singular_values(S_U: ComplexArray) -> FloatArray:
 
 def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Ordinary (F, n_y, n_u) and multiple coherence (F, n_y) from power yy (F, n_y) and spectra S_yu and S_uu."""
-    response = yu @ inverse(uu)
-    explained = np.sum(response.real * yu.real + response.imag * yu.imag, axis=2)
+    explained = np.vecdot(yu, added_products([yu], [inverse(uu)])).real
     return coherences_of_powers(squared_magnitude(yu), explained, yy, power(uu))
 
 

@@ -24,7 +24,6 @@ from elastid.app.stages import fit as fitting
 from elastid.app.stages import measure as measuring
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.fit.result import Result
 from elastid.record import Record
 from elastid.response import Response
 from elastid.store.artefacts import read_stamp
@@ -232,13 +231,13 @@ def test_the_summary_has_the_truth_beside_each_estimate(finished: Path) -> None:
 def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit sees the others alone; validation and summary speak of all."""
     seen: list[str] = []
-    inner = fitting.identify
+    inner = fitting.identified
 
-    def spy(responses: list[Response], *arguments: Any, **options: Any) -> Result:
+    def spy(responses: list[Response], *arguments: Any, **options: Any) -> Any:
         seen.extend(response.configuration.name for response in responses)
         return inner(responses, *arguments, **options)
 
-    monkeypatch.setattr(fitting, "identify", spy)
+    monkeypatch.setattr(fitting, "identified", spy)
     run = run_of(copy / "study.yml", copy / "run", "validation.left_out=[b]")
     run_all(run)
     assert seen == ["a"]
@@ -264,12 +263,13 @@ def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
 @pytest.fixture
 def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
     """A solver that gives up."""
-    inner = fitting.identify
+    inner = fitting.identified
 
-    def give_up(*arguments: Any, **options: Any) -> Result:
-        return replace(inner(*arguments, **options), status="not_converged")
+    def give_up(*arguments: Any, **options: Any) -> Any:
+        result, effects = inner(*arguments, **options)
+        return replace(result, status="not_converged"), effects
 
-    monkeypatch.setattr(fitting, "identify", give_up)
+    monkeypatch.setattr(fitting, "identified", give_up)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.errors import FitError, MisfitError
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.fit.identify import identify
+from elastid.fit.identify import identified
 from elastid.fit.parameter_choice import AT_TOOL
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.result import Result
@@ -51,14 +51,13 @@ def fit(study: Study, work: Work) -> Artefacts:
         ]
     try:
         with work.execution(work.checkpoint()) as execution:
-            result = identify(
-                [*study.fitted(responses), *tapped], robot, spec, model=study.model, execution=execution, loads=tests
-            )
+            fitted = [*study.fitted(responses), *tapped]
+            result, effects = identified(fitted, robot, spec, study.model, execution, loads=tests)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     result = replace(result, notes=(*result.notes, *(note for response in tapped for note in response.notes)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
-    modelled = model_of_all.responses
+    modelled = model_of_all.responses_by(effects)
     agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, modelled, strict=True)]
     notes = [note for response in responses for note in response.notes]
     rows = fitted_rows(study, result, friction)

@@ -46,6 +46,7 @@ from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.linear.linear_model import LinearModel
+from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.transfer import factor
 from elastid.parameters import Parameter, Parameters, Tie
 from elastid.response import Response
@@ -146,7 +147,7 @@ def _with_spring(
     of_model[damping] = Parameter(damping, 0.0, tie=Tie(name, damping_ratio))
     parameters = Parameters((*of_model.values(), *(p for p in assembly.parameters if not p.is_of_model)))
     kernels = (kernel_of(m, parameters, p.kernel.freq_hz) for p, m in zip(fit.parts, models, strict=True))
-    parts = tuple(replace(part, kernel=kernel) for part, kernel in zip(fit.parts, kernels, strict=True))
+    parts = tuple(replace(part, columns=Columns(kernel)) for part, kernel in zip(fit.parts, kernels, strict=True))
     return ElasticFit(parameters, parts, moved_inertias(parameters, assembly.linearisation.model.robot))
 
 

@@ -384,14 +384,16 @@ def _thin(every: int, least: int, part: Part) -> Part:
     lines = slice(None, None, min(every, max(1, len(part.measured) // least)))
     kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
     whitening = part.whitening and part.whitening.lines(lines)
-    return replace(part, kernel=kernel, measured=part.measured[lines], gain=part.gain[lines], whitening=whitening)
+    return replace(
+        part, columns=Columns(kernel), measured=part.measured[lines], gain=part.gain[lines], whitening=whitening
+    )
 
 
 def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
     """Every configuration at x (n_x,), with derivatives to the free parameters alone."""
     evaluated = []
     for part in (part for part in fit.parts if part.n_residuals):
-        G, slopes = part.normal.columns.evaluate(part.theta(fit.parameters, x))
+        G, slopes = part.columns.evaluate(part.theta(fit.parameters, x))
         chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
         evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
     return evaluated

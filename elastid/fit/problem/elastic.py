@@ -47,7 +47,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class Part(Kept):
-    """One configuration: measured G (F, n_y, n_u), the kernel of its model, and what its residuals are divided by.
+    """One configuration: measured G (F, n_y, n_u), the columns of its model, and what its residuals are divided by.
 
     measured: without the images of held torques, as the model has them where it was linearised.
     gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of
@@ -55,12 +55,17 @@ class Part(Kept):
     they are known of the very same data and weights, from a model linearised elsewhere.
     """
 
-    kernel: Kernel
+    columns: Columns
     measured: ComplexArray
     gain: FloatArray
     criterion: ResidualKind
     whitening: Whitening | None = None
     compressed: CompressedResiduals | None = None
+
+    @property
+    def kernel(self) -> Kernel:
+        """The kernel of its model."""
+        return self.columns.kernel
 
     @property
     def configuration(self) -> str:
@@ -89,11 +94,10 @@ class Part(Kept):
     @cached_property
     def normal(self) -> NormalEquations:
         """Cost, gradient and normal matrix without the derivatives of every element."""
-        columns = Columns(self.kernel)
-        form = columns.elements, columns.is_symmetric, self.kernel.takes_compiled
+        form = self.columns.elements, self.columns.is_symmetric, self.kernel.takes_compiled
         residuals = CompressedResiduals(*form, self.measured, self.gain, self.criterion, self.whitening)
         known = self.compressed
-        return NormalEquations(columns, known if known is not None and known.has_data_of(residuals) else residuals)
+        return NormalEquations(self.columns, known if known is not None and known.has_data_of(residuals) else residuals)
 
     @property
     def n_residuals(self) -> int:
@@ -241,7 +245,7 @@ class ElasticFit:
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
         """Residuals and slopes of one part; mixing: `Part.mixing`, for whoever needs it again."""
-        G, dG = part.normal.columns.evaluate(part.theta(self.parameters, x))
+        G, dG = part.columns.evaluate(part.theta(self.parameters, x))
         dr = part.slopes(G, dG, mixing)
         return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
 
@@ -291,8 +295,16 @@ def part_of(
     response: Response, model: LinearModel, weights: Weights, parameters: Parameters, criterion: ResidualKind
 ) -> Part:
     """The part of one configuration; arguments as `elastic_fit`."""
-    model, used = at_measured_places(model, response), weights.used
-    kernel = kernel_of(model, parameters, response.freq_hz)
+    model = at_measured_places(model, response)
+    columns = Columns(kernel_of(model, parameters, response.freq_hz))
+    return part_with(columns, held_images(model, model.theta_ref, response.freq_hz), response, weights, criterion)
+
+
+def part_with(
+    columns: Columns, images: ComplexArray, response: Response, weights: Weights, criterion: ResidualKind
+) -> Part:
+    """The part of one configuration with the columns of its model and its images of held torques."""
+    kernel, used = columns.kernel, weights.used
     if criterion == "log":
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.
         G = kernel.response(kernel.model.theta_ref)
@@ -303,8 +315,7 @@ def part_of(
     whitening = None
     if weights.correlated is not None and criterion == "complex":
         whitening = Whitening(weights.correlated, weights.floor, response.G, weights.sigma)
-    plain = response.G - held_images(model, model.theta_ref, response.freq_hz)
-    part = Part(kernel, frozen(plain, np.complex128), frozen(gain), criterion, whitening)
+    part = Part(columns, frozen(response.G - images, np.complex128), frozen(gain), criterion, whitening)
     return replace(part, compressed=part.normal.residuals)
 
 

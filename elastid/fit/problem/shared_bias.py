@@ -15,12 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.problem.elastic import ElasticFit, Part, mixed
+from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, mixed
 from elastid.fit.problem.least_squares import as_real
 from elastid.response import Response
 
@@ -57,21 +59,24 @@ def ratio_errors(part: Part, response: Response, mixing: ComplexArray | None) ->
     return errors
 
 
-def bias_of(response: Response, factors: Sequence[Factor]) -> ComplexArray:
-    """d Ghat / d c (n_b, F, n_y, n_u) of one response, zero where a factor is not of it."""
-    bias = np.zeros((len(factors), *response.G.shape), complex)
+def errors_of(response: Response) -> ComplexArray:
+    """The errors delta G, delta G' (n_e, F, n_y, n_u) of one response, of which factors are shares."""
     if response.bias is None:
-        return bias
+        return np.zeros((0, *response.G.shape), complex)
+    return np.reshape(response.bias, (-1, *response.G.shape))
+
+
+def shares_of(response: Response, factors: Sequence[Factor]) -> FloatArray:
+    """C (n_b, n_e) of the errors of one response: d Ghat / d c = C errors, zero where a factor is not of it."""
+    n, n_u = (0, 0) if response.bias is None else response.bias.shape[:2]
+    shares = np.zeros((len(factors), n, n_u))
     for b, (name, i, configuration) in enumerate(factors):
-        if name not in response.inputs or i >= len(response.bias) - 1:
+        if name not in response.inputs or i >= n - 1:
             continue
-        error = response.bias[i, response.inputs.index(name)]
-        if not configuration:
-            bias[b] = error
-        elif np.any(error):
-            count = sum(factor[0] == name and factor[2] != "" for factor in factors)
-            bias[b] = ((configuration == response.configuration.name) - 1 / count) * error
-    return bias
+        count = sum(factor[0] == name and factor[2] != "" for factor in factors)
+        share = (configuration == response.configuration.name) - 1 / count if configuration else 1.0
+        shares[b, i, response.inputs.index(name)] = share
+    return shares.reshape(len(factors), n * n_u)
 
 
 def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
@@ -86,29 +91,49 @@ def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
     return replace(response, bias=G @ (inverse @ response.bias) @ (inverse @ G))
 
 
-def bias_slopes(part: Part, response: Response, factors: Sequence[Factor], mixing: ComplexArray | None) -> ComplexArray:
-    """-dr/dc (n_b, F, n_y, n_u) of whitened residuals r as they change with the factors c, taken out of Ghat.
+def bias_slopes(part: Part, response: Response, mixing: ComplexArray | None) -> ComplexArray:
+    """-dr (n_e, F, n_y, n_u) of whitened residuals r by the errors of a response, taken out of Ghat.
 
     mixing: that of the part.
     """
-    return -mixed(mixing, bias_of(response, factors) * part.error_gain)
+    return -mixed(mixing, errors_of(response) * part.error_gain)
+
+
+def with_factors(
+    slopes: ComplexArray, part: Part, response: Response, factors: Sequence[Factor], mixing: ComplexArray | None
+) -> tuple[ComplexArray, FloatArray]:
+    """Slopes J (n, F, n_y, n_u) and T (n_x + n_b, n) of residuals by x and c, dr / d(x, c) = T J; slopes: those by x.
+
+    Most factors are of other configurations, and count here by their mean alone: n is far below n_x + n_b.
+    """
+    C = shares_of(response, factors)
+    J = np.concatenate([slopes, bias_slopes(part, response, mixing)]) if len(factors) else slopes
+    return J, block_diag(np.eye(len(slopes)), C[:, : len(J) - len(slopes)])
 
 
 def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, c: FloatArray) -> FloatArray:
     """c (n_b,) after one Gauss-Newton step in x and c together; fit: of the responses without their errors for c."""
     factors = find_factors(responses)
     distance, slope = fit.priors(x)
-    n = len(x) + len(c)
     A, g = np.diag(np.concatenate([slope**2, np.ones(len(c))])), np.concatenate([slope * distance, c])
     r_static, J_static = fit.static(x)
     A[: len(x), : len(x)] += J_static.T @ J_static
     g[: len(x)] += J_static.T @ r_static
-    for part, response in zip(fit.parts, responses, strict=True):
-        mixing = part.mixing
-        r, J = fit.block(part, x, mixing)
-        rows = as_real(np.concatenate([J, bias_slopes(part, response, factors, mixing)])).reshape(n, -1)
-        A += rows @ rows.T
-        g += rows @ as_real(r).ravel()
+    sums = partial(_sums, replace(fit, parts=(), loads=None), x, factors)
+    for A_q, g_q, T in each_at_home(sums, list(zip(fit.parts, responses, strict=True)), fit.home):
+        A, g = A + T @ A_q @ T.T, g + T @ g_q
     length = np.sqrt(np.maximum(np.diag(A), 1e-300))
     step = np.linalg.lstsq(A / np.outer(length, length), -g / length, rcond=1e-12)[0] / length
     return np.asarray(c + step[len(x) :])
+
+
+def _sums(
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], pair: tuple[Part, Response]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """J^T J, J^T r and T (`with_factors`) of one configuration; fit: whose parameters count."""
+    part, response = pair
+    mixing = part.mixing
+    r, J = fit.block(part, x, mixing)
+    J, T = with_factors(J, part, response, factors, mixing)
+    rows = as_real(J).reshape(len(J), -1)
+    return rows @ rows.T, rows @ as_real(r).ravel(), T

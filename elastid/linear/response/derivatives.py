@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.workers import Kept
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.kernel import Kernel
 
@@ -142,7 +143,7 @@ class Pieces:
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class Columns(Kept):
     """A kernel's response and derivatives, element by element and base by base."""
 
     kernel: Kernel

@@ -275,8 +275,10 @@ def solved_products(
     M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
 ) -> ComplexArray:
     """Products by LAPACK."""
-    of_lines = omega[:, None, None]
-    X = np.linalg.solve(K + 1j * of_lines * D - of_lines**2 * M, B.astype(complex)).transpose(1, 2, 0)
+    Z, of_lines = np.empty((len(omega), *K.shape), complex), omega[:, None, None]
+    np.subtract(K, of_lines**2 * M, out=Z.real)
+    np.multiply(of_lines, D, out=Z.imag)
+    X = np.linalg.solve(Z, B.astype(complex)).transpose(1, 2, 0)
     # One product of real matrices, since Y is real and may have thousands of columns.
     real = np.ascontiguousarray(X).reshape(len(Y), -1).view(np.float64)
     return (Y.T @ real).view(np.complex128).reshape(-1, *X.shape[1:]).T

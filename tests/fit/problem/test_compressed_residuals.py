@@ -101,7 +101,7 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     fit = Assembly.of([response], robot, spec, parameters).at(parameters.x, criterion)
     x = parameters.x + 0.02 * rng.standard_normal(len(parameters.x)) * (parameters.x > 0)
     assert_sums_of_all_elements(fit, x)
-    assert fit.parts[0].normal.columns.is_symmetric == (outputs == ("motor 1", "motor 2"))
+    assert fit.parts[0].columns.is_symmetric == (outputs == ("motor 1", "motor 2"))
 
 
 def random_part(

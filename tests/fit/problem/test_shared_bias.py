@@ -12,7 +12,7 @@ from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import LocalOptimum, as_real
-from elastid.fit.problem.shared_bias import bias_slopes, find_factors, next_factors, with_modelled_bias
+from elastid.fit.problem.shared_bias import bias_slopes, find_factors, next_factors, shares_of, with_modelled_bias
 from elastid.fit.problem.weights import weigh
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Response
@@ -58,7 +58,8 @@ def test_the_factor_is_that_of_generalised_least_squares() -> None:
     weights = [weigh(response, NO_FLOOR)]
     fit = elastic_fit([response], [plant()], weights, parameters(), "complex")
     ((r, J),) = fit.blocks(x)
-    H = as_real(bias_slopes(fit.parts[0], response, find_factors([response]), fit.parts[0].mixing)).reshape(1, -1).T
+    slopes = bias_slopes(fit.parts[0], response, fit.parts[0].mixing)
+    H = (shares_of(response, find_factors([response])) @ as_real(slopes).reshape(len(slopes), -1)).T
     rows, residual = as_real(J).reshape(len(x), -1).T, as_real(r).ravel()
     whole = np.eye(len(rows)) + H @ H.T
     gradient = rows.T @ np.linalg.solve(whole, residual)
