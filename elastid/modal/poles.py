@@ -263,9 +263,8 @@ def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) ->
             break
         candidates, drop = candidates[good], drop[good].sum(axis=1)
         taken: list[complex] = []
-        for i in np.argsort(-drop):
-            pole = candidates[i]
-            gap = LIMITS.batch_half_widths
+        gap = LIMITS.batch_half_widths
+        for pole in candidates[np.argsort(-drop)]:
             # Weak ones next to strong ones may be errors of these, and wait until they are refined.
             if all(abs(pole.imag - near.imag) > gap * max(-pole.real, -near.real) for near in taken):
                 taken.append(pole)

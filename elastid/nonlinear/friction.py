@@ -96,12 +96,10 @@ def amplitudes(
     record: Record, motion: Motion, shapes: Sequence[Shape], repetitions: IntArray, lines: IntArray
 ) -> ComplexArray:
     """Amplitudes (n_f, F) of the shapes of a motor at lines (F,), of the mean of some of its repetitions, by number."""
-    dft, N = np.zeros((len(shapes), len(lines)), complex), record.period_samples
     path = path_of(record, motion) if any(not shape.is_memoryless for shape in shapes) else None
-    for i, shape in enumerate(shapes):
-        mean = _mean_period(record, friction_means(record, motion, [(shape, 1.0)], path).ravel(), repetitions)
-        dft[i] = rfft(mean)[lines] * _between_cells(N, int(lines[-1]) + 1)[lines]
-    return np.asarray(dft * (2 / N))
+    of_shapes = (friction_means(record, motion, [(shape, 1.0)], path) for shape in shapes)
+    dft, N = rfft([_mean_period(record, means, repetitions) for means in of_shapes]), record.period_samples
+    return np.asarray(dft[:, lines] * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N))
 
 
 @lru_cache(maxsize=16)
@@ -116,28 +114,29 @@ def _between_cells(n: int, lines: int) -> ComplexArray:
 
 def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatArray:
     """The mean period (m,) of some repetitions of a signal (n m,)."""
-    signs = np.where(record.half_wave & (repetitions % 2 == 1), -1.0, 1.0)
-    mean = signs @ x.reshape(whole_samples(record) // record.repeat_samples, -1)[repetitions] / len(repetitions)
+    weights = np.zeros(whole_samples(record) // record.repeat_samples)
+    weights[repetitions] = np.where(record.half_wave & (repetitions % 2 == 1), -1.0, 1.0) / len(repetitions)
+    mean = weights @ x.reshape(len(weights), -1)
     return np.concatenate([mean, -mean]) if record.half_wave else np.asarray(mean)
 
 
 def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | None = None) -> FloatArray:
-    """A motor's friction (n, cells) in the cells of the samples of whole periods: shapes, their levels.
+    """A motor's friction (n cells,) in the cells of the samples of whole periods: shapes, their levels.
 
     path: `path_of` the motion, if known.
     """
     memoryless = [(shape, level) for shape, level in taken if shape.is_memoryless]
-    steady = np.copysign(sum(level for shape, level in memoryless if shape.kind == "sign"), motion.by_sample[:, :1])
-    means = np.repeat(steady, CELLS, axis=1)
-    # Faster than some of their thresholds memoryless shapes are 1 or 0, to 1e-4.
-    slow = np.flatnonzero(motion.slowest <= 5 * max((shape.threshold for shape, _ in memoryless), default=0.0))
-    if memoryless and len(slow):
-        means[slow] = sliding_means(motion.by_sample[slow], memoryless)
+    steady = np.copysign(sum(level for shape, level in memoryless if shape.kind == "sign"), motion.by_sample[0])
+    means = np.repeat(steady, CELLS)
+    if memoryless:
+        # Faster than some of their thresholds memoryless shapes are 1 or 0, to 1e-4.
+        slow = motion.slowest <= 5 * max(shape.threshold for shape, _ in memoryless)
+        means.reshape(-1, CELLS)[slow] = sliding_means(motion.by_sample[:, slow].T, memoryless)
     for shape, level in taken:
         if not shape.is_memoryless:
             path = path or path_of(record, motion)
-            s = (stop if shape.kind == "stop" else bristle)(path, shape.threshold) * (level / shape.threshold)
-            means += ((s[:-1] + s[1:]) / 2).reshape(means.shape)
+            s = (stop if shape.kind == "stop" else bristle)(path, shape.threshold) * (level / shape.threshold / 2)
+            means += s[:-1] + s[1:]
     return means
 
 
@@ -151,14 +150,15 @@ def sliding_means(velocity: FloatArray, taken: Taken) -> FloatArray:
 
     .. math:: \bar g = \Delta I / \Delta v, \qquad I(v) = \int_0^v g
     """
-    step, before = np.diff(velocity, axis=1), velocity[:, :-1]
+    velocity = np.ascontiguousarray(velocity.T)
+    step, before = np.diff(velocity, axis=0), velocity[:-1]
     constant = np.abs(step) <= 2e-6 * np.abs(before)
     step[constant] = 1.0
     means = np.zeros(step.shape)
     for shape, level in taken:
-        means += level * np.diff(shape.integral(np.abs(velocity)), axis=1) / step
+        means += level * np.diff(shape.integral(np.abs(velocity)), axis=0) / step
     means[constant] = sum(level * shape.sliding(before[constant]) for shape, level in taken)
-    return means
+    return means.T
 
 
 def path_of(record: Record, motion: Motion) -> Path:
@@ -169,23 +169,21 @@ def path_of(record: Record, motion: Motion) -> Path:
 
 def motion_under(record: Record, place: str, taken: Taken, a: float) -> Motion:
     """The motion of a motor under friction that was found; a: its acceleration per torque, 0 where unknown."""
-    motion = motion_of(record, place)
     if a == 0:
-        return motion
+        return motion_of(record, place)
     n, channel = whole_samples(record), record.inputs.index(place)
     s = laplace(n // 2 + 1, n, record.rate_hz)
     by_inertia = np.divide(a, s**2, out=np.zeros_like(s), where=s != 0)
     torque = hold_of(record)[:, channel] * rfft(record.u[:n, channel])
-    for _ in range(2):
-        friction = spectrum(rfft(friction_means(record, motion, taken).ravel()), n)
-        motion = motion_of(record, place, by_inertia * (torque - friction))
-    return motion
+    return motion_of(
+        record, place, lambda motion: by_inertia * (torque - spectrum(rfft(friction_means(record, motion, taken)), n))
+    )
 
 
 def held_samples(record: Record, place: str, motion: Motion, taken: Taken) -> FloatArray:
     """A motor's friction (n,) along a motion as a torque that is held as u is."""
     n = whole_samples(record)
-    low = spectrum(rfft(friction_means(record, motion, taken).ravel()), n)
+    low = spectrum(rfft(friction_means(record, motion, taken)), n)
     H = hold_of(record)[:, record.inputs.index(place)]
     # Near a zero of the hold the torque's samples do not determine the torque.
     return irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
@@ -256,8 +254,7 @@ class FrictionTakenOut:
 
     def motion(self, record: Record, place: str) -> Motion:
         """The motion of a motor under its friction."""
-        a = float(self.accelerance[self.places.index(place)])
-        return motion_under(record, place, self.taken_shapes(place), a)
+        return motion_under(record, place, self.taken_shapes(place), float(self.accelerance[self.places.index(place)]))
 
     def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
         of_place = np.array([shape.place == place for shape in self.shapes])

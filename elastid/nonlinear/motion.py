@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, reduce
 
 import numpy as np
@@ -55,35 +56,43 @@ class Motion:
 
     @cached_property
     def by_sample(self) -> FloatArray:
-        """Velocity (n, cells + 1) in each sample, its end included; a view."""
-        return np.lib.stride_tricks.sliding_window_view(self.velocity, CELLS + 1)[::CELLS]
+        """Velocity (cells + 1, n) in each sample, its end included; a view."""
+        return np.lib.stride_tricks.sliding_window_view(self.velocity, CELLS + 1)[::CELLS].T
 
     @cached_property
     def slowest(self) -> FloatArray:
         """Least speed (n,) in each sample, 0 where it turns back."""
-        # Column by column: NumPy is slow along short rows.
-        least, most = reduce(np.minimum, self.by_sample.T), reduce(np.maximum, self.by_sample.T)
+        # NumPy is slow along short rows, also by `min`.
+        least, most = reduce(np.minimum, self.by_sample), reduce(np.maximum, self.by_sample)
         return np.asarray(np.maximum(np.maximum(least, -most), 0.0))
 
 
-def motion_of(record: Record, place: str, by_torque: ComplexArray | None = None) -> Motion:
+def motion_of(record: Record, place: str, by_torque: Callable[[Motion], ComplexArray] | None = None) -> Motion:
     """The motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
 
-    by_torque: DFT (n // 2 + 1,) of its angle by what is known of its torque as an inertia, in place of what is noise
-    above the last line that is known.
+    by_torque(motion): DFT (n // 2 + 1,) of its angle by what is known of its torque as an inertia, in place of what is
+    noise above the last line that is known; along the motion of the round before, in two rounds.
     """
     n, order = whole_samples(record), MOTION_ORDER[record.quantities[record.outputs.index(place)]]
     Y, start, gain = own_spectrum(record, place)
     share, noise = signal_share(record, Y, order)
     s = laplace(len(Y), n, record.rate_hz)
     velocity = integrated(share * Y, s, order - 1)
-    if by_torque is not None:
-        first = 1 + int(np.flatnonzero(share > _KNOWN).max(initial=0))
-        velocity[first:] += ((1 - share) * s * by_torque)[first:]
     if order != 1:
         velocity[0] = gain * record.rate_hz  # a mean velocity is the gain of the angle
+    motion = Motion(_fine(velocity, n), start, record.rate_hz, noise)
+    if by_torque is not None:
+        above = np.arange(len(Y)) > np.flatnonzero(share > _KNOWN).max(initial=0)
+        for _ in range(2):
+            by_both = velocity + above * (1 - share) * s * by_torque(motion)
+            motion = replace(motion, velocity=_fine(by_both, n))
+    return motion
+
+
+def _fine(velocity: ComplexArray, n: int) -> FloatArray:
+    """Velocity (n cells + 1,) by its DFT, that at the start again at the end."""
     x = irfft(velocity, n * CELLS) * CELLS
-    return Motion(np.append(x, x[0]), start, record.rate_hz, noise)
+    return np.append(x, x[0])
 
 
 def signal_share(record: Record, Y: ComplexArray, order: int) -> tuple[FloatArray, float]:
@@ -111,8 +120,6 @@ def noise_power(Y: ComplexArray) -> float:
 
 def _signal_share(power: FloatArray, noise: float) -> FloatArray:
     """Wiener's gain (F,) of lines of a power (F,), by the mean of neighbours: 1 - noise / power, 0 below one half."""
-    if not len(power):
-        return power
     near = mean_of_neighbours(power, NEIGHBOURS)
     # Noise alone has a mean of twice its power at four lines in a thousand.
     return np.where(near > 2 * noise, 1 - noise / np.maximum(near, 1e-300), 0.0)

@@ -115,27 +115,24 @@ def gather_configuration(
     for k, logged in enumerate(spectra):
         record = logged.record
         used = _periods(logged, lines, is_excited, spec, spec.quantity)
-        # A last half period without its other half is no part of the motion.
-        repeats = record.n_periods * first.period_samples // first.repeat_samples
         Y.append(used.Y[..., columns].mean(axis=0))
         U.append(used.U.mean(axis=0))
         Phi.append(np.zeros((len(lines), len(shapes)), complex))
-        complete = used.periods[used.periods < repeats]
+        # A last half period without its other half is no part of the motion.
+        complete = used.periods[used.periods < record.n_periods * first.period_samples // first.repeat_samples]
         for place in places:
             motion = friction.motion(record, place) if friction else motion_of(record, place)
             velocity_noise[k, first.inputs.index(place)] = motion.velocity_noise
             rows = [i for i, shape in enumerate(shapes) if shape.place == place]
             Phi[-1][:, rows] = amplitudes(record, motion, [shapes[i] for i in rows], complete, lines).T
-    freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
-    realisation = np.array([record.realisation for record in records])
     return ConfigurationSpectra(
         lines,
-        freq_hz,
+        line_frequencies(lines, first.rate_hz, first.period_samples),
         is_excited,
         np.stack(U, axis=2),
         np.stack(Y, axis=2),
         np.stack(Phi, axis=2),
-        realisation,
+        np.array([record.realisation for record in records]),
         np.sqrt(np.mean(velocity_noise**2, axis=0)),
         first.configuration.name,
     )
