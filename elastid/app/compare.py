@@ -22,7 +22,7 @@ from elastid.fit.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec
 from elastid.model.formulation import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant
-from elastid.response import Response
+from elastid.response import Responses
 from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling
 from elastid.store.files import keep_checksums
 from elastid.store.measured import read_responses
@@ -46,7 +46,6 @@ from elastid.validation.spec import VariantSpec
 
 RESULT = "compare.json"
 PARTIAL = "compare.partial"
-_Responses: TypeAlias = Sequence[Response]
 _Fits: TypeAlias = dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]]
 
 
@@ -67,8 +66,7 @@ def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> Comparison:
                 run.loaded.path,
             )
         responses = read_responses(run.path("estimate"))
-        names = [response.configuration.name for response in responses]
-        comparison = rank(names, models, refitted(run, models, responses))
+        comparison = rank(responses.names, models, refitted(run, models, responses))
         finish(run, comparison)
     return comparison
 
@@ -170,10 +168,9 @@ def _weighed_as(given: Study, varied: Study) -> FitSpec:
     return replace(varied.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
 
 
-def refitted(run: Run, models: Sequence[ComparedVariant], responses: _Responses) -> list[list[Refit]]:
+def refitted(run: Run, models: Sequence[ComparedVariant], responses: Responses) -> list[list[Refit]]:
     """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
-    names = [response.configuration.name for response in responses]
-    parts = ((), *divide(names, run.study.compare.folds))
+    parts = ((), *divide(responses.names, run.study.compare.folds))
     tasks = [(variant, part) for variant in models for part in parts]
     finished = Checkpoint(own_path(run.folder, PARTIAL), run.stamps["estimate"].code)
     # Of everything that a fit depends on except the code.
@@ -195,7 +192,7 @@ def search_elasticity(run: Run) -> None:
     with logged_in(run.folder, run.jobs, run.console):
         coordinates, start = _coordinates(run.loaded)
         responses = read_responses(run.path("estimate"))
-        names = [response.configuration.name for response in responses]
+        names = responses.names
         if len(names) < 2:
             raise StudyError(
                 "compare/variants",
@@ -240,7 +237,7 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
 
 
 def _fitted(
-    run: Run, coordinates: Mapping[str, str], start: Elastic, models: Sequence[Elastic], responses: _Responses
+    run: Run, coordinates: Mapping[str, str], start: Elastic, models: Sequence[Elastic], responses: Responses
 ) -> _Fits:
     """The models and their fits; one that leaves nothing to identify has none, with the reason for a message."""
     made: dict[Elastic, ComparedVariant] = {}
