@@ -23,7 +23,7 @@ from elastid.fit.spec import FitSpec
 from elastid.model.formulation import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant
 from elastid.response import Responses
-from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling
+from elastid.robot.simplified import elastic_coordinates, stiffened, without_motor_coupling
 from elastid.store.files import keep_checksums
 from elastid.store.measured import read_responses
 from elastid.store.results import Checkpoint, write_comparison
@@ -120,7 +120,9 @@ def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
     robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
-    rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
+    # Elastic joints that are not driven make the flexible joint model an extended one.
+    further = [coordinate.name for coordinate in elastic_coordinates(robot) if coordinate.kind == "joint"]
+    rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further]
     return (*_of_loops(study), *coupling, *rigid)
 
 

@@ -109,15 +109,13 @@ def _lines(path: Path) -> list[str]:
 def _log_lines(path: Path) -> list[str]:
     text = TextFormatSpec() if path.is_dir() else guess_format(path)
     with opened_log(path, text) as log:
-        if isinstance(log, TextLog):
-            signals, contents = _text_rows(log), []
-        else:
-            signals = [
-                _signal_row(name, array.shape, array.units, array.blocks(), array.rate_hz)
-                for name, array in log.arrays.items()
-                if array.is_signal
-            ]
-            contents = [f"  {name}: {_other(array)}" for name, array in log.arrays.items() if not array.is_signal]
+        signals = _text_rows(log) if isinstance(log, TextLog) else []
+        signals += [
+            _signal_row(name, array.shape, array.units, array.blocks(), array.rate_hz)
+            for name, array in log.arrays.items()
+            if array.is_signal
+        ]
+        contents = [f"  {name}: {_other(array)}" for name, array in log.arrays.items() if not array.is_signal]
         lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
         if isinstance(log, TextLog) and text != TextFormatSpec():
             lines.append(f"  its numbers are written with {described_format(text)}")

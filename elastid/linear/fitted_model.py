@@ -212,6 +212,12 @@ class FrameStiffness:
     __repr__, _repr_html_ = as_text, as_html
 
     @property
+    def principal(self) -> tuple[FloatArray, FloatArray]:
+        """Compliances (3,) to forces along their principal directions (3, 3), columns; the softest first."""
+        values, vectors = np.linalg.eigh(self.compliance[:3, :3])
+        return values[::-1], vectors[:, ::-1]
+
+    @property
     def display(self) -> Display:
         """Compliance of each direction with its standard deviation, and the stiffness there."""
         rows = [

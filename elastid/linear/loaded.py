@@ -175,7 +175,7 @@ def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, .
     layout = tree(model.robot, {name: symbol for name, symbol in named.items() if name in model.robot.geometry})
     turned, names = turns(layout, q[: len(model.robot.joints)]), [frame.name for frame in model.robot.frames]
     Phi = model.constraint_jacobian(q, theta)
-    forces = model.potential_gradient(q, theta) + Phi.T @ lambda_
+    forces = model.potential_gradient(q, theta) + (Phi.T @ lambda_ if model.n_c else 0)
     rates = model.frame_velocity(q, theta)
     points = []
     for i, name in enumerate(frames):

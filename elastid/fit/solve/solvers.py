@@ -87,7 +87,8 @@ def trust_region(
             return Ending(x, now, "", used)
         if used == max_iterations:
             break
-        if _creeps(costs, problem.dof):
+        is_far = len(costs) > CREEPING_ITERATIONS and is_far_from_noise(now.cost, problem.dof)
+        if is_far and costs[-1 - CREEPING_ITERATIONS] - now.cost < MIN_PROGRESS * now.cost:
             return Ending(x, now, CREEPING, used)
         gradient, hessian = unit * now.gradient, np.outer(unit, unit) * now.hessian
         border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
@@ -111,12 +112,6 @@ def trust_region(
             x, now = x_new, new
         costs.append(now.cost)
     return Ending(x, now, "stopped", max_iterations)
-
-
-def _creeps(costs: Sequence[float], dof: int) -> bool:
-    if len(costs) <= CREEPING_ITERATIONS or not is_far_from_noise(costs[-1], dof):
-        return False
-    return costs[-1 - CREEPING_ITERATIONS] - costs[-1] < MIN_PROGRESS * costs[-1]
 
 
 def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray:
