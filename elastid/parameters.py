@@ -217,20 +217,21 @@ class Parameters:
 
     def expand(self, x: FloatArray, configuration: str = "") -> FloatArray:
         """theta (n_theta,) in SI of a solver's vector x (n_x,), in a configuration: exponentials and ties applied."""
-        return self._chain(configuration).theta(self._natural(x))
+        return self._chain(configuration).theta(self.natural(x))
 
     def jacobian(self, x: FloatArray, configuration: str = "") -> FloatArray:
         """d theta / d x (n_theta, n_x): theta_p itself for a logarithmic parameter, ties carried along."""
-        natural = self._natural(x)
-        return self._chain(configuration).slopes(natural) * np.where(self._log, natural, 1.0)
+        natural = self.natural(x)
+        return self._chain(configuration).slopes(natural) * np.where(self.is_log, natural, 1.0)
 
-    def _natural(self, x: FloatArray) -> FloatArray:
-        """The free parameters (n_x,) in SI; infinite, not an error, where a solver tries an absurd step."""
+    def natural(self, x: FloatArray) -> FloatArray:
+        """The free parameters (..., n_x) in SI; infinite, not an error, where a solver tries an absurd step."""
         with np.errstate(over="ignore"):
-            return np.where(self._log, np.exp(x), x)
+            return np.where(self.is_log, np.exp(x), x)
 
     @cached_property
-    def _log(self) -> BoolArray:
+    def is_log(self) -> BoolArray:
+        """Flags (n_x,) of the free parameters whose logarithm the solver has."""
         return np.array([p.log for p in self.free], dtype=np.bool_)
 
     def _chain(self, configuration: str) -> _Chain:
@@ -282,7 +283,7 @@ class Parameters:
     def as_dict(self, x: FloatArray | None = None) -> dict[str, float]:
         """Names to SI values, at the start or at x; ratios and stand-ins at the end."""
         x = self.x if x is None else x
-        free = dict(zip(self.free_names, self._natural(x).tolist(), strict=True))
+        free = dict(zip(self.free_names, self.natural(x).tolist(), strict=True))
         outside = {p.name: free.get(p.name, p.value) for p in self.parameters if not p.is_of_model}
         return Named("parameter", self.numbers(x) | outside)
 

@@ -9,9 +9,9 @@ joint), `body arm z` and `frame tool rz` (absolute rotation of a body or frame a
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -63,6 +63,11 @@ class JointLoop:
     kp: FloatArray
     kd: FloatArray
     ki: FloatArray = field(default_factory=lambda: np.zeros(1))
+
+    def each(self, change: Callable[..., Any], *others: JointLoop) -> JointLoop:
+        """Loop with the change of kp, of kd and of ki, together with those of other loops."""
+        parts = zip(*((loop.kp, loop.kd, loop.ki) for loop in (self, *others)), strict=True)
+        return JointLoop(*(change(*values) for values in parts))
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
         """F (..., n_u), torque over angle of the sampled loop, at freq_hz (...)."""
@@ -338,6 +343,10 @@ class FrictionRecord:
         """Mean of the samples that have one, degC; NaN without."""
         known = np.zeros(0) if self.temperature is None else self.temperature[np.isfinite(self.temperature)]
         return float(known.mean()) if len(known) else float("nan")
+
+    def angles(self, n_u: int) -> FloatArray:
+        """Angles (n_u,) of the posture in which the other joints are held; 0 where it is not known."""
+        return np.zeros(n_u) if self.configuration is None else self.configuration.angles
 
     @property
     def unit(self) -> str:

@@ -9,7 +9,7 @@ otherwise).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, fields, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -22,17 +22,6 @@ from elastid.base.workers import Kept
 from elastid.covariance import Covariance as Covariance
 from elastid.covariance import scaled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
-
-# Arrays of a Quality with the lines of its response.
-LINE_ARRAYS = (
-    "coherence",
-    "multiple_coherence",
-    "singular_values",
-    "input_singular_values",
-    "input_noise",
-    "output_noise",
-)
-
 
 UNEXPLAINED = "nonlinear/unexplained"  # code of a note on distortion that no friction of motors explains
 
@@ -80,10 +69,8 @@ class Quality:
 
     def lines(self, keep: BoolArray) -> Quality:
         """Quality on some of the response's lines; keep (F,) is True where a line stays."""
-        cut = {name: getattr(self, name)[keep] for name in LINE_ARRAYS}
-        excited = Levels(*(getattr(self.excited, field.name)[keep] for field in fields(Levels)))
-        stochastic = None if self.stochastic is None else self.stochastic[keep]
-        return replace(self, **cut, excited=excited, stochastic=stochastic)
+        cut: dict[str, Any] = {name: part[keep] for name, part in vars(self).items() if isinstance(part, np.ndarray)}
+        return replace(self, **cut, excited=Levels(*(part[keep] for part in vars(self.excited).values())))
 
 
 @frozen_value
@@ -247,19 +234,10 @@ class Response(Kept):
         if np.shape(keep) != (self.n_lines,):
             raise ValueError(f"keep has shape {np.shape(keep)}; the response has {self.n_lines} lines")
 
-        def cut(covariance: Covariance | None) -> Covariance | None:
-            return None if covariance is None else covariance.lines(keep)
-
-        return replace(
-            self,
-            freq_hz=self.freq_hz[keep],
-            G=self.G[keep],
-            noise=cut(self.noise),
-            total=cut(self.total),
-            quality=None if self.quality is None else self.quality.lines(keep),
-            bias=None if self.bias is None else self.bias[:, :, keep],
-            leakage=None if self.leakage is None else self.leakage[keep],
-        )
+        known = {name: part for name, part in vars(self).items() if part is not None}
+        arrays = {name: known[name][keep] for name in ("freq_hz", "G", "leakage") if name in known}
+        parts = {name: known[name].lines(keep) for name in ("noise", "total", "quality") if name in known}
+        return replace(self, **arrays, **parts, bias=None if self.bias is None else self.bias[:, :, keep])
 
     def __getitem__(self, places: tuple[str | Sequence[str], str | Sequence[str]]) -> Response:
         """The response of some outputs to some inputs: response["motor 1", "motor 2"], outputs first, with covariance.
@@ -272,17 +250,15 @@ class Response(Kept):
         rows = [index_of(place, self.outputs, "output") for place in outputs]
         columns = [index_of(place, self.inputs, "input") for place in inputs]
 
-        def cut(covariance: Covariance | None) -> Covariance | None:
-            return None if covariance is None else covariance.elements(rows, columns)
-
+        known = {"noise": self.noise, "total": self.total}
+        cut: dict[str, Any] = {n: part.elements(rows, columns) for n, part in known.items() if part is not None}
         return replace(
             self,
+            **cut,
             G=self.G[:, rows][:, :, columns],
             inputs=inputs,
             outputs=outputs,
             input_units=tuple(self.input_units[j] for j in columns) if self.input_units else (),
-            noise=cut(self.noise),
-            total=cut(self.total),
             leakage=None if self.leakage is None else self.leakage[:, rows][:, :, columns],
             quality=None,
             bias=None,
@@ -347,10 +323,15 @@ class Responses(tuple[Response, ...]):
 
     __slots__ = ()
 
+    @property
+    def names(self) -> list[str]:
+        """The name of each configuration."""
+        return [response.configuration.name for response in self]
+
     def __getitem__(self, where: Any) -> Any:
         """The response of a configuration, or as of any tuple; UnknownNameError for a name that none has."""
         if isinstance(where, str):
-            where = index_of(where, [response.configuration.name for response in self], "configuration")
+            where = index_of(where, self.names, "configuration")
         return super().__getitem__(where)
 
 

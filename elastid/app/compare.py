@@ -22,8 +22,8 @@ from elastid.fit.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec
 from elastid.model.formulation import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant
-from elastid.response import Response
-from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling
+from elastid.response import Responses
+from elastid.robot.simplified import elastic_coordinates, stiffened, without_motor_coupling
 from elastid.store.files import keep_checksums
 from elastid.store.measured import read_responses
 from elastid.store.results import Checkpoint, write_comparison
@@ -46,7 +46,6 @@ from elastid.validation.spec import VariantSpec
 
 RESULT = "compare.json"
 PARTIAL = "compare.partial"
-_Responses: TypeAlias = Sequence[Response]
 _Fits: TypeAlias = dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]]
 
 
@@ -67,8 +66,7 @@ def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> Comparison:
                 run.loaded.path,
             )
         responses = read_responses(run.path("estimate"))
-        names = [response.configuration.name for response in responses]
-        comparison = rank(names, models, refitted(run, models, responses))
+        comparison = rank(responses.names, models, refitted(run, models, responses))
         finish(run, comparison)
     return comparison
 
@@ -122,7 +120,9 @@ def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
     robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
-    rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
+    # Elastic joints that are not driven make the flexible joint model an extended one.
+    further = [coordinate.name for coordinate in elastic_coordinates(robot) if coordinate.kind == "joint"]
+    rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further]
     return (*_of_loops(study), *coupling, *rigid)
 
 
@@ -170,10 +170,9 @@ def _weighed_as(given: Study, varied: Study) -> FitSpec:
     return replace(varied.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
 
 
-def refitted(run: Run, models: Sequence[ComparedVariant], responses: _Responses) -> list[list[Refit]]:
+def refitted(run: Run, models: Sequence[ComparedVariant], responses: Responses) -> list[list[Refit]]:
     """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
-    names = [response.configuration.name for response in responses]
-    parts = ((), *divide(names, run.study.compare.folds))
+    parts = ((), *divide(responses.names, run.study.compare.folds))
     tasks = [(variant, part) for variant in models for part in parts]
     finished = Checkpoint(own_path(run.folder, PARTIAL), run.stamps["estimate"].code)
     # Of everything that a fit depends on except the code.
@@ -195,7 +194,7 @@ def search_elasticity(run: Run) -> None:
     with logged_in(run.folder, run.jobs, run.console):
         coordinates, start = _coordinates(run.loaded)
         responses = read_responses(run.path("estimate"))
-        names = [response.configuration.name for response in responses]
+        names = responses.names
         if len(names) < 2:
             raise StudyError(
                 "compare/variants",
@@ -240,7 +239,7 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
 
 
 def _fitted(
-    run: Run, coordinates: Mapping[str, str], start: Elastic, models: Sequence[Elastic], responses: _Responses
+    run: Run, coordinates: Mapping[str, str], start: Elastic, models: Sequence[Elastic], responses: Responses
 ) -> _Fits:
     """The models and their fits; one that leaves nothing to identify has none, with the reason for a message."""
     made: dict[Elastic, ComparedVariant] = {}

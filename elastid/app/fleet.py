@@ -140,7 +140,7 @@ def _identified(study: Path, folder: Path, member: Member) -> Outcome:
 
 def _summary(folder: Path) -> dict[str, Any]:
     path = folder / "summary.json"
-    summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    summary: dict[str, Any] = json.loads(path.read_bytes()) if path.is_file() else {}
     return summary
 
 

@@ -32,7 +32,7 @@ from elastid.recorded.channel_guess import (
     signals_of,
 )
 from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.log import ArrayLog, Log
+from elastid.recorded.files.log import Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.repair.periodicity import find_period, repetition
 from elastid.recorded.repair.time_stamps import CLOCK, even_grid
@@ -163,8 +163,7 @@ def _clock(log: Log) -> Clock:
             rate_hz = (usual if grid is None else grid[1]) / TIME_UNITS[unit]
             is_even = unit != "s" or (grid is not None and len(grid[0]) > grid[0][-1])
             return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even)
-    arrays = log.arrays if isinstance(log, ArrayLog) else {}
-    for name, array in arrays.items():
+    for name, array in log.arrays.items():
         if array.rate_hz:
             return Clock(array.rate_hz, "stated by the file")
         if name.lower().rpartition(".")[2] in _RATES and not array.is_signal:
@@ -189,7 +188,7 @@ def _study(
     period: Sequence[str] = (),
 ) -> Iterator[str]:
     """A study down to its channels; configurations, period: its lines."""
-    names = [joint.name for joint in robot.driven] if robot is not None else []
+    names = robot.driven_names if robot is not None else []
     if guess.is_motion and robot is None:
         names = [str(i + 1) for i in range(len(guess.joints))]
         yield "robot: robot.yml # guessed: geometry, ratios and inertias are not in the logs"
@@ -311,7 +310,7 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
 
     Units and sides of the gears that no name states are those of the first reading within all limits of the robot.
     """
-    names, joints = [joint.name for joint in robot.driven], guess.joints
+    names, joints = robot.driven_names, guess.joints
     if len(joints) != len(names):
         raise DataError(
             "records/channels",

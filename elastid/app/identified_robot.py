@@ -37,7 +37,7 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut |
     A motor's own, and those of a joint that turns rigidly with its motor; where the rig is simulated only with dry
     friction in the robot's file, and never of a motor that friction was taken out of.
     """
-    rigid = {joint.name for joint in robot.driven} - {joint.name for joint in robot.flexible}
+    rigid = {*robot.driven_names} - {joint.name for joint in robot.flexible}
     rough = set(robot.motor_locations)
     if is_simulated:
         motors = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.dry_friction]
@@ -170,7 +170,7 @@ def _taken_out(robot: Robot, friction: FrictionTakenOut | None) -> dict[str, tup
             law = Friction(row.level)
             with suppress(ValueError):  # the level alone where the law of the file contradicts it
                 law = replace(law_of(robot, joint.name) or law, coulomb=row.level)
-            laws[joint.name] = law, joint.motor.viscous * joint.motor.ratio**2
+            laws[joint.name] = law, joint.motor.link_viscous
     return laws
 
 

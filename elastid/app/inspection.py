@@ -17,7 +17,6 @@ from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import is_clock
 from elastid.recorded.files.formats import is_log, naming, opened_log
-from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.repair.time_stamps import even_grid, steps_in_words
 from elastid.recorded.responses.reading import contents_of
@@ -94,7 +93,7 @@ def _lines(path: Path) -> list[str]:
         return [described_artefact(path)]
     if path.suffix.lower() == ".json":
         try:
-            return [f"{path}:", *yaml_text(json.loads(path.read_text(encoding="utf-8"))).splitlines()]
+            return [f"{path}:", *yaml_text(json.loads(path.read_bytes())).splitlines()]
         except ValueError as error:
             text = f"damaged, cut short or no JSON file ({error}); run its stage again"
             raise DataError("files/damaged", text, path) from None
@@ -110,16 +109,13 @@ def _lines(path: Path) -> list[str]:
 def _log_lines(path: Path) -> list[str]:
     text = TextFormatSpec() if path.is_dir() else guess_format(path)
     with opened_log(path, text) as log:
-        if isinstance(log, TextLog):
-            signals, contents = _text_rows(log), []
-        else:
-            arrays = log.arrays if isinstance(log, ArrayLog) else {}
-            signals = [
-                _signal_row(name, array.shape, array.units, array.blocks(), array.rate_hz)
-                for name, array in arrays.items()
-                if array.is_signal
-            ]
-            contents = [f"  {name}: {_other(array)}" for name, array in arrays.items() if not array.is_signal]
+        signals = _text_rows(log) if isinstance(log, TextLog) else []
+        signals += [
+            _signal_row(name, array.shape, array.units, array.blocks(), array.rate_hz)
+            for name, array in log.arrays.items()
+            if array.is_signal
+        ]
+        contents = [f"  {name}: {_other(array)}" for name, array in log.arrays.items() if not array.is_signal]
         lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
         if isinstance(log, TextLog) and text != TextFormatSpec():
             lines.append(f"  its numbers are written with {described_format(text)}")

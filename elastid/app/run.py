@@ -17,7 +17,7 @@ import platform
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
@@ -188,9 +188,10 @@ class Run:
         """The file in which a stage leaves its result."""
         return self.folder / self.stages[stage].leaves[0]
 
-    def summary(self, stage: str) -> Path:
-        """The file in which programs read how a stage ended."""
-        return self.folder / self.stages[stage].leaves[1]
+    def say_files(self, names: Iterable[str]) -> None:
+        """Say which of some files and folders there are."""
+        files = [self.folder / name for name in names]
+        self.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
 
     def partial(self, stage: str) -> Path:
         """The folder in which a stage keeps its finished parts until its result is whole: it is resumed from there."""

@@ -239,15 +239,12 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
 def _twin(twin: TwinFindings) -> dict[str, Any]:
     """Torques part by part, over all and by octave, and errors of runs, without the signals."""
     signal, left = "signal=kind place error", "left left_without_friction"
+    of_band = f"low_hz high_hz power {left}"
     return {
         "torque": [
             section(balance, "place log")
             | _shared(balance, balance, left)
-            | {
-                "bands": [
-                    _shared(balance, band, "low_hz high_hz power left left_without_friction") for band in balance.bands
-                ]
-            }
+            | {"bands": [_shared(balance, band, of_band) for band in balance.bands]}
             for balance in twin.balances
         ],
         "twin": [section(run, "log driven_by=drive held_hz seconds lost", signals=signal) for run in twin.runs],

@@ -328,7 +328,6 @@ def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seq
     fitted = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
     validated = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
-    names = [response.configuration.name for response in responses]
-    judged, twin = judge(validated, names, records, run.console, Execution(run.jobs))
+    judged, twin = judge(validated, responses.names, records, run.console, Execution(run.jobs))
     content = validation_summary(study.name, judged, twin)
     return twin, content, [words for words in (judged.verdict, *twin.words) if words]

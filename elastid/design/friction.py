@@ -30,16 +30,16 @@ from elastid.experiment.plan.friction import (
     plan_passes,
     planned_pass,
 )
-from elastid.experiment.simulated.plant import model_of
+from elastid.experiment.simulated.plant import holding_torque, model_of
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.friction.robot_friction import frictions
+from elastid.friction.robot_friction import laws_of_joint
 from elastid.friction.static import Conditions, columns, slopes
 from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec, WarmUpSpec
-from elastid.linear.equilibrium import equilibrium
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
-from elastid.simulation.controller import feed_forward, tune
+from elastid.simulation.controller import tune
 from elastid.simulation.spec import ControllerSpec
 
 LINEAR, SEARCHED = ("coulomb", "stiction", "viscous"), ("stribeck_velocity", "exponent")
@@ -129,14 +129,13 @@ def guess_friction(robot: Robot, joint: Joint, inertia: float) -> StribeckGuess:
     """
     speed = joint.limits.velocity if math.isfinite(joint.limits.velocity) else GEAR.speed
     torque = joint.limits.torque if math.isfinite(joint.limits.torque) else GEAR.torque_rate * inertia
-    viscous = joint.viscous + (0.0 if joint.motor is None else joint.motor.viscous * joint.motor.ratio**2)
-    laws = [law for law in frictions(robot) if law.place in (f"motor {joint.name}", f"joint {joint.name}")]
+    laws = laws_of_joint(robot, joint.name)
     curves = [law.curve().tolist() for law in laws]
     coulomb = sum(curve[0] for curve in curves) or GEAR.coulomb * torque
     excess = sum(curve[1] - curve[0] for curve in curves) or (GEAR.stiction - 1) * coulomb
     nu_s = next((1 / curve[2] for curve in curves if curve[2] > 0), GEAR.stribeck_velocity * speed)
     exponent = next((law.spec.exponent for law in laws if law.spec.stribeck_velocity is not None), 2.0)
-    viscous = viscous or GEAR.viscous * coulomb / speed
+    viscous = joint.all_viscous or GEAR.viscous * coulomb / speed
     return StribeckGuess(coulomb, coulomb + excess, viscous, nu_s, exponent, bool(laws))
 
 
@@ -167,8 +166,8 @@ class Axis:
     @property
     def slowest(self) -> float:
         """The slowest speed at which the joint slides steadily; below 0.03 nu_s passes only take more time."""
-        lowest = 0.03 * self.guess.stribeck_velocity
-        sticking = [v for v in self._speeds(lowest).tolist() if self.sticks_at(v)]
+        lowest, highest = (factor * self.guess.stribeck_velocity for factor in (0.03, 20.0))
+        sticking = [v for v in np.geomspace(lowest, highest, 200).tolist() if self.sticks_at(v)]
         return 1.05 * max(sticking, default=lowest)
 
     @property
@@ -177,9 +176,8 @@ class Axis:
         room = fastest_speed(self.limits)
         if room <= 0:
             return 0.0
-        within = [
-            v for v in self._speeds(1e-3 * room, room).tolist() if self.peak_torque(v) <= self.joint.limits.torque
-        ]
+        speeds = np.geomspace(1e-3 * room, room, 200).tolist()
+        within = [v for v in speeds if self.peak_torque(v) <= self.joint.limits.torque]
         return max(within, default=0.0)
 
     def check_speeds(self, speeds: FloatArray) -> None:
@@ -196,27 +194,26 @@ class Axis:
                     "friction.passes.speeds",
                 )
 
-    def _speeds(self, lowest: float, highest: float | None = None) -> FloatArray:
-        top = highest or max(lowest * 2, 20 * self.guess.stribeck_velocity)
-        return np.geomspace(lowest, top, 200)
-
 
 def axis_of(robot: Robot, joint: Joint, posture: Configuration, passes: PassesSpec, controller: ControllerSpec) -> Axis:
     """A joint of the nominal robot in a posture; StudyError where the posture has no rest or gravity no room."""
-    index = [driven.name for driven in robot.driven].index(joint.name)
+    index = robot.driven_names.index(joint.name)
     window = passes.window or default_window(joint)
-    holding, inertia, damping = _dynamics(robot, index, posture, window, controller)
+    middle = _middle(robot, index, posture.name, tuple(posture.angles.tolist()), sum(window) / 2)
+    model = model_of(robot)
+    holding = float(np.abs(holding_torque(model, middle, index, np.linspace(*window, 21))[:, index]).max())
+    gains = tune(model, middle.q, controller.bandwidth_hz, controller.damping_ratio)
+    stiffness = float(gains.kp[index])
+    inertia = stiffness / (2 * math.pi * controller.bandwidth_hz) ** 2
     guess = guess_friction(robot, joint, inertia)
     acceleration = _acceleration(joint, holding, inertia, guess)
-    stiffness = inertia * (2 * math.pi * controller.bandwidth_hz) ** 2
-    motor = joint.motor
-    turn = 2 * math.pi / abs(motor.ratio) if motor is not None else 0.0
+    turn = 0.0 if joint.motor is None else 2 * math.pi / abs(joint.motor.ratio)
     speed = joint.limits.velocity if math.isfinite(joint.limits.velocity) else window[1] - window[0]
     limits = PassLimits(
         f"joint {joint.name}", window, speed, acceleration, min(turn, 0.5 * (window[1] - window[0])),
         controller.bandwidth_hz, 2 * guess.stiction / stiffness, joint.slides,
     )  # fmt: skip
-    return Axis(joint, index, limits, holding, inertia, damping, guess)
+    return Axis(joint, index, limits, holding, inertia, float(gains.kd[index]), guess)
 
 
 def default_window(joint: Joint) -> tuple[float, float]:
@@ -230,24 +227,9 @@ def default_window(joint: Joint) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=16)
-def _middle(robot: Robot, index: int, name: str, angles: tuple[float, ...], angle: float) -> FloatArray:
+def _middle(robot: Robot, index: int, name: str, angles: tuple[float, ...], angle: float) -> OperatingPoint:
     model = model_of(robot)
-    return equilibrium(model, model.theta, Configuration(name, np.array(angles)).moved(index, angle)).q
-
-
-def _dynamics(
-    robot: Robot, index: int, posture: Configuration, window: tuple[float, float], controller: ControllerSpec
-) -> tuple[float, float, float]:
-    """Largest |holding torque| over the window, inertia, and damping k_d of the loop."""
-    model = model_of(robot)
-    q0 = _middle(robot, index, posture.name, tuple(posture.angles.tolist()), sum(window) / 2)
-    moved = np.zeros((21, model.n_u))
-    moved[:, index] = np.linspace(*window, len(moved)) - sum(window) / 2
-    still = np.zeros_like(moved)
-    holding = feed_forward(model, q0, moved, still, still)[:, index]
-    gains = tune(model, q0, controller.bandwidth_hz, controller.damping_ratio)
-    inertia = gains.kp[index] / (2 * math.pi * controller.bandwidth_hz) ** 2
-    return float(np.abs(holding).max()), float(inertia), float(gains.kd[index])
+    return equilibrium(model, model.theta, Configuration(name, np.array(angles)).moved(index, angle))
 
 
 def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckGuess) -> float:

@@ -33,7 +33,6 @@ from elastid.design.design import settled_problem
 from elastid.design.forecast import LimitUse
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of
-from elastid.design.prospect import Prospect
 from elastid.design.spec import unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
 from elastid.fit.parameter_choice import with_tolerances
@@ -214,7 +213,8 @@ def _ranked(
     usual = problem.experiment.periods
 
     def at(periods: int, configurations: Sequence[Configuration]) -> list[Option]:
-        prospect = _prospect(problem, known, periods)
+        longer = replace(problem, experiment=replace(problem.experiment, periods=periods))
+        prospect = replace(longer.prospect(longer.probe(longer.experiment), -1), parameters=known.parameters)
         H, rows = informations(prospect, configurations, known.x, execution)
         n_u = len(problem.robot.driven)
         time_s = unit_time_s(problem.excitation, problem.experiment, n_u, periods)
@@ -226,11 +226,6 @@ def _ranked(
     for periods in lengths:
         options += at(periods, best) if periods != usual else []
     return sorted(options, key=lambda option: option.order)
-
-
-def _prospect(problem: DesignProblem, known: Known, periods: int) -> Prospect:
-    problem = replace(problem, experiment=replace(problem.experiment, periods=periods))
-    return replace(problem.prospect(problem.probe(problem.experiment), -1), parameters=known.parameters)
 
 
 def _option(

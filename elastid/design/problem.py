@@ -16,7 +16,7 @@ from elastid.design.optimal import DesignCriterion, best_powers, even_powers
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, interest
 from elastid.excitation.spec import AskedTorque, MultisineSpec
-from elastid.experiment.plan.movement import one_period, reach
+from elastid.experiment.plan.movement import movement, reach
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
 from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
@@ -152,8 +152,8 @@ class DesignProblem:
         distortion = 0.0 if self.design is None else self.design.distortion
         part = replace(plan, configurations=(plan.configurations[q],), R=plan.R[q : q + 1, : plan.realisations[q]])
         fixed = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated
-        velocity, M = one_period(self.simulated.carrier, plan), self.experiment.realisations
-        return Prospect(*fixed, distortion, part, M, velocity, self.friction_is_left)
+        velocity = movement(self.simulated.carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
+        return Prospect(*fixed, distortion, part, self.experiment.realisations, velocity, self.friction_is_left)
 
     @property
     def outputs(self) -> tuple[str, ...]:

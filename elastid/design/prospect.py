@@ -203,7 +203,7 @@ class Prospect:
         """(I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): the injected torques less the controller's reaction."""
         freq_hz, rate_hz, angles = self.plan.freq_hz, self.plan.rate_hz, tuple(configuration.angles.tolist())
         F = _gains(self.robot, self.model, angles, self.simulated.controller).response(freq_hz, rate_hz)
-        joints = [joint.name for joint in self.robot.driven]
+        joints = self.robot.driven_names
         if (filters := filters_of(joints, self.simulated.controller, rate_hz)) is not None:
             F = F * filters.response(freq_hz, rate_hz)
         to_angle = zero_order_hold(freq_hz / rate_hz) / (2j * np.pi * freq_hz) ** MOTION_ORDER[self.quantity]

@@ -109,6 +109,11 @@ class Signals:
     response: ComplexArray
     scale: FloatArray
 
+    def divided(self, phases: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Phases a (F, n_u) of the inputs and b (F, E) of the experiments, of which they are all in a row."""
+        E, F, n_u = self.base.shape
+        return phases[: F * n_u].reshape(F, n_u), phases[F * n_u :].reshape(F, E)
+
     def spectra(self, phases_in: FloatArray, phases_ex: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """U (E, F, n_u) and the outputs' spectra (E, n_o, F) in units of scale, for a (F, n_u) and b (F, E)."""
         U = self.base * np.exp(1j * (phases_in + phases_ex.T[:, :, None]))
@@ -138,10 +143,11 @@ def minimise_peaks(signals: Signals, rng: np.random.Generator, is_alone: bool = 
             power = np.sqrt(np.mean(np.abs(signals.base) ** 2, axis=0))
             inside = np.stack([schroeder(column) for column in power.T], axis=1)
         phases = _continued(signals, np.concatenate([inside.ravel(), np.zeros(F * E)]), _EARLY)
-        candidates.append((_peak(signals, phases), start, phases))
+        _, S = signals.spectra(*signals.divided(phases))
+        candidates.append((float(peaks(signals.lines, S, samples_per_cycle=16).max()), start, phases))
     *_, best = min(candidates, key=lambda candidate: candidate[:2])
     phases = _continued(signals, best, _LATE)
-    return phases[: F * n_u].reshape(F, n_u), phases[F * n_u :].reshape(F, E)
+    return signals.divided(phases)
 
 
 def peaks(lines: IntArray, S: ComplexArray, samples_per_cycle: int = 32) -> FloatArray:
@@ -168,8 +174,7 @@ def _continued(signals: Signals, phases: FloatArray, steps: Sequence[tuple[int, 
 
 def _norm(phases: FloatArray, signals: Signals, p: int, n: int) -> tuple[float, FloatArray]:
     """log of the L_p norm of all signals at n samples a period, p a power of 2, and its gradient to the phases."""
-    E, F, n_u = signals.base.shape
-    U, S = signals.spectra(phases[: F * n_u].reshape(F, n_u), phases[F * n_u :].reshape(F, E))
+    U, S = signals.spectra(*signals.divided(phases))
     x = _signal(signals.lines, S, n)
     largest = max(float(np.abs(x).max()), 1e-30)
     z = np.where(x == 0, 1e-30, x / largest)
@@ -182,12 +187,6 @@ def _norm(phases: FloatArray, signals: Signals, p: int, n: int) -> tuple[float, 
     d_phase = (1j * U * np.einsum("foi,eof->efi", signals.response, sensitivity.conj())).real
     gradient = np.concatenate([d_phase.sum(axis=0).ravel(), d_phase.sum(axis=2).T.ravel()])
     return float(np.log(largest) + np.log(total / x.size) / p), gradient
-
-
-def _peak(signals: Signals, phases: FloatArray) -> float:
-    E, F, n_u = signals.base.shape
-    _, S = signals.spectra(phases[: F * n_u].reshape(F, n_u), phases[F * n_u :].reshape(F, E))
-    return float(peaks(signals.lines, S, samples_per_cycle=16).max())
 
 
 def _signal(lines: IntArray, S: ComplexArray, n: int) -> FloatArray:

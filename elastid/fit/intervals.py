@@ -212,7 +212,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
         names = tuple(name for name in free if any(is_match(name, key) for key in spec.profile))
     if names:
         ends = profile_ends(problem, x, variance, names, optimum.fit.evaluated_by(execution))
-        result = replace(result, profile95=_natural(result.parameters, ends))
+        result = replace(result, profile95=result.parameters.natural(ends.T).T)
     if spec.bootstrap:
         draws = bootstrap(optimum.fit, optimum.weights, x, spec.bootstrap, spec.seed or 0, execution)
         good = np.isfinite(draws).all(axis=1)
@@ -220,7 +220,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
             text = f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out"
             notes.append(Note("fit/bootstrap", text))
         ends = np.quantile(draws[good], [0.025, 0.975], axis=0).T if good.any() else np.full((len(x), 2), np.nan)
-        result = replace(result, bootstrap95=_natural(result.parameters, ends))
+        result = replace(result, bootstrap95=result.parameters.natural(ends.T).T)
     return replace(result, notes=tuple(notes))
 
 
@@ -231,10 +231,3 @@ def choose_profiles(parameters: Parameters, variance: FloatArray) -> tuple[tuple
     worst = sorted(rough, key=lambda i: -float(std[i]))
     chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
     return tuple(parameters.free_names[i] for i in chosen), tuple(parameters.free_names[i] for i in left)
-
-
-def _natural(parameters: Parameters, ends: FloatArray) -> FloatArray:
-    """Ends (n_x, 2) in x as SI values."""
-    log = np.array([parameter.log for parameter in parameters.free])
-    with np.errstate(over="ignore"):
-        return np.where(log[:, None], np.exp(ends), ends)

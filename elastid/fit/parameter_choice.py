@@ -109,7 +109,9 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Param
     table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
     wanted = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
     grouped = {name: groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
-    linear, coasting = _linear_names(robot), _friction_starts(robot)
+    linear, motors = _linear_names(robot), {j.name: j.motor for j in robot.driven if j.motor is not None}
+    # Of motor friction of which the file has none, that which stops the rotor within 1 s.
+    coasting = {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio) for name, ratio in spec.ratios.items()]
     for name, (value, unit) in table.items():
@@ -187,12 +189,6 @@ def _default(robot: Robot) -> dict[str, ParameterSpec]:
         if spring is not None:
             names += [f"k{of_motor}_{name}"] + [f"d{of_motor}_{name}"] * (spring.damping > 0)
     return {name: ParameterSpec() for name in names}
-
-
-def _friction_starts(robot: Robot) -> dict[str, float]:
-    """Starts of motor friction of which the file has none: that which stops the rotor within 1 s."""
-    motors = {joint.name: joint.motor for joint in robot.driven if joint.motor is not None}
-    return {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
 
 
 def _linear_names(robot: Robot) -> set[str]:

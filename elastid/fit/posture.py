@@ -23,7 +23,7 @@ from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
-from elastid.robot.robot import with_frames
+from elastid.robot.robot import parts_of_place, with_frames
 from elastid.simulation.controller import gains_of
 from elastid.simulation.spec import ControllerSpec
 
@@ -150,11 +150,10 @@ class Family:
         def row(place: str) -> FloatArray:
             """Row of a place, as a sum of `places`."""
             weights = np.zeros(len(rows) + model.n_u)
-            kind, _, rest = place.partition(" ")
+            kind, name, axis = parts_of_place(place)
             if kind in ("motor", "joint", "body") or self.asked.axes == "own":
                 weights[rows[place]] = 1.0
                 return weights
-            name, _, axis = rest.rpartition(" ")
             for along, share in zip("xyz", turned[name]["xyz".index(axis[-1])], strict=True):
                 weights[rows[f"{kind} {name} {axis[:-1]}{along}"]] = share
             return weights
@@ -177,8 +176,7 @@ class Family:
             q = rigid_posture(self.model, configuration, self.theta)
             given = gains_of(self.model, q, given)
         n_u = self.model.n_u
-        kp, kd, ki = (np.broadcast_to(np.asarray(part, float), n_u) for part in (given.kp, given.kd, given.ki))
-        return JointLoop(kp, kd, ki)
+        return JointLoop.each(given, lambda part: np.broadcast_to(np.asarray(part, float), n_u))
 
 
 def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configuration]) -> Configuration:
@@ -187,7 +185,7 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
         return posture
     if isinstance(posture, str):
         return known[index_of(posture, [posture.name for posture in known], "fitted configuration")]
-    names = [joint.name for joint in robot.driven]
+    names = robot.driven_names
     if isinstance(posture, Mapping):
         for name in posture:
             if str(name) not in names:
@@ -212,8 +210,8 @@ def default_frame(robot: Robot) -> str:
 
 
 def _frame_of(place: str) -> str:
-    kind, _, rest = place.partition(" ")
-    return rest.rpartition(" ")[0] if kind in ("frame", "accelerometer", "force", "torque") else ""
+    kind, name, _ = parts_of_place(place)
+    return name if kind in ("frame", "accelerometer", "force", "torque") else ""
 
 
 def _accelerometers(outputs: Sequence[str]) -> tuple[str, ...]:

@@ -69,11 +69,6 @@ class Stop:
         """sigma_0 z."""
         return self.sigma_0 * z
 
-    def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """v where it bends, 0 where it slides."""
-        slides = ca.logic_and(ca.fabs(self.sigma_0 * z) >= curve.level(v), z * v > 0)
-        return ca.if_else(slides, 0.0, v)
-
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """z + v step, at most F_c / sigma_0: exact at constant v."""
         bound = curve.level(v) / self.sigma_0

@@ -125,6 +125,11 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
     return tuple(laws)
 
 
+def laws_of_joint(robot: Robot, joint: str) -> list[PlacedLaw]:
+    """The laws at a joint and at its motor."""
+    return [law for law in frictions(robot) if law.place in (f"motor {joint}", f"joint {joint}")]
+
+
 def coulomb_levels(robot: Robot) -> FloatArray:
     """F_c (n_u,) in Nm, link side, that a motor must overcome to slide: its own, and that of a rigidly driven joint.
 

@@ -89,9 +89,6 @@ class Law(Protocol):
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """tau_f(v, z)."""
 
-    def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """dz/dt (n_states,)."""
-
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """z after `step` s at constant v: exactly, or never out of the law's bounds, however long the step."""
 
@@ -128,10 +125,6 @@ class Tustin:
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """tau_f(v)."""
         return curve.level(v) * ca.tanh(v / self.v_s) + curve.growing(v)
-
-    def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """Empty: there is no state."""
-        return ca.SX(0, 1)
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """Empty: there is no state."""

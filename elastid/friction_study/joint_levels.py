@@ -188,9 +188,8 @@ def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
 def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: float) -> MotionLog:
     """The signals of a log, and the angles of the joints that rest in it."""
     first = next(iter(log.values()))
-    angles = np.zeros(len(robot.driven)) if first.configuration is None else first.configuration.angles
-    every = zip(robot.driven, angles, strict=True)
-    resting = {joint.name: float(angle) for joint, angle in every if joint.name not in log}
+    every = zip(robot.driven_names, first.angles(len(robot.driven)).tolist(), strict=True)
+    resting = {joint: angle for joint, angle in every if joint not in log}
     return MotionLog.of({joint: _motion(record, False) for joint, record in log.items()}, resting, passband_hz)
 
 

@@ -332,18 +332,10 @@ def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict
     Offset, ripple and delay are in that of gravity, without an offset in that of Coulomb friction.
     """
     parts = dict[str, FloatArray]()
+    of_gravity = ["gravity", "gain", "offset", *(("ripple", "delay") if "offset" in columns else ())]
+    part_of = {"inertia": "inertia"} | dict.fromkeys(of_gravity, "gravity")
     for name in (name for name in columns if name in numbers.names):
-        kind = name.partition(".")[0]
-        is_rigid = kind in ("gravity", "gain", "offset") or (kind in ("ripple", "delay") and "offset" in columns)
-        part = (
-            kind
-            if kind == "inertia"
-            else "viscous"
-            if name.endswith("viscous")
-            else "gravity"
-            if is_rigid
-            else "coulomb"
-        )
+        part = "viscous" if name.endswith("viscous") else part_of.get(name.partition(".")[0], "coulomb")
         parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
     return parts
 

@@ -178,12 +178,9 @@ def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterato
     """Time constants, and heat given off where kelvins are known."""
     constants, read = model.time_constants.tolist(), int(np.isfinite(warm_up.log.temperature).sum())
     learnt = f"{read} readings, {len(warm_up.level)} test passes in {np.ptp(warm_up.log.time_s) / 60:.3g} min"
-    numbered = [""] if len(constants) == 1 else ["1", "2"]
-    rows = [
-        (f"Tc{i}_m{joint}", "C / h", "time constant of warming", "s", T)
-        for i, T in zip(numbered, constants, strict=True)
-    ]
-    rows.insert(0, (f"h_m{joint}", "h", "heat given off", "W/K", model.h))
+    numbered = zip([""] if len(constants) == 1 else ["1", "2"], constants, strict=True)
+    rows = [(f"h_m{joint}", "h", "heat given off", "W/K", model.h)]
+    rows += [(f"Tc{i}_m{joint}", "C / h", "time constant of warming", "s", T) for i, T in numbered]
     for (name, symbol, meaning, unit, value), log_std in zip(rows, model.log_std.tolist(), strict=True):
         reach = math.exp(QUANTILE_95 * log_std)  # symmetric in the logarithm
         if math.isfinite(value):
@@ -385,5 +382,4 @@ def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw 
 
 def held_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
     """The joint with its spring, the others held; None for a rigid one."""
-    angles = np.zeros(len(robot.driven)) if record.configuration is None else record.configuration.angles
-    return held_joint(robot, record.joint, angles)
+    return held_joint(robot, record.joint, record.angles(len(robot.driven)))

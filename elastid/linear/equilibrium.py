@@ -222,7 +222,7 @@ def preloads(
     model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Joints with springs; deflection in rad or m and tangent stiffness (n_s, P) of these at operating points."""
-    q, symbols = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters))
+    q, symbols = model.symbols("q", "theta")
     named = dict(zip(model.parameters, ca.vertsplit(symbols), strict=True))
     deflection = deflections(model.robot, q)
     laws = ca.vertcat(*deflection.values()), ca.vertcat(*tangents(deflection, named).values())

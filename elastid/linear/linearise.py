@@ -102,7 +102,7 @@ def differentiate_point(
     """Differentiate the equilibrium, and the triangles of M, D, K as expressions of q, lambda_ and theta."""
     free = free_coordinates(model).tolist()
     Phi, phi = model.constraint_jacobian(q, theta), model.constraint(q, theta)
-    statics = model.potential_gradient(q, theta) + (Phi.T @ lambda_ if model.n_c else 0)
+    statics = model.potential_gradient(q, theta) + Phi.T @ lambda_
     A, vec_Phi = ca.vec(triangles), ca.vec(Phi)
     slopes = [ca.jacobian(part, theta) for part in (statics[free], phi, vec_Phi)]
     slopes += [ca.jacobian(part, q)[:, free] for part in (A, vec_Phi)]
@@ -125,7 +125,7 @@ def _reading(
 @lru_cache(maxsize=8)
 def _readout_slopes(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
     """(q, theta) -> d vec C / dq_f, d vec C / d theta, and of T."""
-    q, theta, free = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters)), free_coordinates(model)
+    (q, theta), free = model.symbols("q", "theta"), free_coordinates(model)
     parts = [ca.vec(ca.densify(part)) for part in model.readout(q, theta, outputs)]
     slopes = [s for part in parts for s in (ca.jacobian(part, q)[:, free.tolist()], ca.jacobian(part, theta))]
     return ca.Function("readout_slopes", [q, theta], slopes)
@@ -159,7 +159,7 @@ class Linearisation:
         """True if M, D, K about a held operating point are affine in these parameters together, as in m but not m c."""
         model = self.model
         theta = [ca.SX.sym(name) for name in model.parameters]
-        q, lambda_ = ca.SX.sym("q", model.n_q), ca.SX.sym("lambda", model.n_c)
+        q, lambda_ = model.symbols("q", "lambda")
         triangles = self.matrices(q, lambda_, ca.vertcat(*theta))[0]
         moved = [symbol for name, symbol in zip(model.parameters, theta, strict=True) if name in names]
         return not moved or not any(ca.which_depends(ca.vec(triangles), ca.vertcat(*moved), 2))
@@ -167,8 +167,7 @@ class Linearisation:
     @classmethod
     def of(cls, model: ElasticModel, follows: bool = False) -> Linearisation:
         """Differentiate a model; follows: the operating point, too, even where all springs are linear."""
-        q, theta = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters))
-        lambda_ = ca.SX.sym("lambda", model.n_c)
+        q, theta, lambda_ = model.symbols("q", "theta", "lambda")
         rows, columns = np.tril_indices(model.n_q)
         lower = (columns * model.n_q + rows).tolist()  # CasADi counts column by column
         matrices = (model.mass(q, theta), model.damping(q, theta), model.stiffness(q, lambda_, theta))

@@ -33,9 +33,10 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.linear.equilibrium import LIMITS, equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel, Slope, is_load, projected
 from elastid.model.elastic import ElasticModel
-from elastid.model.frame_tree import direction, position, tree, turns
+from elastid.model.frame_tree import position, rotation, tree, turns
 from elastid.model.loop_closure import null_space
 from elastid.record import Configuration, JointLoop, Motors
+from elastid.robot.robot import parts_of_place
 
 _SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
 
@@ -167,7 +168,7 @@ def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, .
     """`LoadedRobot.statics` and `LoadedRobot.slopes`."""
     free = free_coordinates(model).tolist()
     z, held = ca.SX.sym("z", len(free) + model.n_c), ca.SX.sym("held", model.n_q)
-    theta, wrench = ca.SX.sym("theta", len(model.parameters)), ca.SX.sym("wrench", 6 * len(frames))
+    (theta,), wrench = model.symbols("theta"), ca.SX.sym("wrench", 6 * len(frames))
     q, lambda_ = ca.SX(held), z[len(free) :]
     q[free] = z[: len(free)]
     named = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
@@ -180,8 +181,8 @@ def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, .
     for i, name in enumerate(frames):
         place = names.index(name)
         seat = layout.named[place]
-        points.append(position(layout, turned, seat, (0.0, 0.0, 0.0)))
-        R = ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
+        points.append(position(layout, turned, seat))
+        R = rotation(layout, turned, seat)
         J = rates[6 * place : 6 * place + 6, :]
         forces -= J[:3, :].T @ (R.T @ wrench[6 * i : 6 * i + 3]) + J[3:, :].T @ (R.T @ wrench[6 * i + 3 : 6 * i + 6])
     left, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(moved)]
@@ -193,8 +194,7 @@ def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, .
 
 def moved_by(place: str) -> str:
     """The motion on which a force or torque works."""
-    kind, _, rest = place.partition(" ")
-    name, _, axis = rest.rpartition(" ")
+    kind, name, axis = parts_of_place(place)
     return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, place)
 
 

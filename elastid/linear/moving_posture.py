@@ -37,6 +37,7 @@ from elastid.linear.response.transfer import factor
 from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import RANK_TOLERANCE
 from elastid.response import MotorMotion, Response
+from elastid.robot.robot import parts_of_place
 
 # Lines of the motion, and lines of the response between which the change is interpolated, at most; few of a first look.
 MOST_LINES, _FEW = 48, 8
@@ -65,15 +66,16 @@ def effect_of_motion(
     if motion is None or not motion.power.any():
         return None
     expansion, most = _expand(model, linear, theta), MOST_LINES
-    places = [motion.motors.index(motor) if motor in motion.motors else -1 for motor in model.inputs]
-    mean = _mean(expansion, motion, linear.configuration.angles, places)
+    measured = np.flatnonzero(np.isin(model.inputs, motion.motors))
+    at = [motion.motors.index(model.inputs[i]) for i in measured]
+    mean = _mean(expansion, motion, linear.configuration.angles, measured, at)
     of_outputs, of_inputs = linear.channel_gains(theta)
     inputs = [model.inputs.index(place) for place in linear.inputs]
 
     def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
         """dG of a motion of at most so many lines."""
         omega = 2 * np.pi * lines_hz
-        moved = _Moved.of(expansion, motion, places, mean, most)
+        moved = _Moved.of(expansion, motion, measured, at, mean, most)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
         changes = interpolated(omega, nodes, np.stack([moved.change(node) for node in nodes]))
         dG = expansion.response_change(omega, changes)[:, :, inputs]
@@ -164,15 +166,16 @@ class _Moved:
     feedback: FloatArray | None
 
     @classmethod
-    def of(cls, expansion: _Expansion, motion: MotorMotion, places: list[int], mean: FloatArray, most: int) -> _Moved:
-        """places: of the model's motors in the motion, -1 for unknown.  most: lines of the motion."""
-        measured, at = np.flatnonzero(np.array(places) >= 0), [place for place in places if place >= 0]
+    def of(
+        cls, expansion: _Expansion, motion: MotorMotion, measured: IntArray, at: list[int], mean: FloatArray, most: int
+    ) -> _Moved:
+        """measured: those of the model's motors that are in the motion, there at.  most: lines of the motion."""
         few = motion.grouped(most)
         sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
         W = _amplitudes(expansion, centres, sums, measured) / np.sqrt(2)  # of each sign of the frequency
         both = np.concatenate([W, W.conj()])
         feedback = None
-        if motion.feedback is not None and len(measured) == len(places):
+        if motion.feedback is not None and len(measured) == expansion.B.shape[1]:
             feedback = motion.feedback[:, at][:, :, at]
         curved = np.tensordot(both, expansion.curvature, axes=1)
         return cls(expansion, np.concatenate([centres, -centres]), curved, mean, feedback)
@@ -243,12 +246,13 @@ def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, m
     return np.concatenate([x, v, s * v], axis=1).swapaxes(1, 2)
 
 
-def _mean(expansion: _Expansion, motion: MotorMotion, angles: FloatArray, places: list[int]) -> FloatArray:
-    """`_Moved.mean`; angles (n_u,): of the configuration.  places: of `_Moved.of`."""
-    measured, at = np.flatnonzero(np.array(places) >= 0), [place for place in places if place >= 0]
+def _mean(
+    expansion: _Expansion, motion: MotorMotion, angles: FloatArray, measured: IntArray, at: list[int]
+) -> FloatArray:
+    """`_Moved.mean`; angles (n_u,): of the configuration.  measured, at: of `_Moved.of`."""
     every = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
     covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
-    shift = np.zeros(len(places))
+    shift = np.zeros_like(angles)
     shift[measured] = motion.mean[at] - angles[measured]
     shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # NaN, too
     return _mean_slope(expansion, covariance) + _of_shift(expansion, covariance, shift)
@@ -305,30 +309,26 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
 @lru_cache(maxsize=8)
 def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
     """(z, theta) -> slope (n_q + n_c + n_y, 3 n_q + n_c) of M q'' + f + Phi^T lambda, phi and the outputs."""
-    q, v, a = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "a"))
-    lambda_, theta = ca.SX.sym("lambda", model.n_c), ca.SX.sym("theta", len(model.parameters))
-    forces = model.mass(q, theta) @ a + model.force(q, v, theta)
-    if model.n_c:
-        forces += model.constraint_jacobian(q, theta).T @ lambda_
+    q, v, a, lambda_, theta = model.symbols("q", "v", "a", "lambda", "theta")
+    forces = model.mass(q, theta) @ a + model.force(q, v, theta) + model.constraint_jacobian(q, theta).T @ lambda_
     rates = model.readout(q, theta, outputs)[0] @ v
     read = [
         _acceleration(model, place, q, v, a, theta) if is_point(place) else rates[i] for i, place in enumerate(outputs)
     ]
     z = ca.vertcat(q, lambda_, v, a)
-    R = ca.vertcat(forces, *([model.constraint(q, theta)] if model.n_c else []), *read)
+    R = ca.vertcat(forces, model.constraint(q, theta), *read)
     return ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
 
 
 def is_point(place: str) -> bool:
     """True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
-    kind, _, rest = place.partition(" ")
-    return kind == "accelerometer" or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
+    kind, _, axis = parts_of_place(place)
+    return kind == "accelerometer" or (kind == "frame" and axis in ("x", "y", "z"))
 
 
 def _acceleration(model: ElasticModel, place: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
     """Acceleration of a point along its turning axis, v' + omega x v in the axes of the frame; less gravity."""
-    kind, _, rest = place.partition(" ")
-    name, _, axis = rest.rpartition(" ")
+    kind, name, axis = parts_of_place(place)
     f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)
     J = model.frame_velocity(q, theta)[6 * f : 6 * f + 6, :]
     velocity, turning = J[:3, :] @ v, J[3:, :] @ v

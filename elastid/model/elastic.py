@@ -36,6 +36,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.robot import FRAME_AXES, Robot
+from elastid.robot.robot import parts_of_place
 
 
 @frozen_value(eq=False)
@@ -94,6 +95,11 @@ class ElasticModel:
     def n_u(self) -> int:
         """Number of motors."""
         return len(self.inputs)
+
+    def symbols(self, *names: str) -> list[ca.SX]:
+        """Symbols, one for each coordinate: `lambda` one for each constraint row, `theta` for each parameter."""
+        sizes = {"lambda": self.n_c, "theta": len(self.parameters)}
+        return [ca.SX.sym(name, sizes.get(name, self.n_q)) for name in names]
 
     @property
     def n_c(self) -> int:
@@ -159,8 +165,7 @@ class ElasticModel:
         C, T = [], []
         for place in locations:
             self.robot.check_location(place)
-            kind, _, rest = place.partition(" ")
-            name, _, axis = rest.rpartition(" ")
+            kind, name, axis = parts_of_place(place)
             T.append(type(gravity)(1, self.n_q))
             if kind in ("motor", "joint"):
                 C.append(coordinates[self.index(place), :])

@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.robot import BASE, Joint, Robot, unit_axis
+from elastid.robot import BASE, Compensator, Joint, Loop, Robot, unit_axis
 
 # (3,), m: an array where all its coordinates are numbers, else a column of SX.
 Point: TypeAlias = Any
@@ -189,8 +189,23 @@ def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
     return seats[body]
 
 
+def ends_of(
+    robot: Robot, layout: Tree, part: Loop | Compensator, letter: str, theta: Mapping[str, ca.SX]
+) -> tuple[tuple[Attachment, Point], ...]:
+    """Seat and place of both ends of a loop or a compensator; letter: of the names of their coordinates."""
+    return tuple(
+        (seat(robot, layout, end.body), located(f"{letter}{i}_{part.name}", end.point, theta))
+        for i, end in enumerate(part.ends, start=1)
+    )
+
+
+def rotation(layout: Tree, turned: Sequence[Turn], seat: Attachment) -> ca.SX:
+    """R (3, 3) from the axes of a body to those of the base."""
+    return ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
+
+
 def position(
-    layout: Tree, turned: Sequence[Turn], seat: Attachment, point: Point | Sequence[float], seen_from: int = -1
+    layout: Tree, turned: Sequence[Turn], seat: Attachment, point: Point = (0.0, 0.0, 0.0), seen_from: int = -1
 ) -> ca.SX:
     """A point (3,) of a body, given in the body's axes, in the axes of the frame `seen_from` (-1: the base), m.
 
@@ -219,8 +234,8 @@ def last_common(layout: Tree, first: int, second: int) -> int:
 def between(
     layout: Tree,
     turned: Sequence[Turn],
-    first: tuple[Attachment, Point | Sequence[float]],
-    second: tuple[Attachment, Point | Sequence[float]],
+    first: tuple[Attachment, Point],
+    second: tuple[Attachment, Point],
 ) -> ca.SX:
     """The vector (3,) from one body's point to another's, in the axes of the last frame that carries both, m."""
     frame = last_common(layout, first[0].frame, second[0].frame)

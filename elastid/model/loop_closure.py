@@ -37,10 +37,9 @@ from elastid.model.frame_tree import (
     Turn,
     between,
     direction,
+    ends_of,
     last_common,
-    located,
     position,
-    seat,
     tree,
     turns,
 )
@@ -77,10 +76,7 @@ def rod_row(closure: Closure, length: ca.SX | float) -> ca.SX:
 
 
 def _closure(robot: Robot, layout: Tree, turned: tuple[Turn, ...], loop: Loop, theta: Mapping[str, ca.SX]) -> Closure:
-    first, second = (
-        (seat(robot, layout, end.body), located(f"p{i}_{loop.name}", end.point, theta))
-        for i, end in enumerate(loop.ends, start=1)
-    )
+    first, second = ends_of(robot, layout, loop, "p", theta)
     gap = between(layout, turned, first, second)
     closure = Closure(loop, gap, (position(layout, turned, *first), position(layout, turned, *second)), gap)
     if loop.rod is not None:

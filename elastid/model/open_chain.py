@@ -32,7 +32,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.model.drivetrain import Strain, drivetrain, gear_deflections, input_matrix, joint_springs, rotors
 from elastid.model.elastic import ElasticModel
-from elastid.model.frame_tree import Tree, Turn, between, located, seat, tree, turns
+from elastid.model.frame_tree import Tree, Turn, between, ends_of, tree, turns
 from elastid.model.rigid_body import bias, composites, inertias, mass_matrix, seen_from_frames
 from elastid.robot import Compensator, Robot
 
@@ -176,11 +176,7 @@ def compensators(
     """V, a scalar, and dV/dq (n_q, 1) of all compensators; the joints that `turned` turns are among q."""
     V, gradient = ca.SX(0), ca.SX(q.size1(), 1)
     for compensator in robot.compensators:
-        first, second = (
-            (seat(robot, layout, end.body), located(f"pc{i}_{compensator.name}", end.point, theta))
-            for i, end in enumerate(compensator.ends, start=1)
-        )
-        square = ca.sumsqr(between(layout, turned, first, second))
+        square = ca.sumsqr(between(layout, turned, *ends_of(robot, layout, compensator, "pc", theta)))
         # Two points that meet are 1 nm apart, so that a coil without rest length has its derivatives there too.
         L = ca.sqrt(square + 1e-9**2)
         energy, force = (_coil if compensator.coil is not None else _gas)(compensator, L, theta)

@@ -120,7 +120,7 @@ def drive_lines(
     command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * of_inputs
     images = held_images(kernel.model, theta, lines.freq_hz) / s**order
     G = kernel.response(theta) / s**order + images
-    springs, driven = spring_deflections(robot), tuple(joint.name for joint in robot.driven)
+    springs, driven = spring_deflections(robot), robot.driven_names
     ratios = np.array([robot.ratio(joint) for joint in driven])
     of_model = model.Z if model.Z is not None else np.eye(model.n)
     n_q = of_model.shape[0]
@@ -130,8 +130,10 @@ def drive_lines(
         "link": np.eye(n_q)[list(robot.driven_indices)],
     }
     numbers = dict(zip(model.parameters, theta, strict=True))
-    k = np.array([numbers[f"k_{joint}"] if f"k_{joint}" in springs else 1.0 for joint in driven])
-    d = np.array([numbers[f"d_{joint}"] if f"k_{joint}" in springs else 0.0 for joint in driven])
+    k, d = (
+        np.array([numbers[f"{letter}_{joint}"] if f"k_{joint}" in springs else without for joint in driven])
+        for letter, without in (("k", 1.0), ("d", 0.0))
+    )
     rest = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
     places = {place: row @ of_model for place, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]

@@ -281,10 +281,7 @@ def friction_rows(friction: FrictionTakenOut) -> tuple[FrictionRow, ...]:
     """One row for each motor that was looked at, in their order."""
     rows, taken = [], friction.taken_places()
     for place, unit, kept in zip(friction.places, friction.place_units, friction.kept_share.tolist(), strict=True):
-        if place not in taken:
-            rows.append(FrictionRow(place, unit, kept))
-            continue
         level, std = friction.sliding_level(place)
         interval = (max(level - QUANTILE_95 * std, 0.0), level + QUANTILE_95 * std)
-        rows.append(FrictionRow(place, unit, kept, level, std, interval))
+        rows.append(FrictionRow(place, unit, kept, *((level, std, interval) if place in taken else ())))
     return tuple(rows)

@@ -31,7 +31,7 @@ from elastid.nonlinear.gear_levels import (
     SEEN,
     GearData,
     Levels,
-    NormalEquations,
+    Sums,
     find_levels,
     start_levels,
 )
@@ -109,7 +109,7 @@ def choose_effects(
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
-    lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
+    lost = parameters.is_log & (x < parameters.x - np.log(_LOST))
     known = start_levels(data, parameters, np.where(lost, parameters.x, x))
     groups = candidate_groups(data, known, orders)
     for _ in range(ROUNDS):
@@ -278,7 +278,7 @@ def _added(data: GearData, known: Levels, groups: Sequence[Group]) -> list[GearE
     return added(greedy(larger, cost, pays)[0])
 
 
-def _left(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
+def _left(sums: Sums, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
     """V of each realisation with the numbers `chosen` (n,) by the step of all others."""
 
     def step(A: FloatArray, b: FloatArray) -> FloatArray:
@@ -286,7 +286,8 @@ def _left(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: I
         size = np.sqrt(np.maximum(np.diag(A), 1e-300))
         return np.asarray(np.linalg.lstsq(A / np.outer(size, size), b / size, rcond=1e-10)[0] / size)
 
-    return held_out(sums.A[:, chosen[:, None], chosen], sums.b[:, chosen], sums.c, step)
+    A, b, c = sums
+    return held_out(A[:, chosen[:, None], chosen], b[:, chosen], c, step)
 
 
 def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
@@ -302,8 +303,8 @@ def level_bounds(data: GearData, known: Levels, orders: Iterable[float]) -> dict
     families = {family_of(effect) for effect in known.effects}
     every = candidate_groups(data, known, tuple(orders))
     groups = [group for group in every if family_of(group[0]) not in families]
-    sums, (A, b) = data.sums_with(known, [effect for group in groups for effect in group])
-    A, b = A + sums.A.sum(axis=0), b + sums.b.sum(axis=0)
+    (A, b, _), of_priors = data.sums_with(known, [effect for group in groups for effect in group])
+    A, b = A.sum(axis=0) + of_priors[0], b.sum(axis=0) + of_priors[1]
     bounds, n = dict[Group, float](), len(known.x) + len(known.levels)
     first = n
     for group in groups:

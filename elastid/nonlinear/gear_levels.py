@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -82,7 +83,7 @@ class GearData:
     @property
     def joints(self) -> tuple[str, ...]:
         """The driven ones."""
-        return tuple(joint.name for joint in self.linearisation.model.robot.driven)
+        return self.linearisation.model.robot.driven_names
 
     def drives(self, parameters: Parameters, x: FloatArray) -> list[DriveLines]:
         """The model of each configuration at x (n_x,)."""
@@ -97,14 +98,12 @@ class GearData:
         every = zip(self.lines, drives, before, strict=True)
         return [estimate_motion(lines, drive, effects, levels, start, near) for lines, drive, start in every]
 
-    def sums_with(
-        self, known: Levels, further: Sequence[GearEffect]
-    ) -> tuple[NormalEquations, tuple[FloatArray, FloatArray]]:
+    def sums_with(self, known: Levels, further: Sequence[GearEffect]) -> tuple[Sums, tuple[FloatArray, FloatArray]]:
         """Normal equations, and priors, of parameters, levels and levels of further effects about 0."""
         effects, drives = [*known.effects, *further], self.drives(known.parameters, known.x)
         levels = known.levels_of(effects)
         estimates = self.motions(drives, effects, levels, known.estimates_of(effects))
-        sums = normal_equations(self.lines, drives, estimates, len(known.x), levels)
+        sums, _ = normal_equations(self.lines, drives, estimates, len(known.x), levels)
         return sums, priors(known.parameters, known.x, len(known.x) + len(levels))
 
 
@@ -127,16 +126,15 @@ def find_levels(
     estimates = start.estimates_of(effects, sum(len(group) for group in scales))
     effects = _rescaled(effects, scales, np.zeros(len(scales)))
     covariance, std, lack = np.zeros((0, 0)), np.zeros(n_x + n_f), np.inf
-    is_log = np.array([parameter.log for parameter in parameters.free], bool)
     for count in range(1, ROUNDS + 1):
         drives = data.drives(parameters, x)
         every = [*effects, *(edge for group in scales for i in group if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
         for _ in range(1 if start.effects or count > 1 else 2):
             estimates = data.motions(drives, every, with_edges, estimates, settled / 500)
-        sums = normal_equations(data.lines, drives, estimates, n_x, with_edges)
+        (A, b, _), left = normal_equations(data.lines, drives, estimates, n_x, with_edges)
         T = _by_scales(effects, levels, scales, n_x)
-        A, b = T.T @ sums.A.sum(axis=0) @ T, T.T @ sums.b.sum(axis=0)
+        A, b = T.T @ A.sum(axis=0) @ T, T.T @ b.sum(axis=0)
         of_priors, pull = priors(parameters, x, len(b))
         np.fill_diagonal(of_priors[n_x + n_f :, n_x + n_f :], scale_priors(A, levels, std, scales, n_x))
         covariance = inverse(A + of_priors)
@@ -145,17 +143,17 @@ def find_levels(
         # A scale, which levels hardly follow, comes to rest with them.
         move = float(np.max((np.abs(step) / np.where(std > 0, std, np.inf))[: n_x + n_f]))
         # The response is nearly linear in the number itself, of which the logarithm is to be found.
-        x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_STEP, _STEP)), step[:n_x])
+        x = x + np.where(parameters.is_log, np.log1p(np.clip(step[:n_x], -_STEP, _STEP)), step[:n_x])
         levels = levels + step[n_x : n_x + n_f]
         effects = _rescaled(effects, scales, step[n_x + n_f :])
-        if move < settled or (count > 2 and sums.lack - wanted > lack - sums.lack):
+        if move < settled or (count > 2 and left - wanted > lack - left):
             break
-        lack = sums.lack
+        lack = left
     scale_std = np.zeros(n_f)
     for group, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[group] = [relative * effects[i].scale for i in group]
     covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of(range(n_f)) for e in estimates)
-    end = tuple(effects), x, levels, covariance, move, sums.lack
+    end = tuple(effects), x, levels, covariance, move, left
     return Levels(parameters, *end, estimated, tuple(drives), scale_std)
 
 
@@ -205,32 +203,18 @@ def _rescaled(effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], pa
     return grown
 
 
-def _used(lines: PeriodLines) -> slice:
-    """Lines that levels are found from: the excited ones, those between them, and some on either side."""
-    on = np.flatnonzero(lines.excited)
-    return slice(int(on[0]) // 2, min(len(lines.s), int(1.2 * on[-1]) + 1))
-
-
 def start_levels(data: GearData, parameters: Parameters, x: FloatArray) -> Levels:
     """No effects, at x (n_x,) as it is."""
     drives, none = tuple(data.drives(parameters, x)), np.zeros(0)
     estimates = tuple(Estimate.start(c, drive, 0) for c, drive in zip(data.lines, drives, strict=True))
-    sums, (A, _) = normal_equations(data.lines, drives, estimates, len(x), none), priors(parameters, x, len(x))
-    covariance = inverse(sums.A.sum(axis=0) + A)
-    return Levels(parameters, (), x, none, covariance, np.inf, sums.lack, estimates, drives, none)
+    (A, *_), lack = normal_equations(data.lines, drives, estimates, len(x), none)
+    prior, _ = priors(parameters, x, len(x))
+    covariance = inverse(A.sum(axis=0) + prior)
+    return Levels(parameters, (), x, none, covariance, np.inf, lack, estimates, drives, none)
 
 
-@dataclass(frozen=True, eq=False)
-class NormalEquations:
-    """Sums over lines and experiments of each realisation: A (R, n, n), b (R, n), c (R,) of J^H J, J^H r and r^H r.
-
-    Residuals have unit variance in each real component; n = n_x + n_f.  lack: as of `Levels`.
-    """
-
-    A: FloatArray
-    b: FloatArray
-    c: FloatArray
-    lack: float
+# Sums over lines and experiments of each realisation: A (R, n, n), b (R, n), c (R,) of J^H J, J^H r and r^H r.
+Sums: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def normal_equations(
@@ -239,14 +223,19 @@ def normal_equations(
     estimates: Sequence[Estimate],
     n_x: int,
     levels: FloatArray,
-) -> NormalEquations:
-    """The sums about levels (n_f,), the motion held, without priors."""
+) -> tuple[Sums, float]:
+    """The sums about levels (n_f,), the motion held, without priors, and the lack of `Levels`.
+
+    Residuals have unit variance in each real component; n = n_x + n_f.
+    """
     realisations = np.unique(np.concatenate([lines.realisation for lines in data]))
     R, n = len(realisations), n_x + len(levels)
     A, b, c, lack = np.zeros((R, n, n)), np.zeros((R, n)), np.zeros(R), 0.0
     for lines, drive, estimate in zip(data, drives, estimates, strict=True):
         r = residuals(lines, drive, estimate, levels)
-        used = _used(lines)
+        on = np.flatnonzero(lines.excited)
+        # The excited lines, those between them, and some on either side.
+        used = slice(int(on[0]) // 2, min(len(lines.s), int(1.2 * on[-1]) + 1))
         S = smoothed_covariance(r, lines, drive)[used]
         lack += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
         white = np.linalg.inv(np.linalg.cholesky(S / 2))
@@ -258,7 +247,7 @@ def normal_equations(
             A[i] += (J_i.conj().T @ J_i).real
             b[i] += (J_i.conj().T @ e_i).real
             c[i] += float(np.sum(np.abs(e_i) ** 2))
-    return NormalEquations(A, b, c, lack)
+    return (A, b, c), lack
 
 
 def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:

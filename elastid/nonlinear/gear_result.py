@@ -191,7 +191,7 @@ def with_effects(robot: Robot, gears: GearResult) -> Robot:
     for joint in robot.driven:
         level = gears.level("friction", joint.name)
         if level > 0 and joint.motor is not None:
-            laws[joint.name] = Friction(level), joint.motor.viscous * joint.motor.ratio**2
+            laws[joint.name] = Friction(level), joint.motor.link_viscous
     known = {effect.joint for effect in gears.effects}
 
     def changed(joint: Joint) -> Joint:

@@ -105,7 +105,7 @@ def inverse(A: FloatArray) -> FloatArray:
 def covariance(equations: NormalEquations) -> FloatArray:
     """Covariance (n_f, n_f) of the levels by the residuals' scatter over experiments and lines."""
     A = equations.A.sum(axis=0) * equations.dof_share
-    return 0.5 * inverse(A) if len(A) else A
+    return 0.5 * inverse(A)
 
 
 def held_out(

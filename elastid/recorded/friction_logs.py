@@ -91,7 +91,7 @@ def read_friction_logs(
         if file.purpose == "warm_up":
             notes += of_log[0].notes
             heated.setdefault(of_log[0].joint, []).append((of_log[0], heat_of(of_log[0]), file))
-            joint = next(driven for driven in robot.driven if driven.name == of_log[0].joint)
+            joint = robot.driven[robot.driven_names.index(of_log[0].joint)]
             of_log = tests_in(of_log[0], turns_against_gravity(robot, joint, of_log[0].configuration))
         records += of_log
     return FrictionRecords(tuple(records), tuple(_warm_up(parts) for parts in heated.values()), tuple(notes))
@@ -189,7 +189,7 @@ class _LogReader:
         if self.file.load:
             model = formulate(with_point_mass(self.robot, self.payload))
             held = np.abs(equilibrium(model, np.asarray(model.theta), posture).u).tolist()
-            carried = dict(zip((joint.name for joint in self.robot.driven), held, strict=True))
+            carried = dict(zip(self.robot.driven_names, held, strict=True))
         holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
         return tuple(
             FrictionRecord(

@@ -215,7 +215,7 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
     if channel.side == "link":
         return 1.0
     kind, _, joint = channel.at.partition(" ")
-    if kind not in ("motor", "joint") or joint not in [driven.name for driven in robot.driven]:
+    if kind not in ("motor", "joint") or joint not in robot.driven_names:
         raise StudyError(
             "study/recorded",
             f"side: motor needs a gear, and {channel.at} has none; there are {', '.join(robot.motor_locations)}",

@@ -11,6 +11,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.extended_kalman_filter import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
+from elastid.report.answer import Questions
 from elastid.validation.twin import LINK, NO_TWIN, TORQUE, TwinFindings
 
 # The first answer, by the status.
@@ -70,7 +71,7 @@ class FrictionContent:
         return grouped((*self.result.notes, *of_joints, *of_filters))
 
     @property
-    def questions(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    def questions(self) -> Questions:
         """The three questions of every page, each with its sentences."""
         return (
             ("Are the numbers good?", (self._good, *self._numbers)),
@@ -79,7 +80,7 @@ class FrictionContent:
         )
 
     @property
-    def short_questions(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    def short_questions(self) -> Questions:
         """Questions without the numbers of each joint, which a table has, and with the first advice alone."""
         good, fails, following = self.questions
         return (good[0], (self._good, *self._truths)), fails, (following[0], following[1][:1])

@@ -110,7 +110,7 @@ def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
         for term in TERMS.values():
             keys, unit = tuple(term.path.split(".")), term.unit_at(joint.slides)
             if term.path == "viscous":
-                numbers[term.name(joint.name)] = (motor.viscous * motor.ratio**2, unit)
+                numbers[term.name(joint.name)] = (motor.link_viscous, unit)
             elif _present(law, keys):
                 numbers[term.name(joint.name)] = (number_at(law, keys), unit)
     return numbers
@@ -127,7 +127,7 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
         numbers = {path: values[name] for path, name in names.items() if name in values and name in known}
         law = law_of(changed, joint.name)
         if numbers and law is not None and joint.motor is not None:
-            viscous = numbers.pop("viscous", joint.motor.viscous * joint.motor.ratio**2)
+            viscous = numbers.pop("viscous", joint.motor.link_viscous)
             laws[joint.name] = replaced(law, {tuple(path.split(".")): x for path, x in numbers.items()}), viscous
     return with_laws(changed, laws) if laws else changed
 

@@ -236,6 +236,11 @@ class Motor:
             self.friction.check_passive(self.viscous)
 
     @property
+    def link_viscous(self) -> float:
+        """Its viscous friction on the link side."""
+        return self.viscous * self.ratio**2
+
+    @property
     def dry_friction(self) -> Friction | None:
         """The law of dry friction, Coulomb's where `coulomb` alone is given; None without any."""
         return Friction(self.coulomb) if self.friction is None and self.coulomb > 0 else self.friction
@@ -345,6 +350,11 @@ class Joint:
     def is_passive(self) -> bool:
         """Neither driven nor elastic: gravity or a loop moves it."""
         return self.motor is None and self.spring is None
+
+    @property
+    def all_viscous(self) -> float:
+        """Viscous friction of joint and motor together, link side."""
+        return self.viscous + (0.0 if self.motor is None else self.motor.link_viscous)
 
     @property
     def is_flexible(self) -> bool:

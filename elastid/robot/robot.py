@@ -95,6 +95,13 @@ def check_tolerances(robot: Robot) -> None:
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
+def parts_of_place(place: str) -> tuple[str, str, str]:
+    """Kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
+    kind, _, rest = place.partition(" ")
+    name, _, axis = rest.rpartition(" ")
+    return kind, name, axis
+
+
 @section
 class Robot:
     """A tree of bodies with joints, closed into loops, and everything that is attached to it.
@@ -200,6 +207,11 @@ class Robot:
         return tuple(self.joints[i] for i in self.driven_indices)
 
     @cached_property
+    def driven_names(self) -> tuple[str, ...]:
+        """The names of the joints with a motor, in order."""
+        return tuple(joint.name for joint in self.driven)
+
+    @cached_property
     def driven_indices(self) -> tuple[int, ...]:
         """The index of each driven joint among all joints, in order."""
         return tuple(i for i, joint in enumerate(self.joints) if joint.motor is not None)
@@ -248,11 +260,11 @@ class Robot:
         ratios = {driven.name: driven.motor.ratio for driven in self.driven if driven.motor is not None}
         if joint in ratios:
             return ratios[joint]
-        raise UnknownNameError(f"joint {joint} has no motor; driven joints: {', '.join(j.name for j in self.driven)}")
+        raise UnknownNameError(f"joint {joint} has no motor; driven joints: {', '.join(self.driven_names)}")
 
     def count_refusal(self, count: int, noun: str = "angles") -> str:
         """Why so many numbers cannot be one for each driven joint; empty where they can."""
-        n_u, joints = len(self.driven), ", ".join(joint.name for joint in self.driven)
+        n_u, joints = len(self.driven), ", ".join(self.driven_names)
         refused = f"{count} {noun} for {n_u} driven joints ({joints}) of robot {self.name}; give one for each"
         return "" if count == n_u else refused
 

@@ -42,11 +42,6 @@ def elastic_coordinates(robot: Robot) -> tuple[ElasticCoordinate, ...]:
     return (*joints, *rods)
 
 
-def further_elastic(robot: Robot) -> tuple[str, ...]:
-    """The elastic joints that are not driven, which make the flexible joint model an extended one."""
-    return tuple(coordinate.name for coordinate in elastic_coordinates(robot) if coordinate.kind == "joint")
-
-
 def stiffened(robot: Robot, names: Collection[str]) -> Robot:
     """The robot without the springs of these coordinates and their parameters.
 

@@ -193,7 +193,7 @@ def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives, theta
     """(q, v, z, torque, disturbance, curves) -> q'', the torque that of the drives (n_u,), link side; theta: symbols,
     which become a further argument.
     """
-    q, v, z = (ca.SX.sym(name, n) for name, n in (("q", model.n_q), ("v", model.n_q), ("z", contacts.n_states)))
+    (q, v), z = model.symbols("q", "v"), ca.SX.sym("z", contacts.n_states)
     torque, disturbance = ca.SX.sym("torque", model.n_u), ca.SX.sym("disturbance", model.n_u)
     curves = ca.SX.sym("curves", len(contacts.curves))
     B, (E, E_inverse) = ca.DM(model.B), shafts(model)

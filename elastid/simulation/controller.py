@@ -133,7 +133,7 @@ def rigid_rates(
 @lru_cache(maxsize=4)
 def _inverse_dynamics(model: ElasticModel) -> ca.Function:
     """(q, v, a) -> M(q) a + f(q, v), built once in a process."""
-    q, v, a = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "a"))
+    q, v, a = model.symbols("q", "v", "a")
     return ca.Function("inverse_dynamics", [q, v, a], [model.mass(q, model.theta) @ a + model.force(q, v, model.theta)])
 
 

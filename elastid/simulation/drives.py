@@ -111,7 +111,7 @@ def gear_forces(model: ElasticModel, q: ca.SX, v: ca.SX, numbers: ca.SX | None =
     robot, force = model.robot, ca.SX(model.n_q, 1)
     values = model.theta.tolist() if numbers is None else ca.vertsplit(numbers)
     theta = dict(zip(model.parameters, values, strict=True))
-    shafts = dict(zip((joint.name for joint in robot.driven), robot.mixing @ model.B.T, strict=True))
+    shafts = dict(zip(robot.driven_names, robot.mixing @ model.B.T, strict=True))
     springs = spring_deflections(robot)
     for joint in robot.driven:
         if joint.gear is None or joint.spring is None:

@@ -144,7 +144,7 @@ def free_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Fun
     """
     if model.n_c:
         return constrained_acceleration(model, theta)
-    q, v, torque = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("torque", model.n_q)
+    q, v, torque = model.symbols("q", "v", "torque")
     numbers = model.theta if theta is None else theta
     D, LT, order = ca.ldl(ca.sparsify(model.mass(q, numbers)))
     a = ca.ldl_solve(torque - model.force(q, v, numbers), D, LT, order)
@@ -220,7 +220,7 @@ def constrained_acceleration(model: ElasticModel, theta: ca.SX | None = None) ->
 
     theta (n_theta,): symbols, which become a fourth argument; the model's own numbers by default.
     """
-    q, v, torque = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "torque"))
+    q, v, torque = model.symbols("q", "v", "torque")
     numbers = model.theta if theta is None else theta
     Phi = model.constraint_jacobian(q, numbers)
     Z, a0 = _solved(Phi, -ca.jtimes(Phi @ v, q, v), pivots(model))
@@ -236,7 +236,7 @@ def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
 
     theta (n_theta,): symbols, which become a third argument; the model's own numbers by default.
     """
-    q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
+    q, v = model.symbols("q", "v")
     numbers = model.theta if theta is None else theta
     parts = pivots(model)
     _, step = _solved(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), parts)

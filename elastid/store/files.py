@@ -221,7 +221,7 @@ def _lock(file: BinaryIO) -> bool:
 
 def _refusal(path: Path) -> str:
     try:
-        owner = json.loads(path.read_text(encoding="utf-8"))
+        owner = json.loads(path.read_bytes())
         who = f"process {owner['process']} on {owner['host']} has been writing there since {owner['since']}"
     except (OSError, ValueError, TypeError, KeyError):
         who = "another elastid is writing there"

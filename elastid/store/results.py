@@ -118,7 +118,7 @@ def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
 def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:
     """The comparison in compare.json; None where there is none, or one of other frequency responses."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_bytes())
         if (content["schema"], content["responses"]) != (SCHEMA, stamp.inputs):
             return None
         names = {"configurations": "configurations", "verdict": "verdict", "rows": "models", "trials": "search"}
@@ -145,7 +145,7 @@ class Checkpoint(UserDict[str, Any]):
         self.folder, self.key = folder, key
         for path in sorted(folder.glob("*.json")):
             with suppress(OSError, ValueError, TypeError, AttributeError, KeyError):
-                content = json.loads(path.read_text(encoding="utf-8"))
+                content = json.loads(path.read_bytes())
                 if content["key"] == key and content["sha256"] == _digest(content["value"]):
                     super().__setitem__(unquote(path.stem), from_json(content["value"], _TYPES[content["kind"]]))
 

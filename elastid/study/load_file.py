@@ -8,6 +8,7 @@ from typing import Any
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.files import name_and_unit, read_table
+from elastid.robot import Robot
 from elastid.study.source import KeyPath, Place, YamlSource
 
 # Columns of the entries of a key; those of one text or number are called as their key.
@@ -41,8 +42,8 @@ def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
 
 def _joints(robot: Any) -> tuple[str, ...]:
     """Names of the driven joints of a robot, as far as it has been read."""
-    if hasattr(robot, "driven"):
-        return tuple(joint.name for joint in robot.driven)
+    if isinstance(robot, Robot):
+        return robot.driven_names
     bodies = robot.get("bodies") if isinstance(robot, dict) else None
     joints = (j for b in bodies or [] if isinstance(b, dict) for j in b.get("joints") or [] if isinstance(j, dict))
     return tuple(str(joint.get("name")) for joint in joints if joint.get("motor") is not None)

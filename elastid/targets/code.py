@@ -32,7 +32,7 @@ def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
     column for each posture of the study; StudyError where one has no rest.
     """
     m, theta = model.model, model.theta[:-1]
-    q, v, multipliers = ca.SX.sym("q", m.n_q), ca.SX.sym("v", m.n_q), ca.SX.sym("lambda_", m.n_c)
+    q, v, multipliers = m.symbols("q", "v", "lambda")
     given = {"q": q, "v": v, "lambda_": multipliers}
 
     def function(name: str, inputs: tuple[str, ...], output: str, value: ca.SX) -> ca.Function:

@@ -280,10 +280,9 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
     constant v.  readings(q, v) -> angles and speeds of the motors, angles of the joints, origins of the frames.
     closing(q, v, theta) -> q, v on the loops.  force: at all frames, in the axes of the base.
     """
-    q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
+    q, v, theta = model.symbols("q", "v", "theta")
     z, u = ca.SX.sym("z", contacts.n_states), ca.SX.sym("u", model.n_u)
-    theta, friction = ca.SX.sym("theta", len(model.theta)), ca.SX.sym("friction", len(contacts.curves))
-    step = ca.SX.sym("step")
+    friction, step = ca.SX.sym("friction", len(contacts.curves)), ca.SX.sym("step")
     B, n_l = ca.DM(model.B), len(model.robot.joints)
     places = origins(model, q)
     force = ca.SX.sym("force", places.numel())
@@ -304,7 +303,7 @@ def origins(model: ElasticModel, q: ca.SX) -> ca.SX:
     """Origins (3 n_f,) of all frames at q (n_q,), in the axes of the base, m."""
     layout = tree(framed(model.robot))
     turned = turns(layout, q[: len(model.robot.joints)])
-    return ca.vertcat(*(position(layout, turned, seat, (0.0, 0.0, 0.0)) for seat in layout.named))
+    return ca.vertcat(*(position(layout, turned, seat) for seat in layout.named))
 
 
 COMPILERS = ("cc", "gcc", "clang")

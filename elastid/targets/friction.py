@@ -120,11 +120,9 @@ def compensation(robot: Robot) -> ca.Function:
     laws = {law.place: law for law in frictions(robot)}
     torques = []
     for i, joint in enumerate(robot.driven):
-        viscous = joint.viscous if joint not in robot.flexible else 0.0
-        if joint.motor is not None:
-            viscous += joint.motor.viscous * joint.motor.ratio**2
-        places = [f"motor {joint.name}", *([] if joint in robot.flexible else [f"joint {joint.name}"])]
-        total = viscous * v[i]
+        is_flexible = joint in robot.flexible
+        places = [f"motor {joint.name}", *([] if is_flexible else [f"joint {joint.name}"])]
+        total = (joint.all_viscous - is_flexible * joint.viscous) * v[i]
         for law in (laws[place] for place in places if place in laws):
             curve = law.symbols(law.curve().tolist())
             total += curve.level(v[i]) * ca.tanh(v[i] / SLIDING) + curve.growing(v[i])

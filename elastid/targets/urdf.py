@@ -17,7 +17,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import unused, xml_comment
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.friction.robot_friction import frictions
+from elastid.friction.robot_friction import laws_of_joint
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store.files import write_text
 from elastid.targets.numbers import in_full, interval_lines
@@ -97,10 +97,8 @@ def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str
     # The format asks for limits where a robot's file has none.
     finite = {key: math.copysign(min(abs(value), 1e6), value) for key, value in limits.items()}
     ET.SubElement(element, "limit", {key: repr(value) for key, value in finite.items()})
-    viscous = joint.viscous + (0.0 if joint.motor is None else joint.motor.ratio**2 * joint.motor.viscous)
-    places = (f"motor {joint.name}", f"joint {joint.name}")
-    coulomb = sum(float(law.curve()[0]) for law in frictions(robot) if law.place in places)
-    ET.SubElement(element, "dynamics", damping=repr(float(viscous)), friction=repr(float(coulomb)))
+    coulomb = sum(float(law.curve()[0]) for law in laws_of_joint(robot, joint.name))
+    ET.SubElement(element, "dynamics", damping=repr(float(joint.all_viscous)), friction=repr(float(coulomb)))
 
 
 def _fixed(root: ET.Element, name: str, parent: str, child: str, pose: FloatArray) -> None:

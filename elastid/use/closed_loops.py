@@ -112,7 +112,7 @@ class PostureFamily:
     @property
     def axes(self) -> tuple[str, ...]:
         """Names of the driven joints."""
-        return tuple(joint.name for joint in self.family.robot.driven)
+        return self.family.robot.driven_names
 
     @cached_property
     def estimate(self) -> Plants:
@@ -220,7 +220,7 @@ class Scene:
 
     def closed(self, gains: JointLoop, filters: Filters | None) -> Closed:
         """The loops of gains (n_u,) or (N, n_u)."""
-        stack = JointLoop(*(np.atleast_2d(part)[:, None] for part in (gains.kp, gains.kd, gains.ki)))
+        stack = gains.each(lambda part: np.atleast_2d(part)[:, None])
         rate_hz = self.plants.rate_hz
         H = 1.0 if filters is None else filters.response(self.freq_hz, rate_hz)
         F, F_r = (part.response(self.freq_hz, rate_hz) * H for part in (stack, replace(stack, kd=0 * stack.kd)))

@@ -33,7 +33,7 @@ from elastid.linear.loaded import Ports, acted_on
 from elastid.linear.modes import modes
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
-from elastid.model.frame_tree import direction, position, tree, turns
+from elastid.model.frame_tree import position, rotation, tree, turns
 from elastid.model.kinematics import Poses, frame_poses
 from elastid.model.loop_closure import partition
 from elastid.model.spec import ModelSpec
@@ -80,11 +80,9 @@ class CommandedRobot:
         m, n = self.model, self.model.n_q
         q, v, a = (ca.SX.sym(name, n) for name in "qva")
         lambda_, rows = ca.SX.sym("lambda", len(self.rows)), list(self.rows)
-        force = m.mass(q, m.theta) @ a + m.force(q, v, m.theta) + self.friction(v)
         phi = m.constraint(q, m.theta)[rows]
         Phi = ca.jacobian(phi, q)
-        if rows:
-            force = force + Phi.T @ lambda_
+        force = m.mass(q, m.theta) @ a + m.force(q, v, m.theta) + self.friction(v) + Phi.T @ lambda_
         results = [ca.densify(part) for part in (force, phi, Phi)]
         return ca.Function("balance", [q, v, a, lambda_], results, {"cse": True})
 
@@ -105,9 +103,9 @@ class CommandedRobot:
         turned = turns(layout, q[: len(self.robot.joints)])
         names = [frame.name for frame in self.robot.frames]
         seat = layout.named[names.index(self.frame)]
-        error = position(layout, turned, seat, (0.0, 0.0, 0.0)) - p
+        error = position(layout, turned, seat) - p
         if self.model.n_u > 3:  # the orientation is followed, too
-            axes = ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
+            axes = rotation(layout, turned, seat)
             error = ca.vertcat(error, LEVER / 2 * sum(ca.cross(R[:, i], axes[:, i]) for i in range(3)))
         results = [ca.densify(part) for part in (error, ca.jacobian(error, q))]
         return ca.Function("tool", [q, p, ca.vec(R)], results, {"cse": True})

@@ -157,7 +157,7 @@ class Table:
 
     def angles(self, robot: Robot) -> FloatArray | None:
         """Angles (Q, n_u) of the driven joints; None where the table lacks one."""
-        names, words = [joint.name for joint in robot.driven], self.words
+        names, words = robot.driven_names, self.words
         if not set(names) <= set(words):
             return None
         in_degrees = [name_and_unit(self.heads[words[name]])[1] in _DEGREES for name in names]
@@ -169,7 +169,7 @@ class Table:
         """Positions (Q, 3) and rotations (Q, 3, 3), None without them; DataError where there are no poses either."""
         words = self.words
         if not {"x", "y", "z"} <= set(words):
-            names = [joint.name for joint in robot.driven]
+            names = robot.driven_names
             raise DataError(
                 "use/path",
                 f"its columns are {', '.join(self.heads)}; give one for each driven joint "

@@ -45,7 +45,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.weights import weigh
-from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec
+from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
 from elastid.response import Response
 from elastid.robot import Robot
@@ -227,7 +227,10 @@ def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[s
     fitted = [response for response in responses if response.configuration.name not in left_out]
     out = [response for response in responses if response.configuration.name in left_out]
     weights, names = variant.fit.weights, [response.configuration.name for response in fitted]
-    spec = replace(variant.fit, weights=replace(weights, factors=_factors(weights.factors, names)))
+    of_these = [(factor, tuple(name for name in factor.configurations if name in names)) for factor in weights.factors]
+    kept = [(factor, part) for factor, part in of_these if part or not factor.configurations]
+    factors = tuple(replace(factor, configurations=part) for factor, part in kept)
+    spec = replace(variant.fit, weights=replace(weights, factors=factors))
     try:
         result = fit_parameters(fitted, variant.robot, spec, model=variant.model)
         modelled = FittedRobot.of(result, variant.robot, out, variant.model).responses
@@ -283,12 +286,6 @@ def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
     }
     patterns = spec.parameters or dict.fromkeys(free, ParameterSpec())
     return replace(spec, parameters={**patterns, **still})
-
-
-def _factors(factors: Sequence[FactorSpec], names: Sequence[str]) -> tuple[FactorSpec, ...]:
-    """The factors of these configurations."""
-    pairs = [(factor, tuple(name for name in factor.configurations if name in names)) for factor in factors]
-    return tuple(replace(factor, configurations=part) for factor, part in pairs if part or not factor.configurations)
 
 
 def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:

@@ -239,11 +239,9 @@ def _moderated(own: _Excess, of_kind: Iterable[_Excess]) -> tuple[float, float]:
 
 def _same_kind(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[_Parameter]:
     """The other parameters with the same letters, where their spreads are relative."""
-    if not parameter.is_relative:
-        return []
-    return [
-        p for p in parameters if p is not parameter and p.is_relative and _letters(p.name) == _letters(parameter.name)
-    ]
+    letters = _letters(parameter.name)
+    alike = [p for p in parameters if p is not parameter and _letters(p.name) == letters]
+    return [p for p in alike if p.is_relative and parameter.is_relative]
 
 
 def _letters(name: str) -> str:

@@ -109,9 +109,8 @@ class _Log:
     @classmethod
     def of(cls, robot: Robot, members: Sequence[tuple[MotionFriction, FrictionRecord]]) -> _Log:
         """The log of joints that moved together, up to LONGEST_S."""
-        names, (regressions, records) = [joint.name for joint in robot.driven], zip(*members, strict=True)
-        posture, n = records[0].configuration, round(LONGEST_S * records[0].rate_hz)
-        rest = np.zeros(len(names)) if posture is None else posture.angles
+        names, (regressions, records) = robot.driven_names, zip(*members, strict=True)
+        n, rest = round(LONGEST_S * records[0].rate_hz), records[0].angles(len(names))
         signals = tuple(MotionSignals.of(fit.motion, fit.passband_hz) for fit in regressions)
         moving = tuple(names.index(record.joint) for record in records)
         return cls(min(len(records[0].position), n), rest, moving, regressions, records, signals)

@@ -150,7 +150,7 @@ def follow(
     held: gains of motors that move (n_u,); others are held by a loop of 5 Hz.
     """
     model, point, resting = plant.model, plant.point, holding_gains(plant, 5.0)
-    gains = JointLoop(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
+    gains = held.each(lambda moved, rested: np.where(moving, moved, rested), resting)
     (q,) = rigid_path(model, point.q, point.configuration.angles, position[None])
     return simulate(plant.loop, gains, commands, q, v0=rigid_motion(model, q) @ velocity)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.arm import resting
 from plants.refusals import refused
 from plants.template_arm import arm
 
@@ -34,7 +35,7 @@ def pendulum(k: float) -> Robot:
 def test_pendulum_on_a_spring_bends_by_its_weight(angle):
     """k (q_a - q_m) = m g l sin(q_a): the deflection solves the scalar equation, the motor holds m g l sin(q_a)."""
     model = serial(pendulum(k=5e3))
-    point = equilibrium(model, model.theta, Configuration("c", (angle,)))
+    point = resting(model, angle)
     q_a, q_m = point.q
     assert q_m == angle
     assert 5e3 * (q_a - q_m) == pytest.approx(M * G * L * np.sin(q_a), abs=1e-9)
@@ -46,7 +47,7 @@ def test_pendulum_on_a_spring_bends_by_its_weight(angle):
 def test_at_rest_nothing_accelerates(angles):
     """f(q0, 0) = B u0: the full nonlinear equations are satisfied with the holding torque."""
     model = serial(arm())
-    point = equilibrium(model, model.theta, Configuration("c", angles))
+    point = resting(model, *angles)
     f = model.force(point.q, np.zeros(model.n_q), model.theta).full()[:, 0]
     np.testing.assert_allclose(f, model.B @ point.u, atol=1e-6)
     np.testing.assert_array_equal(point.q[[model.index(motor) for motor in ("motor 1", "motor 2", "motor 3")]], angles)
@@ -58,10 +59,10 @@ def test_joint_without_spring_hangs_down():
     upper = Body("arm", joints=(Joint("1", "y", motor=Motor(1e-3)),), mass=5, center_of_mass=(0.2, 0, 0), inertia=0.1)
     bob = Body("bob", "arm", Placement((0.5, 0, 0)), (hanging,), 2, (0, 0, -0.3), 0.01)
     model = serial(Robot("r", (upper, bob)))
-    point = equilibrium(model, model.theta, Configuration("c", (0.8,)))
+    point = resting(model, 0.8)
     assert point.q[model.index("joint free")] == pytest.approx(-0.8, abs=1e-12)
     weightless = serial(Robot("r", (upper, bob), gravity=(0, 0, 0)))
-    point = equilibrium(weightless, weightless.theta, Configuration("c", (0.8,)))
+    point = resting(weightless, 0.8)
     np.testing.assert_allclose(point.q, [0.8, 0.0], atol=0)
 
 
@@ -76,7 +77,7 @@ def test_a_joint_without_load_rests_inside_its_gap() -> None:
     loose = with_joints(pendulum(5e3), lambda joint: replace(joint, spring=Spring(5e3, 1.0, backlash=1e-3)))
     model = serial(loose)
     for angle, count in ((np.pi, 1), (1.5, 0)):
-        point = equilibrium(model, model.theta, Configuration("c", (angle,)))
+        point = resting(model, angle)
         assert [note.code for note in spring_notes(model, model.theta, [point])] == count * ["robot/operating-point"]
 
 

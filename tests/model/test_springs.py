@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.arm import resting
 
-from elastid.linear.equilibrium import equilibrium, preloads
+from elastid.linear.equilibrium import preloads
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
@@ -61,7 +62,7 @@ def torque_of(spring: Spring, x: np.ndarray) -> np.ndarray:
 
 def at_rest(model: ElasticModel, angle: float) -> tuple[float, float]:
     """Deflection and tangent stiffness of the only spring."""
-    point = equilibrium(model, model.theta, Configuration("c", (angle,)))
+    point = resting(model, angle)
     _, deflection, tangent = preloads(model, model.theta, [point])
     return float(deflection[0, 0]), float(tangent[0, 0])
 
@@ -134,7 +135,7 @@ def test_gravity_hides_the_backlash() -> None:
 def test_statics_converge_across_any_gap(rounding: float, b: float, angle: float) -> None:
     """From the middle of a gap without stiffness to a flank, whatever the width, the edge and the direction."""
     model = serial(beam(Spring(1e6, backlash=b, rounding=rounding), 500.0))
-    point = equilibrium(model, model.theta, Configuration("c", (angle,)))
+    point = resting(model, angle)
     assert abs(point.q[1] - point.q[0]) < 2.1 * b + 1e-3
     torque = model.potential_gradient(point.q, model.theta).full()[:, 0]
     assert abs(torque[0]) < 1e-4

@@ -7,7 +7,9 @@ import numpy as np
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.linear.linearise import linearise
+from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring, Tolerances
@@ -16,6 +18,11 @@ from plants.outside_arm import Outside
 STIFFNESS, DAMPING, MASS, OFFSET, INERTIA = (4e4, 2e4), (80.0, 40.0), (30.0, 20.0), (0.4, 0.35), (1.5, 1.0)
 LENGTH, TOOL, GRAVITY, RATIO = 0.8, 0.6, 9.81, 80.0
 STD = 0.02  # relative, of each stiffness and damping
+
+
+def resting(model: ElasticModel, *angles: float) -> OperatingPoint:
+    """A robot at rest at angles of its driven joints."""
+    return equilibrium(model, model.theta, Configuration("c", np.array(angles)))
 
 
 def robot(

@@ -10,6 +10,7 @@ from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.formulation import formulate
@@ -94,3 +95,8 @@ def _fitted(
         linear = linearise(model, Configuration(name, angles), model.theta, model.inputs, "acceleration")
         responses.append(to_response(linear, linear.theta_ref, freq_hz))
     return models_by_group(result, robot, responses, spec, "study")[""]
+
+
+def rest_of(model: FittedRobot, posture: int = 0) -> OperatingPoint:
+    """A fitted robot at rest in one of its postures."""
+    return equilibrium(model.model, model.theta[:-1], model.linear[posture].configuration)

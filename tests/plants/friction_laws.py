@@ -14,7 +14,6 @@ class Numeric:
         after = law.advanced(v, z, curve, step)
         self.n = law.n_states
         self.torque = ca.Function("torque", [v, z], [law.torque(v, z, curve)])
-        self.rate = ca.Function("rate", [v, z], [law.rate(v, z, curve)])
         self.path = ca.Function("step", [z, v], [after, law.torque(v, after, curve)])
 
     def follow(self, v: np.ndarray, z: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

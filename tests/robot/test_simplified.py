@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.arm import resting
 from plants.dry_friction import robot as two_axes
 from plants.gears import wrist
 from plants.linkages import linkage
 from plants.refusals import refused
 
-from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate
@@ -70,7 +70,7 @@ def test_a_rigid_gear_is_the_rotor_on_the_joint() -> None:
     expected = s**2 / (s**2 * inertia + s * (2.0 + 50**2 * 3e-3) + gravity)
     np.testing.assert_allclose(response(robot, SERIAL, up)[:, 0, 0], expected, rtol=1e-9)
     model = formulate(robot)
-    assert equilibrium(model, model.theta, Configuration("c", (0.1,))).q.tolist() == [0.1]
+    assert resting(model, 0.1).q.tolist() == [0.1]
 
 
 @pytest.mark.parametrize("name", ["9", "elbow"])

@@ -12,14 +12,14 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from plants.arm import resting
 from plants.integration import acceleration, runge_kutta
 from plants.two_links import FREE, arm, loop, motor, quiet, rough
 
 from elastid.friction.dynamic import Bristle
 from elastid.friction.robot_friction import PlacedLaw
-from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import serial
-from elastid.record import Configuration, JointLoop
+from elastid.record import JointLoop
 from elastid.robot import Friction
 from elastid.simulation.closed_loop import (
     CHUNK_SAMPLES,
@@ -38,7 +38,7 @@ from elastid.simulation.dynamics import FIFTH_ORDER, contacts
 def test_the_loop_is_that_of_a_plain_python_loop() -> None:
     """Sample by sample with the controller written out, across the border of two chunks."""
     model, n = serial(arm(damping=20.0)), CHUNK_SAMPLES + 50
-    point = equilibrium(model, model.theta, Configuration("c", np.array([0.3, -0.8])))
+    point = resting(model, 0.3, -0.8)
     random = np.random.default_rng(2)
     torque, disturbance, noise = random.normal(0, [50, 5, 1e-5], (n, 2, 3)).transpose(2, 0, 1)
     commands = replace(quiet(model, point.q, n, torque), disturbance=disturbance, reading_noise=noise)
@@ -125,7 +125,7 @@ def compiler_script(folder: Path, body: str) -> str:
 def test_a_motion_has_the_same_bytes_with_and_without_a_compiler() -> None:
     """Two links with friction, counts and noise in closed loop."""
     model, n, random = serial(arm(damping=20.0)), 1500, np.random.default_rng(2)
-    point = equilibrium(model, model.theta, Configuration("c", np.array([0.3, -0.8])))
+    point = resting(model, 0.3, -0.8)
     commands = quiet(model, point.q, n, random.normal(0, 50, (n, 2)))
     drives, gains = Drives(np.full(2, 2e-6), np.full(2, np.inf)), tune(model, point.q, 1.5, 0.8)
 

@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from plants.arm import resting
 from plants.two_links import FREE, arm, loop, motor, quiet, rough
 from scipy import signal
 
-from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import serial
-from elastid.record import Configuration
 from elastid.simulation.closed_loop import Commands, closed_loop, simulate
 from elastid.simulation.controller import (
     Filters,
@@ -48,11 +47,11 @@ def test_gains_of_a_cascade_are_those_of_its_loops() -> None:
 def test_feed_forward_is_the_rigid_robots_inverse_dynamics() -> None:
     """Accelerating both motors from rest needs T^T M T q_a'' beyond the holding torque, springs out of it."""
     model = serial(arm(damping=20.0))
-    point = equilibrium(model, model.theta, Configuration("c", np.array([0.3, -0.8])))
+    point = resting(model, 0.3, -0.8)
     T, z, a = rigid_motion(model, point.q), np.zeros((1, 2)), np.array([[2.0, -1.0]])
     inertia = T.T @ model.mass(point.q, model.theta).full() @ T
     np.testing.assert_allclose(feed_forward(model, point.q, z, z, a)[0], point.u + inertia @ a[0], rtol=1e-9)
-    turned = equilibrium(model, model.theta, Configuration("d", np.array([0.5, -0.7])))
+    turned = resting(model, 0.5, -0.7)
     there = feed_forward(model, point.q, np.array([[0.2, 0.1]]), z, z)[0]
     np.testing.assert_allclose(there, turned.u, rtol=2e-3)
 
@@ -95,7 +94,7 @@ def test_states_have_the_response() -> None:
 def test_the_simulated_loop_filters_and_delays_its_feedback() -> None:
     """As SciPy filters the same errors, a sample later, sample by sample; what is injected passes at once."""
     model, n = serial(arm(damping=20.0)), 300
-    point = equilibrium(model, model.theta, Configuration("c", np.array([0.3, -0.8])))
+    point = resting(model, 0.3, -0.8)
     injected = np.random.default_rng(2).normal(0, 30, (n, 2))
     commands = quiet(model, point.q, n, injected)
     filters, gains = filters_of(("1", "2"), SPEC, RATE_HZ), gains_of(model, point.q, SPEC)

@@ -8,17 +8,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from plants.fitted_models import close, fitted_model, responses_of
+from plants.fitted_models import close, fitted_model, responses_of, rest_of
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.linear.equilibrium import equilibrium
 from elastid.targets.code import write_c, write_casadi
 
 
 def read_back(model: FittedRobot, function: Any, B: FloatArray) -> ComplexArray:
     """The response of exported functions at an equilibrium: by the saddle point where constraints are exported."""
-    point = equilibrium(model.model, model.theta[:-1], model.linear[0].configuration)
+    point = rest_of(model)
     n, q = len(point.q), point.q
     multipliers = (point.lambda_,) if model.model.n_c else ()
     M, D, K = function("mass", q), function("damping", q), function("stiffness", q, *multipliers)
@@ -88,5 +87,5 @@ int main(void) {{
     program = tmp_path / "main"
     subprocess.run(["cc", tmp_path / "main.c", tmp_path / "robot.c", "-o", program, "-lm"], check=True)
     numbers = np.array(subprocess.run([program], capture_output=True, text=True, check=True).stdout.split(), float)
-    point = equilibrium(model.model, model.theta[:-1], model.linear[1].configuration)
+    point = rest_of(model, 1)
     np.testing.assert_allclose(numbers, np.concatenate([point.q, point.u]), rtol=1e-13)

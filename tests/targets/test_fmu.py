@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from plants.fitted_models import fitted_model
+from plants.fitted_models import fitted_model, rest_of
 from scipy.linalg import expm
 
 from elastid.base.arrays import FloatArray
@@ -32,7 +32,7 @@ ROBOTS = ["bench", *SLOW, "linkage_arm minimal"]
 
 def gains_of(model: FittedRobot) -> JointLoop:
     """Feedback with a bandwidth of 3 Hz in the first configuration."""
-    point = equilibrium(model.model, model.theta[:-1], model.linear[0].configuration)
+    point = rest_of(model)
     return tune(model.model, point.q, 3.0, 0.7)
 
 
@@ -70,7 +70,7 @@ def unit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def run(model: FittedRobot, path: Path, torque: FloatArray, starts: dict[str, float]) -> FloatArray:
     """Angles of the motors (n, n_u) that a unit gives, torque (n, n_u) beside what holds the posture."""
     inputs = model.model.inputs
-    point = equilibrium(model.model, model.theta[:-1], model.linear[0].configuration)
+    point = rest_of(model)
     t = np.arange(len(torque)) / RATE_HZ
     signals = np.zeros(len(t), [("time", float), *((f"torque of {motor}", float) for motor in inputs)])
     signals["time"] = t
@@ -133,7 +133,7 @@ def test_a_force_at_a_frame_moves_it_as_the_linear_model(tmp_path: Path) -> None
     """A step of 3 N on the tool of a robot without dry friction: its path over 80 ms, by the matrix exponential."""
     model = fitted_model("scara")
     write_fmu(tmp_path, model)
-    point = equilibrium(model.model, model.theta[:-1], model.linear[0].configuration)
+    point = rest_of(model)
     ports = [f"frame tool {axis}" for axis in "xyz"]
     free = model.result.at(
         model.linear[0].configuration, ["force tool x", "force tool y"], ports, motors="free", axes="world"

@@ -116,7 +116,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
         path, configuration = base / file.path, configurations[file.configuration]
         if kind_of(path) == "frf":
             response = in_quantity(_of_another_run(path, file, configuration, study.robot), estimator.quantity)
-            if spec.is_held:
+            if "zero-order" in (spec.hold, *(channel.hold for channel in spec.channels)):
                 text = "hold is not taken out of it: the study that estimated it says in experiment.recorded.hold"
                 response = replace(response, notes=(*response.notes, Note("responses/hold", text, str(path))))
         else:

@@ -69,8 +69,8 @@ def fit(study: Study, work: Work) -> Artefacts:
         for words in (result.message, *seconds):
             console.say(f"fit: {words}")
 
-    names = [response.configuration.name for response in responses]
-    robots = {file: text(robot_file) for file, robot_file in robot_files(study.name, robot, result, friction, names)}
+    files = robot_files(study.name, robot, result, friction, responses.names)
+    robots = {file: text(robot_file) for file, robot_file in files}
     result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp, modelled)}
     return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
 
@@ -118,8 +118,7 @@ def conclude(run: Run) -> None:
     explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
         run.console.say(line)
-    files = (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit"))
-    run.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
+    run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
     status, meaning = result.status.replace("_", " "), result.meaning
     if result.status == "misfit":
         raise MisfitError("fit/misfit", f"{result.message.partition(':')[0]}; {meaning}", "done, but a misfit")

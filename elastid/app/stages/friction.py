@@ -75,7 +75,7 @@ def simulate_motions(study: Study, work: Work) -> Artefacts:
     rig = SimulatedFrictionRig(study.as_robot(), study.experiment, plan, study.seed)
     write = stored.write_friction_records
     records, report = measure_parts(
-        work, rig.motions, rig.measure, lambda path: stored.read_friction_records(path).records, write, "motions"
+        work, rig.plan.motions, rig.measure, lambda path: stored.read_friction_records(path).records, write, "motions"
     )
     files = {"records.h5": lambda path, stamp: write(path, records, stamp, rig.warm_ups())}
     return Artefacts(files, report)
@@ -169,9 +169,7 @@ def conclude(run: Run) -> None:
             run.console.detail(f"{joints}: no {refusal.part}: {refusal.reason}")
     for question, sentences in content.short_questions:
         run.console.say(f"{question} {' '.join(sentences)}")
-    leaves = (*run.stages["report"].leaves, *run.stages["friction"].leaves[1:])
-    files = [run.folder / name for name in leaves]
-    run.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
+    run.say_files([*run.stages["report"].leaves, *run.stages["friction"].leaves[1:]])
     missing = [f"joint {joint.joint}: {part_words(held)}" for joint in result.joints for held in joint.missing]
     if result.status == "failed":
         raise FitError("friction/no-record", f"{result.message}; the notes above say why", "no friction was identified")

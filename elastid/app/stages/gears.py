@@ -52,9 +52,8 @@ def gears(study: Study, work: Work) -> Artefacts:
         opened = open_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
     final, summary = with_gears(result, opened), _summary(files_of["fit"].with_name("summary.json"))
     content = with_gear_section(summary, result, fitted_rows(study, final, friction), opened)
-    names = [response.configuration.name for response in every]
     files: dict[str, Write] = {"summary.json": as_json(content)}
-    files |= {file: text(spec) for file, spec in robot_files(study.name, robot, final, friction, names, opened)}
+    files |= {file: text(spec) for file, spec in robot_files(study.name, robot, final, friction, every.names, opened)}
     files["gears.h5"] = lambda path, stamp: write_gears(path, opened, stamp)
 
     def report(console: Console) -> None:
@@ -95,7 +94,7 @@ def on_straight_springs(
 def _summary(path: Path) -> dict[str, object]:
     """The content of the fit's summary.json."""
     try:
-        content: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+        content: dict[str, object] = json.loads(path.read_bytes())
     except (OSError, ValueError) as error:
         raise StudyError("files/damaged", f"it cannot be read ({error}); the stage fit makes it again", path) from None
     return content

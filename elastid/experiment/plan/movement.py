@@ -59,11 +59,6 @@ def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
     return Movement(s * p, ds * p + s * dp, dds * p + 2 * ds * dp + s * ddp, s[:, 0])
 
 
-def one_period(carrier: CarrierSpec | None, plan: Plan) -> FloatArray:
-    """Velocity (period_samples, n_u) of the movement while the periods repeat, rad/s or m/s."""
-    return movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
-
-
 def reach(carrier: CarrierSpec, n_u: int, period_s: float, before_s: float) -> FloatArray:
     """Largest excursion (n_u,) of each joint to either side, rad or m.
 
@@ -103,11 +98,10 @@ def _ramps(plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
     still = np.zeros(plan.hold_samples)
     n = plan.run_samples - 2 * plan.first_sample
     # Downwards the first sample is that of s = 1, the last one before s = 0.
-    parts = (
+    s, ds, dds = (
         np.concatenate([still, up, np.full(n, full), [full][:ramp], sign * up[:0:-1], still])
         for up, full, sign in zip(rising, (1.0, 0.0, 0.0), (1, -1, 1), strict=True)
     )
-    s, ds, dds = parts
     return s, ds, dds
 
 

@@ -78,7 +78,8 @@ def torque_spectra(
             )
         if not is_found:
             nearby = [getattr(closed_loop(configuration, freq_hz * factor), excitation.flat) for factor in _NEARBY]
-            relative = relative / np.max([_own(response) for response in nearby], axis=0)
+            # |T_ii| (F, n_u): of each motor to its own torque.
+            relative = relative / np.max(np.abs(np.diagonal(nearby, axis1=2, axis2=3)), axis=0)
         responses = closed_loop(configuration, freq_hz).stacked(excitation.compress)
     amplitude = spectrum if spectrum is not None else amplitudes(relative, torque_rms(excitation, robot))
     how = (excitation.phases, excitation.orthogonal, lines, amplitude)
@@ -100,11 +101,6 @@ def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
     if refused := robot.count_refusal(len(rms), "torques"):
         raise StudyError("excitation/power", f"{refused}, or one for all", "excitation.torque_rms")
     return np.array(rms)
-
-
-def _own(response: ComplexArray) -> FloatArray:
-    """|T_ii| (F, n_u): of each motor to its own torque."""
-    return np.abs(np.diagonal(response, axis1=1, axis2=2))
 
 
 @dataclass(frozen=True)

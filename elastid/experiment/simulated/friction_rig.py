@@ -26,12 +26,11 @@ from elastid.experiment.plan.friction import (
     planned_pass,
 )
 from elastid.experiment.simulated.hardware import Noise, draw_noise, loads_of
-from elastid.experiment.simulated.plant import Plant, limit_notes, model_of, true_plant, true_robot
+from elastid.experiment.simulated.plant import Plant, holding_torque, limit_notes, model_of, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import HeatSpec, SimulatedSpec
-from elastid.friction.robot_friction import frictions
-from elastid.linear.equilibrium import OperatingPoint, equilibrium
-from elastid.model.elastic import ElasticModel
+from elastid.friction.robot_friction import laws_of_joint
+from elastid.linear.equilibrium import equilibrium
 from elastid.record import FrictionRecord, WarmUpLog
 from elastid.robot import Robot
 from elastid.robot.simplified import with_point_mass
@@ -100,14 +99,6 @@ class FrictionRun:
             raise StudyError("experiment/simulated", str(error), self.motion.name) from None
 
 
-def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
-    """u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
-    moved = np.zeros((len(position), model.n_u))
-    moved[:, index] = position - point.configuration.angles[index]
-    still = np.zeros_like(moved)
-    return feed_forward(model, point.q, moved, still, still)
-
-
 # Motion of a joint from a time to another, in s; its speeds (m,), equally likely ones, none at rest.
 _Activity: TypeAlias = tuple[float, float, FloatArray]
 
@@ -121,9 +112,8 @@ def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> tup
     exact over a step of constant power. Hours are not simulated sample by sample: P of a pass, or of a warm-up between
     its tests, is the mean of tau_f v at the law's torque and the temperature at the beginning of the step.
     """
-    driven = next(driven for driven in robot.driven if driven.name == joint)
-    viscous = driven.viscous + (driven.motor.viscous * driven.motor.ratio**2 if driven.motor is not None else 0.0)
-    laws = [law for law in frictions(robot) if law.place in (f"motor {joint}", f"joint {joint}")]
+    viscous = robot.driven[robot.driven_names.index(joint)].all_viscous
+    laws = laws_of_joint(robot, joint)
     times, temperatures, powers = [0.0], [spec.start_degc], list[float]()
     for start, end, speed in _activities(plan, joint):
         steps = max(1, math.ceil((end - start) / 30.0))  # s of constant power
@@ -194,14 +184,9 @@ class SimulatedFrictionRig:
         """The study's section `experiment.simulated`."""
         return self.spec.as_simulated()
 
-    @property
-    def motions(self) -> tuple[PlannedMotion, ...]:
-        """All motions of the plan."""
-        return self.plan.motions
-
     def measure(self, motion: PlannedMotion) -> FrictionRecord:
         """Simulate one motion. DataError where the joint is lost, StudyError where the steps are too long for it."""
-        run, number = self._run(motion), [planned.name for planned in self.motions].index(motion.name)
+        run, number = self._run(motion), [planned.name for planned in self.plan.motions].index(motion.name)
         model, i, rate_hz, seed = run.plant.model, run.index, self.plan.rate_hz, (self.seed, number)
         noise = draw_noise(self.simulated.noise, len(run.path.position), rate_hz, model.n_u, model.inputs, seed)
         trajectory = run.simulated(self.simulated.controller, rate_hz, noise)
@@ -238,7 +223,7 @@ class SimulatedFrictionRig:
         return tuple(self._warm_up(warm_up) for warm_up in self.plan.warm_ups)
 
     def _run(self, motion: PlannedMotion) -> FrictionRun:
-        index = [joint.name for joint in self.robot.driven].index(motion.joint)
+        index = self.robot.driven_names.index(motion.joint)
         limits = next(design.limits for design in self.plan.designs if design.joint == motion.joint)
         if motion.planned is not None:
             path = pass_reference(motion.planned, limits, self.plan.rate_hz)
@@ -276,10 +261,10 @@ class SimulatedFrictionRig:
         spec = self.simulated.heat
         assert spec is not None  # refused at the beginning
         time_s, T, power = heat_of(self.plan, true_robot(self.robot, self.simulated.truth), spec, warm_up.joint)
-        tests = [test.start_s for test in self.motions if test.joint == warm_up.joint and test.is_warm_up]
+        tests = [test.start_s for test in self.plan.motions if test.joint == warm_up.joint and test.is_warm_up]
         end_s = max(warm_up.start_s + warm_up.time_s, *tests)
         places = np.flatnonzero((time_s > warm_up.start_s - 1e-6) & (time_s < end_s + 1e-6))
-        joint = [driven.name for driven in self.robot.driven].index(warm_up.joint)
+        joint = self.robot.driven_names.index(warm_up.joint)
         rng = np.random.default_rng(np.random.SeedSequence((self.seed, joint, 2)))
         std = np.nan if spec.thermometer_std is None else spec.thermometer_std
         signals = time_s[places], power[places[:-1]], T[places] + std * rng.standard_normal(len(places))

@@ -185,7 +185,7 @@ def friction_at_rest(contacts: Contacts, robot: Robot, point: OperatingPoint) ->
 
 def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[float]:
     """The load in Nm, link side, on each contact: the holding torque of a driven joint, the spring's of another."""
-    driven, loads = [joint.name for joint in robot.driven], list[float]()
+    driven, loads = robot.driven_names, list[float]()
     for law in contacts.laws:
         name = law.place.split(" ", 1)[1]
         index, joint = next((i, joint) for i, joint in enumerate(robot.joints) if joint.name == name)

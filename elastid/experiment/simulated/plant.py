@@ -98,7 +98,7 @@ def _loop_of(
     limits = np.array([(-np.inf, np.inf) if is_free else joint.limits.angle for joint in robot.driven])
     hardware = drives(robot, encoder_counts, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
-    filters = filters_of([joint.name for joint in robot.driven], controller, rate_hz)
+    filters = filters_of(robot.driven_names, controller, rate_hz)
     return closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, of_numbers, filters)
 
 
@@ -130,6 +130,14 @@ def true_plant(
     hardware = spec.noise.encoder_counts, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
     return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free, of_numbers), point)
+
+
+def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
+    """u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
+    moved = np.zeros((len(position), model.n_u))
+    moved[:, index] = position - point.configuration.angles[index]
+    still = np.zeros_like(moved)
+    return feed_forward(model, point.q, moved, still, still)
 
 
 def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) -> Iterator[Note]:
@@ -184,7 +192,7 @@ def _closed_loop_response(
     hold = np.exp(-s / (2 * rate_hz)) * np.sinc(freq_hz / rate_hz)[:, None, None]
     P = hold * frequency_response(linear, linear.theta_ref, freq_hz)
     F = gains_of(model, q0, controller).response(freq_hz, rate_hz)
-    if (filters := filters_of([joint.name for joint in robot.driven], controller, rate_hz)) is not None:
+    if (filters := filters_of(robot.driven_names, controller, rate_hz)) is not None:
         F = F * filters.response(freq_hz, rate_hz)
     torque = np.linalg.inv(np.eye(model.n_u) + F[:, :, None] * P)
     position = P @ torque

@@ -159,19 +159,16 @@ class SimulatedRig:
         position = trajectory.q @ run.plant.model.B
         return Rehearsal(experiment, self.plan.rate_hz, self.plan.first_sample, position, trajectory.u)
 
-    def _noise(self, experiment: Experiment) -> Noise:
-        plan, q = self.plan, [c.name for c in self.plan.configurations].index(experiment.configuration.name)
-        seed = (self.seed, q, experiment.realisation, experiment.experiment)
-        return draw_noise(self.simulated.noise, plan.run_samples, plan.rate_hz, len(plan.inputs), self.outputs, seed)
-
     def _prepared(self, experiment: Experiment) -> _Run:
-        spec, rate_hz = self.simulated, self.plan.rate_hz
-        samples, configuration = len(self.plan.experiments) * self.plan.run_samples, experiment.configuration
-        highest_hz = float(self.plan.freq_hz[-1])
-        plant = true_plant(self.robot, spec, rate_hz, configuration, highest_hz, samples)
-        given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), configuration)
+        plan, spec, configuration = self.plan, self.simulated, experiment.configuration
+        samples, highest_hz = len(plan.experiments) * plan.run_samples, float(plan.freq_hz[-1])
+        plant = true_plant(self.robot, spec, plan.rate_hz, configuration, highest_hz, samples)
+        given = reference(plan, spec.carrier, feed_forward_of(plant.model), configuration)
         gains = gains_of(plant.model, plant.point.q, spec.controller)
-        return _Run(experiment, plant, given, gains, self._noise(experiment))
+        q = [c.name for c in plan.configurations].index(configuration.name)
+        seed = (self.seed, q, experiment.realisation, experiment.experiment)
+        noise = draw_noise(spec.noise, plan.run_samples, plan.rate_hz, len(plan.inputs), self.outputs, seed)
+        return _Run(experiment, plant, given, gains, noise)
 
     def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:
         """The first n samples of a run, the multisine times `factor`, from rest where the reference begins."""

@@ -13,7 +13,7 @@ from elastid.base.names import Name
 from elastid.base.section import Key, section
 from elastid.base.units import TABLE, Frequency, TorqueConstant, factor, of_translation, units_of, usual_spelling
 from elastid.record import MOTION_UNIT, Hold, drive_unit
-from elastid.robot import Joint, Robot
+from elastid.robot import Robot
 
 # SI units of a channel's quantity.
 QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "force": "N", "current": "A", "voltage": "V", "temperature": "degC"}
@@ -162,7 +162,7 @@ class Structure:
         return cls(tuple(inputs), tuple(dict.fromkeys(channel.at for channel in channels if _translates(channel))))
 
     @property
-    def driven(self) -> tuple[Joint, ...]:
+    def driven_names(self) -> tuple[str, ...]:
         """No joints."""
         return ()
 

@@ -331,8 +331,3 @@ class ResponsesSpec:
     def hold_of(self, channel: ChannelSpec) -> Hold:
         """The hold of an input: its own, or else that of the section."""
         return channel.hold or self.hold
-
-    @property
-    def is_held(self) -> bool:
-        """True if some input is held."""
-        return any(hold == "zero-order" for hold in (self.hold, *(channel.hold for channel in self.channels)))

@@ -324,12 +324,9 @@ def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatA
         sizes = (load.mass / MASS_KG, *load.place / DISTANCE_M)
         return load.steps, load.drop, occam_factor(load.information / tau2, W, np.array(sizes))
     steps, drop = test.step(candidate)
-    D, places = candidate.directions, candidate.places
-    usual = np.array([min(test.numbers[i].usual, 1e6) for i in places])
-    along = np.array([float(usual[D[:, k] != 0][0]) for k in range(D.shape[1])])
-    S = D.T @ test.S[np.ix_(places, places)] @ D
-    of_direction = np.array([float(steps[D[:, k] != 0][0]) for k in range(D.shape[1])])
-    return steps, drop, occam_factor(S / tau2, along, of_direction / along)
+    first = np.argmax(candidate.directions != 0, axis=0)  # number of each direction
+    usual = np.array([min(test.numbers[i].usual, 1e6) for i in candidate.places[first]])
+    return steps, drop, occam_factor(test.along(candidate)[0] / tau2, usual, steps[first] / usual)
 
 
 def occam_factor(S: FloatArray, usual: FloatArray, sizes: FloatArray) -> float:

@@ -100,9 +100,9 @@ def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Reading]:
     """Channels with the other sign."""
     outputs, inputs = _channels(evaluated)
     for place in outputs:
-        yield Reading(f"y at {place} with the other sign", "sign", partial(_turned, {place}, set()))
+        yield Reading(f"y at {place} with the other sign", "sign", partial(_times, {place: -1.0}, {}))
     for place in inputs:
-        yield Reading(f"u at {place} with the other sign", "sign", partial(_turned, set(), {place}))
+        yield Reading(f"u at {place} with the other sign", "sign", partial(_times, {}, {place: -1.0}))
 
 
 def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Reading]:
@@ -110,13 +110,15 @@ def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Readin
     outputs, inputs = _channels(evaluated)
     for place in (place for place in inputs if place in outputs):
         name = f"{place} counted in the other direction, torque and motion"
-        yield Reading(name, "direction", partial(_turned, {place}, {place}))
+        yield Reading(name, "direction", partial(_times, {place: -1.0}, {place: -1.0}))
 
 
-def _turned(outputs: set[str], inputs: set[str], evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+def _times(
+    outputs: dict[str, float], inputs: dict[str, float], evaluated: Evaluated, values: ComplexArray
+) -> ComplexArray:
+    """The response with factors of some outputs and inputs."""
     model = evaluated.part.kernel.model
-    rows = np.array([-1.0 if name in outputs else 1.0 for name in model.outputs])
-    columns = np.array([-1.0 if name in inputs else 1.0 for name in model.inputs])
+    rows, columns = [outputs.get(p, 1.0) for p in model.outputs], [inputs.get(p, 1.0) for p in model.inputs]
     return values * np.outer(rows, columns)
 
 
@@ -204,19 +206,12 @@ def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str
             words = ", ".join(f"{name} times {math.exp(c):.3g}" for name, c in far.items())
             if not words:
                 break
-            reading = Reading("", SCALE, partial(_rescaled, outputs, inputs))
+            # As channels with these ln c read the response of the model.
+            of_y, of_u = ({place: math.exp(-c) for place, c in side.items()} for side in (outputs, inputs))
+            reading = Reading("", SCALE, partial(_times, of_y, of_u))
             V, x = settle(reading, fit, x, np.ones(len(x), dtype=bool))
         if words:
             yield words, V, x
-
-
-def _rescaled(
-    outputs: dict[str, float], inputs: dict[str, float], evaluated: Evaluated, values: ComplexArray
-) -> ComplexArray:
-    """The response of the model as channels with these ln c read it."""
-    model = evaluated.part.kernel.model
-    rows, columns = [outputs[place] for place in model.outputs], [inputs[place] for place in model.inputs]
-    return values * np.exp(-np.add.outer(rows, columns))
 
 
 def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str, float]]:

@@ -98,7 +98,7 @@ class ScoreTest:
         Several numbers have a prior of the width of what is plausible, which decides where the data do not.
         """
         D, places = candidate.directions, candidate.places
-        S, g = self._along(candidate)
+        S, g = self.along(candidate)
         if not self.known[places].any() or (len(g) == 1 and S[0, 0] <= 0):
             return np.zeros(len(D)), 0.0
         along = places[np.argmax(D != 0, axis=0)]  # the first number of each direction
@@ -109,12 +109,12 @@ class ScoreTest:
 
     def most(self, candidate: Candidate) -> float:
         """The drop of V by the best step of a candidate, plausible or not."""
-        S, g = self._along(candidate)
+        S, g = self.along(candidate)
         return float(g @ np.linalg.pinv(S, hermitian=True) @ g)
 
     def std(self, candidate: Candidate) -> float:
         """The standard deviation of the first number's step, for residuals of unit variance."""
-        S, D = self._along(candidate)[0], candidate.directions
+        S, D = self.along(candidate)[0], candidate.directions
         return float(np.sqrt(max(D[0] @ np.linalg.pinv(S, hermitian=True) @ D[0], 0.0)))
 
     def correlations(self, candidates: Sequence[Candidate]) -> FloatArray:
@@ -136,7 +136,7 @@ class ScoreTest:
         """The test of all numbers with a candidate at its step and free."""
         D, places = candidate.directions, candidate.places
         columns = self.S[:, places] @ D
-        back = columns @ np.linalg.pinv(self._along(candidate)[0], hermitian=True)
+        back = columns @ np.linalg.pinv(self.along(candidate)[0], hermitian=True)
         g = self.g + self.S[:, places] @ self.step(candidate)[0]
         S = self.S - back @ columns.T
         known = self.known & (np.diag(S) > 1e-6 * np.diag(self.S))
@@ -159,7 +159,7 @@ class ScoreTest:
 
         return np.asarray(lsq_linear(L.T, target, limits * size).x / size)
 
-    def _along(self, candidate: Candidate) -> tuple[FloatArray, FloatArray]:
+    def along(self, candidate: Candidate) -> tuple[FloatArray, FloatArray]:
         """S (n_d, n_d) and g (n_d,) along the directions of a candidate."""
         D, places = candidate.directions, candidate.places
         return D.T @ self.S[np.ix_(places, places)] @ D, D.T @ self.g[places]
@@ -251,8 +251,8 @@ def _of_moments(numbers: list[HeldNumber]) -> FloatArray:
     J["I"] = {4: 1.0, 5: 1.0, 6: 1.0}  # of a single number, as in a plane
     for i, axis in enumerate("xyz"):
         J[f"I{axis}{axis}"] = {4 + j: 1.0 for j in range(3) if j != i}
-    J |= {f"I{a}{b}": {4 + k: -1.0} for k, (a, b) in enumerate(_PAIRS) if a != b}
-    J |= {f"I{b}{a}": {4 + k: -1.0} for k, (a, b) in enumerate(_PAIRS) if a != b}
+    for k, (a, b) in enumerate(_PAIRS[3:], start=7):
+        J[f"I{a}{b}"] = J[f"I{b}{a}"] = {k: -1.0}
     A = np.zeros((len(numbers), 10))
     for row, number in zip(A, numbers, strict=True):
         for place, factor in J.get(_key(number.name), {}).items():

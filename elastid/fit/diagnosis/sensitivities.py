@@ -113,7 +113,7 @@ class HeldModel:
 def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
     model, configurations = assembly.linearisation.model, [G.configuration for G in assembly.responses]
     at_rest = partial(equilibrium, model, assembly.parameters.theta[: len(model.parameters)])
-    points, joints = each_at_home(at_rest, configurations, assembly.home), [joint.name for joint in model.robot.driven]
+    points, joints = each_at_home(at_rest, configurations, assembly.home), model.robot.driven_names
     return {point.configuration.name: dict(zip(joints, point.u.tolist(), strict=True)) for point in points}
 
 
@@ -296,7 +296,7 @@ def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
     .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2), \qquad k\, (1 - e\, \tau_{min}^4 / \tau^4)
     """
     columns = {}
-    for joint in (driven.name for driven in response.robot.driven):
+    for joint in response.robot.driven_names:
         loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
         most, spring = max(loads.values(), default=0.0), f"k_{joint}"
         if most > 0 and min(loads.values()) < LOAD_RATIO * most and spring in response.slopes:

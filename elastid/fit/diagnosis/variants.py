@@ -40,8 +40,7 @@ class Variant(NamedTuple):
 def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """The indices with the best variant, and with a load that was fitted, where nothing explains all."""
     explained = max((index.share for index in indices), default=0.0)
-    is_explained = explained > LIMITS.whole and not any(i.group == SCALE for i in indices)
-    if is_explained:
+    if explained > LIMITS.whole and not any(index.group == SCALE for index in indices):
         return indices
     judged = sorted((_judged(variant, evidence, scores) for variant in _variants(evidence)), key=lambda trial: trial[1])
     # V that the file's own robot reaches from the study's start is no merit of a variant.
@@ -102,8 +101,8 @@ def _angles(evidence: Evidence) -> Iterator[Variant]:
     for name, change in changes.items():
         stood = stated @ change.T
         if not np.allclose(stood, stated):
-            places = [replace(G.configuration, angles=row) for G, row in zip(assembly.responses, stood, strict=True)]
-            responses = (replace(G, configuration=place) for G, place in zip(assembly.responses, places, strict=True))
+            pairs = zip(assembly.responses, stood, strict=True)
+            responses = (replace(G, configuration=replace(G.configuration, angles=row)) for G, row in pairs)
             yield Variant(name, "postures", replace(assembly, responses=tuple(responses)))
 
 

@@ -87,7 +87,8 @@ def trust_region(
             return Ending(x, now, "", used)
         if used == max_iterations:
             break
-        if _creeps(costs, problem.dof):
+        is_far = len(costs) > CREEPING_ITERATIONS and is_far_from_noise(now.cost, problem.dof)
+        if is_far and costs[-1 - CREEPING_ITERATIONS] - now.cost < MIN_PROGRESS * now.cost:
             return Ending(x, now, CREEPING, used)
         gradient, hessian = unit * now.gradient, np.outer(unit, unit) * now.hessian
         border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
@@ -113,12 +114,6 @@ def trust_region(
     return Ending(x, now, "stopped", max_iterations)
 
 
-def _creeps(costs: Sequence[float], dof: int) -> bool:
-    if len(costs) <= CREEPING_ITERATIONS or not is_far_from_noise(costs[-1], dof):
-        return False
-    return costs[-1 - CREEPING_ITERATIONS] - costs[-1] < MIN_PROGRESS * costs[-1]
-
-
 def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray:
     """Changes (n_x,) of equal weight: a factor e; of a linear parameter its size, its own step, or its deviation.
 
@@ -130,21 +125,19 @@ def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray
     deviation = np.sqrt(np.divide(2.0, curvature, out=np.zeros_like(x), where=known))
     size = np.maximum(np.abs(x), np.maximum(alone, deviation))
     size[size == 0] = 1.0
-    log = np.array([parameter.log for parameter in parameters.free])
-    return np.where(log, 1.0, np.minimum(size, -np.subtract(*parameters.x_bounds)))
+    return np.where(parameters.is_log, 1.0, np.minimum(size, -np.subtract(*parameters.x_bounds)))
 
 
 def _room(parameters: Parameters, x: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The least and the largest steps (n_x,) within the bounds, in units; `_moved` takes them there."""
     lower, upper = parameters.x_bounds
-    log = np.array([parameter.log for parameter in parameters.free])
     with np.errstate(over="ignore"):
-        return (lower - x) / unit, np.where(log, np.expm1(upper - x), (upper - x) / unit)
+        return (lower - x) / unit, np.where(parameters.is_log, np.expm1(upper - x), (upper - x) / unit)
 
 
 def _moved(parameters: Parameters, x: FloatArray, step: FloatArray) -> FloatArray:
     """x (n_x,) after a step: x + s, or x + ln(1 + s) for an increase of a logarithmic parameter."""
-    up = np.array([parameter.log for parameter in parameters.free]) & (step > 0)
+    up = parameters.is_log & (step > 0)
     return np.clip(x + np.where(up, np.log1p(np.where(up, step, 0.0)), step), *parameters.x_bounds)
 
 

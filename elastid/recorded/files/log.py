@@ -30,6 +30,11 @@ _BLOCK_VALUES = 1 << 20
 class Log(Protocol):
     """An open log file."""
 
+    @property
+    def arrays(self) -> Mapping[str, StoredArray]:
+        """Arrays by their names; a text has none."""
+        return {}
+
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Every numeric signal with its shape; column numbers where a text has no headings."""
 

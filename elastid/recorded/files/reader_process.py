@@ -60,18 +60,15 @@ def guarded(
 
     @contextmanager
     def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-        file, arrays = _File(reader.__module__, reader.__name__, os.getcwd(), path, _version(path)), {}
+        parts = sorted(path.iterdir()) if path.is_dir() else [path]
+        version = tuple((part.name, s.st_ino, s.st_size, s.st_mtime_ns) for part in parts for s in [part.stat()])
+        file, arrays = _File(reader.__module__, reader.__name__, os.getcwd(), path, version), {}
         for name, (shape, dtype, units, rate_hz, has_rows) in _ask(file).items():
             values = partial(_ask, file, name)
             arrays[name] = StoredArray(shape, dtype, values, units, rate_hz, values if has_rows else None)
         yield ArrayLog(path, arrays)
 
     return opened
-
-
-def _version(path: Path) -> tuple[tuple[str, int, int, int], ...]:
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    return tuple((file.name, stat.st_ino, stat.st_size, stat.st_mtime_ns) for file in files for stat in [file.stat()])
 
 
 def _ask(file: _File, name: str = "", part: slice | None = None) -> Any:

@@ -19,7 +19,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.units import TABLE
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files.log import missing_channel
+from elastid.recorded.files.log import Log, missing_channel
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.
 _DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
@@ -30,7 +30,7 @@ WRITTEN_OTHERWISE = "; it seems to be written with "
 
 
 @dataclass(frozen=True)
-class TextLog:
+class TextLog(Log):
     """The lines of a text log, decimals as points, its headings or none; first: line (from 0) where the data start.
 
     units: of the columns, where a line below the headings states them; of those it does not state, empty texts.

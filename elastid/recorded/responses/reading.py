@@ -20,7 +20,6 @@ from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, zero_order_hold
 from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, guess_format
 from elastid.recorded.link_side import MAX_COMPUTABLE, link_side_factor, to_joints
 from elastid.recorded.responses.table import (
@@ -43,11 +42,10 @@ def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
     with opened_log(path, spec.text) as log:
         if isinstance(log, TextLog):
             return text_table(path, log, spec)
-        arrays = log.arrays if isinstance(log, ArrayLog) else {}
         is_matlab = path.suffix.lower() == ".mat"
-        if structs_in(arrays) or (is_matlab and spec.columns.response not in arrays):
-            return struct_table(path, arrays, response)
-        return dataset_table(path, arrays, spec)
+        if structs_in(log.arrays) or (is_matlab and spec.columns.response not in log.arrays):
+            return struct_table(path, log.arrays, response)
+        return dataset_table(path, log.arrays, spec)
 
 
 def contents_of(path: Path) -> tuple[str, ...]:
@@ -55,8 +53,7 @@ def contents_of(path: Path) -> tuple[str, ...]:
     if is_universal_file(path):
         return uff_contents(path)
     with opened_log(path, guess_format(path)) as log:
-        arrays = log.arrays if isinstance(log, ArrayLog) else {}  # a text has none
-        tables = [(name, struct_table(path, arrays, name)) for name in structs_in(arrays)]
+        tables = [(name, struct_table(path, log.arrays, name)) for name in structs_in(log.arrays)]
     return tuple(
         f"response {name or '(its own variables)'}: {table.G.shape[1]} outputs x {table.G.shape[2]} inputs, "
         f"{len(table.freq)} lines, {table.freq[0]:g} to {table.freq[-1]:g} {table.frequency_unit or '(no unit)'}"

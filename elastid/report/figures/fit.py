@@ -157,8 +157,7 @@ def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
         label, words = f"torque of the gear in {torque}", f"joint {sheet.joint}"
         above.append(Panel([*_loop(sheet, 0.0 * linear, factor), straight], label, f"torsion in {angle}", words))
         below.append(Panel(_loop(sheet, linear, factor), label, f"less torque / k, {angle}", words))
-    rows = [row for pair in zip(style.in_columns(above), style.in_columns(below), strict=True) for row in pair]
-    return style.matrix("Torsion of the gears over their torque", rows)
+    return style.matrix("Torsion of the gears over their torque", style.in_columns(above, below))
 
 
 def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:

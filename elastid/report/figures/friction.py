@@ -156,8 +156,7 @@ def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -
     taken = friction.taken_places()
     curves = [_taken_out(friction, i, known.get(p)) if p in taken else None for i, p in enumerate(friction.places)]
     levels = [_unexplained(friction, i) for i in range(len(friction.places))]
-    rows = [row for pair in zip(style.in_columns(curves), style.in_columns(levels), strict=True) for row in pair]
-    figure = style.matrix("Friction taken out of the responses", rows)
+    figure = style.matrix("Friction taken out of the responses", style.in_columns(curves, levels))
     for axes in figure.axes:
         if axes.get_title().endswith("torque not explained"):
             style.set_names(axes.xaxis, friction.configurations, rotation=30, ha="right")

@@ -258,9 +258,9 @@ def matrix(
     return figure
 
 
-def in_columns(panels: Sequence[Panel | None], most: int = 3) -> list[list[Panel | None]]:
-    """Panels row by row, at most so many across."""
-    return [list(panels[i : i + most]) for i in range(0, len(panels), most)]
+def in_columns(*panels: Sequence[Panel | None]) -> list[list[Panel | None]]:
+    """Panels row by row, three across; a row of the first ones, the same of the next below it, and so on."""
+    return [list(row[i : i + 3]) for i in range(0, len(panels[0]), 3) for row in panels]
 
 
 def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:

@@ -90,7 +90,7 @@ def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Proble
         key = "gains" if controller.gains is not None else "delay_samples"
         yield Problem((*path, key), "the passes of a study of friction are planned with bandwidth_hz; drop this key")
     elif controller.gains is not None and study.excitation is not None:
-        joints = [joint.name for joint in study.as_robot().driven]
+        joints = study.as_robot().driven_names
         for keys, refused in controller.gains.refusals(joints, study.excitation.rate_hz):
             yield Problem((*path, "gains", *keys), refused)
 

@@ -45,7 +45,7 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
 
 
 def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:
-    driven = [joint.name for joint in study.as_robot().driven]
+    driven = study.as_robot().driven_names
     named: dict[str, str] = {}
     for i, name in enumerate(spec.joints):
         joint = joint_called(name, driven)
@@ -119,7 +119,7 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
     loads = [load.name for load in study.as_friction().loads]
     if file.load and file.load not in loads:
         yield unknown((*path, "load"), "load", file.load, loads)
-    driven = [joint.name for joint in study.as_robot().driven]
+    driven = study.as_robot().driven_names
     if file.joint and file.joint not in driven:
         yield unknown((*path, "joint"), "driven joint", file.joint, driven)
     if file.ambient is not None and file.purpose != "warm_up":

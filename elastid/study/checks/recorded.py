@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,6 @@ from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.recorded.channel_guess import channel_doubts
 from elastid.recorded.files.formats import is_log, opened_log
-from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.log import Log as OpenLog
 from elastid.recorded.files.text import WRITTEN_OTHERWISE
 from elastid.recorded.link_side import channel_refusals
@@ -72,7 +71,7 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
 def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     """Gains for each driven joint; `elastid loops` reads them."""
     if recorded.controller is not None and study.robot is not None:
-        joints = [joint.name for joint in study.as_robot().driven]
+        joints = study.as_robot().driven_names
         for keys, refused in recorded.controller.refusals(joints, recorded.known_rate_hz):
             yield Problem((*_RECORDED, "controller", *keys), refused)
 
@@ -287,8 +286,7 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
             yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")
         return
-    arrays: Mapping[str, object] = log.arrays if isinstance(log, ArrayLog) else {}
-    stated = [getattr(arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
+    stated = [getattr(log.arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
     if clashes := [
         hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _is_other(hz, c.rate_hz or rate_hz)
     ]:

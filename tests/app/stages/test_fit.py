@@ -39,7 +39,7 @@ def test_a_fit_ends_with_the_meaning_of_its_status(
     result = read_fit(run.path("fit"))
     assert result.status == status
     assert next_steps(result, parameter_rows(result, None))[0].what in " ".join(streams.out.split())
-    summary = json.loads(run.summary("fit").read_text())
+    summary = json.loads((run.folder / "summary.json").read_text())
     assert summary["status"] == status
     assert len(summary["parameters"]) > 3
     assert ended("validate") == 0

@@ -27,9 +27,9 @@ def test_levels_of_the_rig_are_those_of_the_law() -> None:
     """Within 0.4 % under gravity of three times the friction, ripple of 2 % of it, an offset of 5 %, 16-bit encoder."""
     noise = NoiseSpec(encoder_counts=65536)
     simulated = rig(SHORT, noise=noise, torque_ripple=(TorqueRippleSpec(5e-3, 2),), substeps=4)
-    records = [simulated.measure(motion) for motion in simulated.motions]
+    records = [simulated.measure(motion) for motion in simulated.plan.motions]
     limits = simulated.plan.designs[0].limits
-    for motion, record in zip(simulated.motions, records, strict=True):
+    for motion, record in zip(simulated.plan.motions, records, strict=True):
         assert motion.planned is not None
         path = pass_reference(motion.planned, limits, 500.0)
         assert np.abs(record.position - path.position).max() < 0.6 * limits.lag  # friction over the gain is half
@@ -45,7 +45,7 @@ def test_levels_of_the_rig_are_those_of_the_law() -> None:
     assert not {note for record in records for note in record.notes}
     # In another order, alone: the same bytes.
     again = rig(SHORT, noise=noise, torque_ripple=(TorqueRippleSpec(5e-3, 2),), substeps=4).measure(
-        simulated.motions[3]
+        simulated.plan.motions[3]
     )
     np.testing.assert_array_equal(again.torque, records[3].torque)
 
@@ -59,12 +59,12 @@ def test_loops_stay_stuck_and_the_joint_at_rest_is_a_spring() -> None:
         at_rest=AtRestSpec((0.1,), (5, 40)),
     )
     simulated = rig(spec, substeps=4)
-    loops = simulated.measure(next(m for m in simulated.motions if m.purpose == "loops"))
+    loops = simulated.measure(next(m for m in simulated.plan.motions if m.purpose == "loops"))
     first = slice(0, loops.period_samples)
     secant = np.ptp(loops.torque[first]) / np.ptp(loops.position[first])
     assert secant == pytest.approx(friction_numbers(axis())["s0_m1"][0], rel=0.05)
     assert np.ptp(loops.position) < 1e-3
-    motion = next(m for m in simulated.motions if m.purpose == "at_rest")
+    motion = next(m for m in simulated.plan.motions if m.purpose == "at_rest")
     rest = simulated.measure(motion)
     assert rest.start_s == motion.start_s + 1.0
     assert rest.period_samples == 500
@@ -85,7 +85,7 @@ def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
     assert T[0] == 22.0
     fade = np.exp(-np.diff(time_s) / 600.0)
     np.testing.assert_allclose(T[1:], 20.0 + (T[:-1] - 20.0) * fade + power / 0.5 * (1 - fade), rtol=1e-12)
-    tests = [motion for motion in simulated.motions if motion.is_warm_up]
+    tests = [motion for motion in simulated.plan.motions if motion.is_warm_up]
     assert np.all(np.isin([round(test.start_s, 6) for test in tests], np.round(log.time_s, 6)))
     assert np.std(log.temperature - np.interp(log.time_s, time_s, T)) == pytest.approx(0.5, rel=0.5)
     fastest = [motion for motion in tests if motion.planned and motion.planned.speed > 1.0]
