@@ -37,7 +37,7 @@ def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(bits: int, speed
     found, notes = link_side(channel, np.mod(path, turn), ROBOT)
     np.testing.assert_allclose(found - found[0], whole - whole[0], atol=1e-9 * np.nanmax(np.abs(whole)))
     assert (none, [note.code for note in notes]) == ((), [UNWRAPPED])
-    jumping, at_rest = np.random.default_rng(seed).uniform(0, turn, 400), np.full(400, path[0])
+    jumping, at_rest = np.random.default_rng(seed).uniform(0, turn, 400), np.full(400, turn / 2)
     (left, _), (unit, _) = (link_side(channel, x, ROBOT) for x in (jumping, at_rest))
     np.testing.assert_allclose(left, jumping * unit / at_rest, rtol=1e-12)
 
