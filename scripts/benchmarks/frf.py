@@ -10,9 +10,9 @@ variance and without the detrending that excited lines do not need; the package 
 `noisy_input`) where it is installed; it needs Python 3.12.
 The last line is one JSON object with the numbers of the table; last_run.json has those of the last run of each part.
 
-Measured (CPU time, medians in turn, two cores): the odd lines take 1.71 (B_over_floor) and all lines 3.66
-(A_over_floor) times the floor and 0.18 (A_gb_above_data) GB above the data. The same by scipy.signal.csd takes 9.3
-(B_faster_than_csd) and 4.4 (A_faster_than_csd) times as long. A record is read from a log, checked and repaired in
+Measured (CPU time, medians in turn, two cores): the odd lines take 1.66 (B_over_floor) and all lines 3.50
+(A_over_floor) times the floor and 0.18 (A_gb_above_data) GB above the data. The same by scipy.signal.csd takes 9.4
+(B_faster_than_csd) and 4.5 (A_faster_than_csd) times as long. A record is read from a log, checked and repaired in
 54 (B_log_over_floor) times the floor of its FFT.
 """
 
