@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import groupby
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,30 +30,25 @@ from elastid.store.measured import read_plan, read_records, write_records
 from elastid.study import Study
 
 R = TypeVar("R", Record, FrictionRecord)
-_NAME = attrgetter("name")
 
 
 def simulate(study: Study, work: Work) -> Artefacts:
     """records.h5 of the simulated rig, which carries out the plan."""
     plan = read_plan(work.sources["design"])
-    rig = SimulatedRig(study.as_robot(), study.experiment, plan, study.seed)
-    return _measure(rig, work, lambda experiment: (experiment.configuration.name, experiment.realisation))
+    return _measure(SimulatedRig(study.as_robot(), study.experiment, plan, study.seed), work)
 
 
 def import_logs(study: Study, work: Work) -> Artefacts:
     """records.h5 of the logs that the study names."""
     rig = RecordedRig(study.places, study.experiment, work.base)
-    return _measure(rig, work, is_large=rig.is_large)
+    return _measure(rig, work, rig.is_large)
 
 
 def _measure(
-    rig: SimulatedRig | RecordedRig,
-    work: Work,
-    together: Callable[[Any], Any] = _NAME,
-    is_large: Callable[[Any], bool] = lambda part: False,
+    rig: SimulatedRig | RecordedRig, work: Work, is_large: Callable[[Any], bool] = lambda part: False
 ) -> Artefacts:
     records, report = measure_parts(
-        work, rig.experiments, rig.measure, read_records, write_records, "experiments", together, is_large
+        work, rig.experiments, rig.measure, read_records, write_records, "experiments", is_large
     )
     return Artefacts({"records.h5": lambda path, stamp: write_records(path, records, stamp)}, report)
 
@@ -67,51 +60,40 @@ def measure_parts(
     read: Callable[[Path], Iterable[R]],
     write: Callable[[Path, Iterable[R], Stamp], None],
     noun: str,
-    together: Callable[[Any], Any] = _NAME,
     is_large: Callable[[Any], bool] = lambda part: False,
 ) -> tuple[Iterator[R], Callable[[Console], None]]:
-    """Measure each part, an experiment or motion, into a file that the run keeps when it is interrupted.
+    """Measure each part, an experiment or motion, into a file of its own; those of an interrupted run are kept.
 
-    A worker writes the records itself: none travels between processes.  together: the same of neighbours whose records
-    have one file, which takes a third of the time of one for each.  is_large: true of a part whose record goes
-    straight to the result, as it is measured: it would be written, hashed and read once more.
+    A worker writes the record itself: no record travels between processes.  is_large: true of a part whose record goes
+    straight to the result, as it is measured: a file of its own would be written, hashed and read once more.
     Returns the records in the order of the parts, one at a time, and the report on them once they have been gathered.
     """
     work.parts.mkdir(parents=True, exist_ok=True)
     remove_leftovers(work.parts)
-    groups = [list(group) for _, group in groupby(parts, lambda part: (is_large(part), together(part)))]
-    files = [None if is_large(group[0]) else work.parts / f"{group[0].name}.h5" for group in groups]
-    remaining = [(file, group) for file, group in zip(files, groups, strict=True) if not _is_kept(file, work.stamp)]
-    kept = len(parts) - sum(len(group) for _, group in remaining)
-    if kept:
-        work.console.say(f"measure: resumed, {kept} of {len(parts)} {noun} are kept")
+    files = {part.name: work.parts / f"{part.name}.h5" for part in parts if not is_large(part)}
+    stamps = {name: read_stamp(path) for name, path in files.items()}
+    finished = [name for name, stamp in stamps.items() if stamp is not None and stamp.is_of(work.stamp)]
+    remaining = [(files[p.name], p) for p in parts if p.name in files and p.name not in finished]
+    if finished:
+        work.console.say(f"measure: resumed, {len(finished)} of {len(parts)} {noun} are kept")
     with work.execution() as execution:
-        remaining = [(file, group) for file, group in remaining if file is not None]
         execution.ordered(partial(_measure_part, measure, write, work.stamp), remaining)
     notes: list[Note] = []
 
     def gathered() -> Iterator[R]:
-        for file, group in zip(files, groups, strict=True):
-            for record in map(measure, group) if file is None else read(file):
+        for part in parts:
+            for record in read(files[part.name]) if part.name in files else [measure(part)]:
                 notes.extend(record.notes)
                 yield record
 
     return gathered(), partial(report_count, notes, len(parts))
 
 
-def _is_kept(file: Path | None, wanted: Stamp) -> bool:
-    stamp = None if file is None else read_stamp(file)
-    return stamp is not None and stamp.is_of(wanted)
-
-
 def _measure_part(
-    measure: Callable[[Any], R],
-    write: Callable[[Path, Iterable[R], Stamp], None],
-    stamp: Stamp,
-    file: tuple[Path, Sequence[Any]],
+    measure: Callable[[Any], R], write: Callable[[Path, Iterable[R], Stamp], None], stamp: Stamp, file: tuple[Path, Any]
 ) -> None:
-    path, group = file
-    write(path, map(measure, group), stamp)
+    path, part = file
+    write(path, [measure(part)], stamp)
 
 
 def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
