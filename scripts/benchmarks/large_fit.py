@@ -11,7 +11,7 @@ peak is all memory that the fit ever had (ru_maxrss), pages of the file included
 that asks, which no worker takes from it, and of all workers; the bytes that it sent; and how many times as fast as one
 process N and 64 workers would be, if each had a processor of its own and a network took no time. Linux only.
 
-The last line is one JSON object. Measured with a thousand: 1.72 GB of memory at the peak, in 169 CPU seconds.
+The last line is one JSON object. Measured with a thousand: 1.41 GB of memory at the peak, in 233 CPU seconds.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
