@@ -3,10 +3,11 @@
     python scripts/budget.py            exit code 1 where a number exceeds the budget
     python scripts/budget.py --lower    lower the file to what stands; it never raises a number
 
-`lines`, `files` and `nodes` (of the syntax tree, which packing lines or cutting docstrings does not make fewer) are
-those of the Python files of elastid, tests and scripts. `thresholds` are module constants that are numbers and numeric
-fields of classes called ...Limits or ...Thresholds. `names` are public, `commands` those of `elastid`, and `sentences`
-texts of five words and more, docstrings apart, that end as a sentence does or have holes for numbers.
+`lines` and `nodes` are counted in the Python files of elastid, tests and scripts; packing lines or cutting docstrings
+does not reduce the nodes of the syntax tree. `thresholds` are module constants that are numbers and numeric fields of
+classes called ...Limits or ...Thresholds. `names` are public, `commands` are commands of `elastid`. `sentences` are
+texts of five words or more, docstrings apart, that end as a sentence does or have holes for numbers. `prose` counts the
+sentences of pages and package that scripts/prose.py flags.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+
+import prose
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("elastid", "tests", "scripts")
@@ -30,12 +33,12 @@ def counted(root: Path) -> dict[str, dict[str, int]]:
         trees = [ast.parse(text) for text in texts]
         found[room] = {
             "lines": sum(len(text.splitlines()) for text in texts),
-            "files": len(texts),
             "nodes": sum(1 for tree in trees for _ in ast.walk(tree)),
         }
         if room == "elastid":
             for kind in (thresholds, sentences, commands):
                 found[room][kind.__name__] = sum(1 for tree in trees for _ in kind(tree))
+    found["prose"] = prose.counted(root)
     found["elastid"]["names"] = public_names((root / "elastid" / "__init__.pyi").read_text(encoding="utf-8"))
     return found
 
