@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
 sys.path.extend([str(Path(__file__).parent), str(Path(__file__).parents[1] / "examples")])
+from docutils import nodes
 from plain_text import restructured
 
 import elastid
@@ -63,6 +65,37 @@ def _as_text(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lines: 
     lines[:] = restructured("\n".join(lines)).splitlines()
 
 
+# Text within these is no prose, or a link already.
+NO_PROSE = (nodes.title, nodes.literal, nodes.reference, nodes.literal_block, nodes.math, nodes.term, nodes.rubric)
+
+
+def _link_terms(app: Any, page: nodes.document, name: str) -> None:
+    """Link the first use of each term of the glossary on a written page."""
+    if name == "glossary" or name.startswith(("gallery", "reference")):
+        return
+    objects = app.env.get_domain("std").objects.items()
+    anchors = {term.lower(): anchor for (kind, term), (_, anchor) in objects if kind == "term"}
+    words = "|".join(re.escape(term) for term in sorted(anchors, key=len, reverse=True))
+    glossary = app.builder.get_relative_uri(name, "glossary")
+    for text in [text for text in page.findall(nodes.Text) if not _is_within(text, NO_PROSE)]:
+        pieces, end = [], 0
+        for found in re.finditer(rf"(?<![\w-])({words})s?(?![\w-])", text, re.IGNORECASE):
+            if anchor := anchors.pop(found[1].lower(), None):
+                link = nodes.reference("", found[0], refuri=f"{glossary}#{anchor}", internal=True, classes=["term"])
+                pieces += [nodes.Text(text[end : found.start()]), link]
+                end = found.end()
+        if pieces:
+            text.parent.replace(text, [*pieces, nodes.Text(text[end:])])
+
+
+def _is_within(node: nodes.Node, kinds: tuple[type[nodes.Node], ...]) -> bool:
+    while (node := node.parent) is not None:
+        if isinstance(node, kinds):
+            return True
+    return False
+
+
 def setup(app: Any) -> None:
-    """Connect the conversion of docstrings."""
+    """Connect the conversion of docstrings and the links to the glossary."""
     app.connect("autodoc-process-docstring", _as_text)
+    app.connect("doctree-resolved", _link_terms)
