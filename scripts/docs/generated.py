@@ -43,7 +43,7 @@ def block(text: str, language: str = "none") -> str:
 
 def commands() -> str:
     """Every command with its arguments and options, from the command line itself."""
-    parts = [NAMES, title("Commands"), f"{cli.help} The commands stand as in ``elastid --help``.\n"]
+    parts = [NAMES, title("Commands"), f"{cli.help} The order is the same as in ``elastid --help``.\n"]
     root = click.Context(cli, info_name="elastid", help_option_names=["-h", "--help"])
     for name in cli.list_commands(root):
         command = cli.commands[name]
@@ -77,9 +77,9 @@ def keys() -> dict[str, str]:
     table = "".join(f"   * - :doc:`{root}`\n     - {escaped(texts[root])}\n" for root in sections)
     pages["keys/index"] = (
         title("Keys of a study")
-        + f"\n{len(by_path)} keys in the order of a study; ``elastid explain KEY`` prints the same text, and "
-        "study.schema.json, which ``elastid new`` writes, shows it in an editor. ``[]`` stands for the number of an "
-        "entry, ``<name>`` for a name that the study chooses.\n\n.. list-table::\n   :widths: 20 80\n\n"
+        + f"\n{len(by_path)} keys in the order of a study. ``elastid explain KEY`` prints the same text, and "
+        "editors show it with the study.schema.json of ``elastid new``. ``[]`` is the number of an entry, ``<name>`` a "
+        "name that you choose.\n\n.. list-table::\n   :widths: 20 80\n\n"
         + table
         + "\n.. toctree::\n   :hidden:\n\n"
         + toc
@@ -110,7 +110,7 @@ def _explained(key: StudyKey) -> str:
 
 def names() -> str:
     """The public names in the order of the work, by autodoc."""
-    parts = [title("Public names"), "Everything below is an attribute of ``elastid``, loaded when it is first used.\n"]
+    parts = [title("Public names"), "All names are attributes of ``elastid``. Each is imported on first use.\n"]
     for name in elastid.__all__:
         value = getattr(elastid, name)
         parts += [f".. _name-{name}:\n", title(name, "-")]
@@ -168,7 +168,7 @@ def _shortened(value: object) -> object:
 
 def equations() -> str:
     """Every equation of the code: module, what it is, and the equation itself."""
-    parts = [title("Equations and where they live"), "From the docstrings, room by room.\n"]
+    parts = [title("Equations"), "This page collects the equations of the docstrings, package by package.\n"]
     rooms = sorted((path for path in PACKAGE.rglob("*.py")), key=lambda path: path.relative_to(PACKAGE).parts)
     for room, paths in groupby(rooms, lambda path: path.relative_to(PACKAGE).parts[0].removesuffix(".py")):
         found = [entry for path in paths for entry in _with_equations(path)]
@@ -187,21 +187,20 @@ def _with_equations(path: Path) -> Iterator[str]:
 
 
 _FILES = """
-Results are HDF5; named axes are dimension scales, complex numbers are native, and every dataset has its unit. The
-listing is of small runs of one motor, as ``elastid inspect FILE`` prints it: the name, in parentheses the axes with
-their lengths, the meaning, the unit in brackets. Every file carries ``format``, the version of its layout, and
-``provenance``: hashes of all that the result depends on, the seed and the versions of the software. In front of the
-HDF5 data stands the SHA-256 of it, so that a bit that flips on a disk is found; ``checksums.sha256`` has those of the
-other files.
+Results are HDF5 files. Named axes are dimension scales, complex numbers are native, and every dataset has a unit. The
+listings show small runs with one motor, as printed by ``elastid inspect FILE``: name, axes with lengths in
+parentheses, meaning, unit in brackets. The attribute ``format`` is the version of the layout. ``provenance`` contains
+hashes of all inputs, the seed and the software versions. A SHA-256 checksum before the HDF5 data detects damaged
+files; ``checksums.sha256`` contains the checksums of all other files.
 """
 _SUMMARY = """
-The end of a fit for other programs. ``schema`` is the version of this form, ``status`` says how the fit ended and
-``message`` says it in a sentence; ``std`` and ``interval95`` are absent for numbers that were held, and ``truth`` is
-there where the rig was simulated. Lists are shortened here to two entries, and numbers to four digits.
+Summary of a fit for other programs. ``schema`` is the version of this format. ``status`` and ``message`` describe the
+result. Fixed parameters have no ``std`` and ``interval95``. ``truth`` exists for simulated robots only. This listing
+shows two entries per list and four digits per number.
 """
 _ROBOT = """
-The file of a robot is YAML; :doc:`keys/robot` has every key. ``identified_robot.yml`` is the same file with the numbers
-that were found, for the next study:
+The robot model is a YAML file. :doc:`keys/robot` describes every key. ``identified_robot.yml`` is the same model with
+the identified values:
 """
 _TINY_ROBOT = """
 name: one elastic joint

@@ -1,10 +1,13 @@
-"""Five figures of the page "The method on two pages": an axis with Coulomb friction, simulated, estimated and fitted.
+"""Figures of the pages on method and theory: an axis with Coulomb friction, simulated, estimated and fitted.
 
 uv run --group docs python scripts/docs/method_figures.py
 """
 
 from __future__ import annotations
 
+import contextlib
+import runpy
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -183,8 +186,59 @@ def fit(response: ei.Response, result: ei.Result) -> Figure:
     return figure
 
 
+def tolerances() -> Figure:
+    """A stiffness and a mass of which the data determine the ratio; contributions to the variance over the time."""
+    figure, (plane, time) = drawn((1, 1))
+    noise, mass = 0.5, np.array([-4.0, 4.0])  # std of ratio (%), errors of the mass (%); its tolerance is 1 %
+    for side in (-1.96, 1.96):
+        plane.plot(mass, mass + side * noise, color=GREY, ls="--", label="data alone" if side > 0 else None)
+    circle = 2.45 * np.array([np.cos(np.linspace(0, 2 * np.pi, 200)), np.sin(np.linspace(0, 2 * np.pi, 200))])
+    plane.plot(circle[0], circle[0] + noise * circle[1], color=BLUE, label="data and tolerance")
+    plane.axvspan(-1.96, 1.96, color=ORANGE, alpha=0.15, lw=0, label="tolerance of the mass")
+    plane.plot([0, 0], [-1.96 * noise, 1.96 * noise], color="black", lw=3, label="interval of k, mass fixed")
+    plane.set(xlabel="error of the mass (%)", ylabel="error of the stiffness (%)", xlim=(-4, 4), ylim=(-5.2, 8))
+    plane.legend(fontsize=8, ncols=2, loc="upper left")
+    t = np.geomspace(0.01, 100, 200)
+    kinds = ((1 + noise**2 / t, BLUE, "total"), (noise**2 / t, GREY, "noise"), (1 + 0 * t, ORANGE, "tolerance"))
+    for variance, color, words in kinds:
+        time.loglog(t, np.sqrt(variance), color=color, label=words)
+    time.set(xlabel="measurement time (relative)", ylabel="standard deviation of k (%)")
+    time.grid(True, lw=0.3)
+    time.legend(fontsize=8)
+    return figure
+
+
+def gear() -> Figure:
+    """Torque over deflection, transmission error over the motor angle, friction over the torque."""
+    figure, (torsion, error, friction) = drawn((1.1, 1, 0.9))
+    x = np.linspace(-1, 1, 400)
+    spring = 0.6 * x + 0.4 * x**3
+    for sign, words in ((1, "hardening and hysteresis"), (-1, None)):
+        torsion.plot(x, spring + sign * 0.07 * (1 - 2 * np.exp(-8 * (1 + sign * x))), color=BLUE, label=words)
+    torsion.plot(x, np.sign(x) * np.maximum(np.abs(x) - 0.2, 0), color=ORANGE, ls="--", label="lost motion")
+    torsion.set(xlabel="gear deflection", ylabel="gear torque", xticks=(0,), yticks=(0,), ylim=(-1.1, 1.6))
+    torsion.legend(fontsize=8, loc="upper left")
+    turns = np.linspace(0, 2, 400)
+    error.plot(turns, 4 * np.sin(2 * np.pi * turns) + 2 * np.sin(4 * np.pi * turns + 0.5), color=BLUE)
+    error.set(xlabel="motor turns", ylabel="transmission error (arcsec)")
+    torque = np.linspace(-600, 600, 200)
+    friction.plot(torque, 20 + 0.02 * np.abs(torque), color=BLUE)
+    friction.set(xlabel="gear torque (Nm)", ylabel="friction torque (Nm)", ylim=(0, 40))
+    for ax in (torsion, error, friction):
+        ax.grid(True, lw=0.3)
+    return figure
+
+
+def of_example(name: str) -> Figure:
+    """The figure of an example of the gallery."""
+    path = Path(__file__).parents[1] / "examples" / name
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        figure: Figure = runpy.run_path(str(path), run_name="__main__")["figure"]
+    return figure
+
+
 def figures() -> dict[str, Figure]:
-    """All five by the names of their files."""
+    """All figures by the names of their files."""
     rubbing, smooth = axis(coulomb=0.15), axis(coulomb=0.0)
     records = records_of(rubbing, 4)
     uncompensated, response = (ei.estimate(records, rubbing, friction=each)["home"] for each in ("none", "auto"))
@@ -196,6 +250,10 @@ def figures() -> dict[str, Figure]:
         "method_band": band(uncompensated, response),
         "method_model": model(),
         "method_fit": fit(linear, result),
+        "theory_intervals": tolerances(),
+        "theory_gears": gear(),
+        "theory_observer": of_example("ex12_friction_observer.py"),
+        "theory_modes": of_example("ex19_modes_of_a_structure.py"),
     }
 
 

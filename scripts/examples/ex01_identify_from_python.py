@@ -1,11 +1,11 @@
 """
-A two-mass bench
-================
+Two-mass bench
+==============
 
-A single elastic joint, from its numbers to its stiffness with an interval, in Python alone.
+Identify the stiffness of one elastic joint in Python, with a 95 % interval.
 
-A motor with a gear of ratio 100 drives a load through an elastic gear. The simulated rig is measured in closed loop,
-the response is estimated, and stiffness and damping are fitted from a start that is wrong by a third.
+A motor drives a load through an elastic gear of ratio 100. The example simulates the closed-loop measurement,
+estimates the FRF, and fits stiffness and damping. The start value of the stiffness is wrong by a third.
 """
 
 from __future__ import annotations

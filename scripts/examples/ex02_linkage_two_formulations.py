@@ -1,8 +1,8 @@
 """
-A linkage, minimal against constrained
-======================================
+Parallel linkage in two formulations
+====================================
 
-The equations of a parallel linkage, constrained and with its loop eliminated, have the same response to rounding.
+The constrained and the minimal equations of a parallel linkage have the same frequency response, except for rounding.
 """
 
 from __future__ import annotations

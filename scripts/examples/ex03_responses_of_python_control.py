@@ -1,8 +1,8 @@
 """
-Responses of python-control
-===========================
+FRFs from python-control
+========================
 
-Stiffness from frequency responses that another tool has measured, here of python-control.
+Fit stiffness to frequency responses from another tool, here python-control.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """
-A controller on the fitted model
-================================
+Controller design on the fitted model
+=====================================
 
-The gain margin of a motor controller on a fitted model, by python-control.
+Compute the gain margin of a motor controller on a fitted model with python-control.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """
-A run folder in a notebook
-==========================
+Run folder in a notebook
+========================
 
-A run folder of the command line opened in a notebook: results, tables, a figure, a prediction.
+Open a run folder in a notebook: results, tables, a figure and a prediction.
 """
 
 # sphinx_gallery_thumbnail_path = "pictures/frf.png"

@@ -1,10 +1,10 @@
 """
-A friction curve
-================
+Friction curve
+==============
 
-The friction of one axis from passes at constant speeds, chosen, simulated and identified in Python.
+Identify the friction of one axis from constant-velocity runs: design, simulation and fit in Python.
 
-The study is that of `elastid new friction --template friction`, whose text says what each number means.
+The study equals `elastid new friction --template friction`; comments in that file explain every value.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """
-A multisine for three motors
-============================
+Multisine for three motors
+==========================
 
-Odd lines, random phases, one experiment for each motor: orthogonal at every line, flat torque of the size asked for.
+Design a multisine with odd lines, random phases and a flat spectrum. The three experiments are orthogonal at every
+line.
 """
 
 from __future__ import annotations

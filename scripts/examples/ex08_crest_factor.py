@@ -1,8 +1,8 @@
 """
-A low crest factor
-==================
+Low crest factor
+================
 
-Optimised phases lower the crest factor of a multisine: the same power at smaller peaks, so more of it within a limit.
+Optimised phases lower the crest factor of a multisine: smaller peaks at the same power.
 """
 
 from __future__ import annotations

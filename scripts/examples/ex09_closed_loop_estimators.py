@@ -1,9 +1,9 @@
 """
-A response measured in closed loop
-==================================
+Estimators in closed loop
+=========================
 
-H1 takes the torque for exact; in closed loop it holds the noise that is fed back, and H1 is biased where that is large.
-The mean of realisations and the joint input-output estimate are not, from the same records.
+H1 treats the torque as noise-free. In closed loop, the torque contains feedback noise, and H1 is biased. The
+arithmetic mean and the joint input-output estimator have no such bias for the same records.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 Local methods
 =============
 
-Two motors moved at once, one experiment from rest: the local rational method finds the response of both and the
-transient beside it. The polynomial method misses a resonance that is narrower than its window.
+Two motors move at once, in one experiment that starts at rest. The local rational method estimates the FRF of both and
+the transient. The local polynomial method is biased at a resonance that is narrower than its window.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 Geometry and priors
 ===================
 
-Mass and stiffness scale together where nothing moves but the motors. A mass known to 2 % settles it as a prior, and
-the place of the centre of mass is identified beside the springs.
+Mass and stiffness scale together if only the motors are measured. A prior of 2 % on one mass removes the ambiguity.
+The position of the centre of mass is identified together with the springs.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """
-Friction followed while a joint warms up
-========================================
+Friction tracking during warm-up
+================================
 
-A Kalman filter follows Coulomb friction, viscous friction and an offset of the torque from angle and torque alone.
+A Kalman filter tracks Coulomb friction, viscous friction and a torque offset from angle and torque.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 Three axes
 ==========
 
-The seven springs of the arm of the demo from the responses of its three motors in four postures.
+Identify the seven springs of the demo arm from the FRFs of its three motors in four configurations.
 """
 
 from __future__ import annotations

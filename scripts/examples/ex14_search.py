@@ -1,9 +1,9 @@
 """
-Which joints are elastic
-========================
+Search for elastic joints
+=========================
 
-The search starts from elastic gears alone and frees what lowers the error on configurations that were left out. Here a
-bearing tilts across the first axis.
+The search starts with elastic gears only. It frees a joint if this lowers the error on validation configurations. In
+this example, a bearing tilts across the first axis.
 """
 
 import json

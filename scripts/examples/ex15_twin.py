@@ -1,9 +1,9 @@
 """
-Twin of a robot along a log
-===========================
+Simulation of a log
+===================
 
-The measured torque drives the fitted robot, simulated forwards: it gives the measured motion but for the noise; an
-error of the model would show here. The same robot with half the stiffness does not.
+The measured torque drives the simulated fitted robot. The simulated motion equals the measured motion except for
+noise. A robot with half the stiffness does not reproduce the log.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """
-A fleet and its wear
-====================
+Wear of a fleet
+===============
 
-Stiffness and friction of eight robots on four dates, each with its standard deviation. Robots of one type differ by
-1.5 % anyway; one has a softer gear than that, the friction of another grows. Spreads between robots and between dates
-are estimated, and a false discovery rate of 5 % decides what is named.
+Stiffness and friction of eight robots on four dates, with standard deviations. Robots of one type differ by 1.5 %. One
+robot has a softer gear, and the friction of another robot increases. elastid estimates the spread between robots and
+between dates. It lists findings with a false discovery rate of 5 %.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """
-Where can I mill?
-=================
+Best posture for milling
+========================
 
-Static compliance and limiting depth of cut over the workspace of a fitted arm, and its tool at the softest posture.
+Map static compliance and limiting depth of cut over the workspace of a fitted arm. Plot the tool FRF at the softest
+posture.
 """
 
 from __future__ import annotations

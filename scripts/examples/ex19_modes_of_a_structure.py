@@ -2,8 +2,8 @@
 Modes of a structure
 ====================
 
-Three masses on springs, shaken at two of them: natural frequencies, dampings and shapes with 95 % intervals from a
-response with noise.
+Three masses on springs, with two shakers: natural frequencies, damping ratios and mode shapes with 95 % intervals from
+a noisy FRF.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ covariance = Covariance(np.full(G.shape, std**2), np.inf)
 response = Response(freq_hz, G + noise, *names, "acceleration", bench, noise=covariance)
 
 # %%
-# Poles are modes only where noise has none like them.
+# A pole is a mode only if noise alone does not produce it.
 modes = estimate_modes(response)
 omega, zeta, shapes = true_modes()
 agreement = np.diag(mac(modes.shapes, shapes))

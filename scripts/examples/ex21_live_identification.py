@@ -1,9 +1,9 @@
 """
-Measure until it is known
-=========================
+Measure until the goal is reached
+=================================
 
-A two-axis arm is measured experiment by experiment: each has the posture and the length that bring most towards the
-goal in a second of the robot's time, given the logs before it. The rig is simulated, and its logs come in as files.
+Measure a two-axis arm experiment by experiment. Each posture and length contributes most to the goal per second of
+robot time. A simulation replaces the robot and writes its logs as files.
 """
 
 from __future__ import annotations

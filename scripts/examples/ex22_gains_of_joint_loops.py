@@ -1,10 +1,10 @@
 """
-Gains of joint loops
-====================
+Gains of joint control loops
+============================
 
-Two motors behind elastic gears, and a link that bends, under a sampled cascade with a delay of one sample: the gains
-with the largest bandwidth whose sensitivity stays below 6 dB in two postures and on robots drawn from what a fit knows,
-and what limits them.
+Two motors with elastic gears and one elastic link have a sampled cascade controller with a delay of one sample. The
+example maximises the bandwidth with a sensitivity peak below 6 dB, in two configurations and for posterior samples. It
+names the limiting modes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Exact responses of a robot with noise of a known size: what several examples fit instead of a long measurement."""
+"""Exact FRFs of a robot with noise of known variance. Several examples use them instead of a long measurement."""
 
 from __future__ import annotations
 

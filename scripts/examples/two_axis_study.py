@@ -1,4 +1,4 @@
-"""A study of two axes on a simulated rig, which examples measure in some seconds."""
+"""Study of a simulated two-axis robot, which several examples measure within seconds."""
 
 STUDY = """\
 name: arm
