@@ -4,10 +4,10 @@
     python scripts/budget.py --lower    lower the file to what stands; it never raises a number
 
 `lines` and `nodes` are counted in the Python files of elastid, tests and scripts; packing lines or cutting docstrings
-does not reduce the nodes of the syntax tree. `thresholds` are module constants that are numbers and numeric fields of
-classes called ...Limits or ...Thresholds. `names` are public, `commands` are commands of `elastid`. `sentences` are
-texts of five words or more, docstrings apart, that end as a sentence does or have holes for numbers. `prose` counts the
-sentences of pages and package that scripts/prose.py flags.
+does not reduce the nodes of the syntax tree. Other files of elastid have lines by kind. `thresholds` are the numbers in
+module constants and in fields of classes called ...Limits or ...Thresholds, also in tuples and dicts. `names` are
+public, `commands` are commands of `elastid`. `sentences` are texts of five words or more, docstrings apart, that end as
+a sentence does or have holes for numbers. `prose` counts the sentences that scripts/prose.py flags.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ import prose
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("elastid", "tests", "scripts")
+# Kinds of files of elastid beside Python, by the ends of their names.
+OTHERS = {"c": (".c", ".h"), "javascript": (".js",), "css": (".css",), "templates": (".j2", ".m", ".txt", ".yml")}
 Budget = Mapping[str, Mapping[str, int]]
 
 
@@ -36,29 +38,40 @@ def counted(root: Path) -> dict[str, dict[str, int]]:
             "nodes": sum(1 for tree in trees for _ in ast.walk(tree)),
         }
         if room == "elastid":
-            for kind in (thresholds, sentences, commands):
+            for kind in (sentences, commands):
                 found[room][kind.__name__] = sum(1 for tree in trees for _ in kind(tree))
+            found[room]["thresholds"] = sum(map(thresholds, trees))
+            found[room] |= {f"{kind}_lines": lines(root / room, ends) for kind, ends in OTHERS.items()}
     found["prose"] = prose.counted(root)
     found["elastid"]["names"] = public_names((root / "elastid" / "__init__.pyi").read_text(encoding="utf-8"))
     return found
 
 
-def thresholds(tree: ast.Module) -> Iterator[ast.stmt]:
-    """Constants of a module that are numbers, and fields of Limits and Thresholds whose default is one."""
+def lines(folder: Path, ends: tuple[str, ...]) -> int:
+    """Lines of files whose names end so; minimised libraries of others are left out."""
+    files = [path for path in folder.rglob("*") if path.name.endswith(ends) and ".min." not in path.name]
+    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
+
+
+def thresholds(tree: ast.Module) -> int:
+    """Numbers in constants of a module, and in defaults of fields of Limits and Thresholds."""
     classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
-    bodies = [each.body for each in classes if each.name.endswith(("Limits", "Thresholds"))]
-    for statement in [each for body in (tree.body, *bodies) for each in body]:
-        if isinstance(statement, ast.Assign | ast.AnnAssign) and is_number(statement.value):
-            yield statement
+    bodies = [tree.body, *(each.body for each in classes if each.name.endswith(("Limits", "Thresholds")))]
+    statements = [each for body in bodies for each in body if isinstance(each, ast.Assign | ast.AnnAssign)]
+    return sum(numbers(each.value) for each in statements)
 
 
-def is_number(node: ast.expr | None) -> bool:
-    """True for a number or an arithmetic of numbers."""
+def numbers(node: ast.expr | None) -> int:
+    """One for a number or an arithmetic of numbers; the numbers that a tuple, list, set or dict of them contains."""
+    if isinstance(node, ast.Tuple | ast.List | ast.Set):
+        return sum(map(numbers, node.elts))
+    if isinstance(node, ast.Dict):
+        return sum(map(numbers, node.values))
     if isinstance(node, ast.BinOp):
-        return is_number(node.left) and is_number(node.right)
+        return numbers(node.left) * numbers(node.right)
     if isinstance(node, ast.UnaryOp):
-        return is_number(node.operand)
-    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
+        return numbers(node.operand)
+    return int(isinstance(node, ast.Constant) and type(node.value) in (int, float))
 
 
 def sentences(tree: ast.Module) -> Iterator[ast.AST]:

@@ -7,8 +7,8 @@ A mutant has one operator, comparison, number or condition of one function chang
 modules. Each of the room's fast tests and doctests first runs in a copy of the process that has loaded them, which
 records its time and the lines that it executes; a mutant then meets the tests that execute its statement, fastest
 first, and survives at once where there are none. What is executed at import is imported again with the mutant in it and
-meets all tests. Copies are of POSIX alone. tests/kills.csv keeps the last count of each room with the commit and the
-seconds that it took; survivors are printed. --changed takes the rooms that differ from a commit.
+meets all tests. Copies are of POSIX alone. tests/kills.csv keeps the last count of each room with seed, commit and
+the seconds that it took; survivors are printed. --changed takes the rooms that differ from a commit.
 """
 
 from __future__ import annotations
@@ -307,14 +307,15 @@ def judged(room: str, count: int, seed: int) -> dict[str, object]:
     command = ["git", "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
     seconds = round(time.monotonic() - begin)
-    return {"room": room, "mutants": len(drawn), "killed": survive.count(False), "commit": commit, "seconds": seconds}
+    counts = {"mutants": len(drawn), "killed": survive.count(False), "seed": seed}
+    return {"room": room, **counts, "commit": commit, "seconds": seconds}
 
 
 def keep(row: dict[str, object]) -> None:
     """Writes the row of a room into the table."""
     table = {line["room"]: line for line in csv.DictReader(TABLE.open(encoding="utf-8"))} | {row["room"]: row}
     with TABLE.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, ("room", "mutants", "killed", "commit", "seconds"), lineterminator="\n")
+        writer = csv.DictWriter(file, ("room", "mutants", "killed", "seed", "commit", "seconds"), lineterminator="\n")
         writer.writeheader()
         writer.writerows(table[room] for room in sorted(table))
 

@@ -60,6 +60,13 @@ def pytest_configure(config: pytest.Config) -> None:
         os.sched_setaffinity(0, {cores[int(worker.removeprefix("gw")) % len(cores)]})
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test with the mark `oracle(module)` if that independent implementation is not installed."""
+    for mark in item.iter_markers("oracle"):
+        for name in mark.args:
+            pytest.importorskip(name, reason=f"{name} is in the group oracles")
+
+
 @pytest.fixture
 def ctrl_c() -> Iterator[None]:
     """Ctrl-C as on a terminal; what runs in the background of a shell begins with it ignored."""

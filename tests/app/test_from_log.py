@@ -97,12 +97,12 @@ def logged(path: Path, names: tuple[str, ...], angles: tuple[float, ...], units:
     return str(path)
 
 
-@pytest.mark.parametrize(("suffix", "units"), [("urdf", ""), ("xml", " [deg]")])
+@pytest.mark.parametrize(
+    ("suffix", "units"), [("urdf", ""), pytest.param("xml", " [deg]", marks=pytest.mark.oracle("mujoco"))]
+)
 def test_logs_are_at_the_motors_that_they_name(suffix: str, units: str, tmp_path: Path) -> None:
     """In any order of the columns; the means of the angles are the configurations, in rad."""
     joints = {"urdf": ("shoulder", "elbow"), "xml": ("x", "turn", "lift")}[suffix]
-    if suffix == "xml":
-        pytest.importorskip("mujoco", reason="MuJoCo is in the group 'oracles'")
     robot = tmp_path / f"arm.{suffix}"
     robot.write_text(ARM if suffix == "urdf" else CRANE)
     logs = [

@@ -14,7 +14,8 @@ from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Robot
 
-mujoco = pytest.importorskip("mujoco", reason="MuJoCo is in the group 'oracles'")
+mujoco = pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
+pytestmark = pytest.mark.oracle
 
 
 def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:

@@ -40,17 +40,19 @@ def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.Capture
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
+@pytest.mark.oracle("fmpy")
 @pytest.mark.parametrize("version", [2, 3])
 def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm: Path, version: int) -> None:
     """In another program, with nothing set: as exactly as planned, and not at all with the path of another time."""
     study = fitted_arm
-    fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed (group oracles)")
-    validation = pytest.importorskip("fmpy.validation")
+    import fmpy
+    import fmpy.validation
+
     run = study.parent / "run"
     assert command("tune", study, "--path", study.parent / "move.csv", "--time", "0.9", "--draws", "0") == 0
     assert "draws" not in (study.parent / "run" / "tune.html").read_text("utf-8")
     unit, tuned = str(run / "tune" / f"robot_with_move_fmi{version}.fmu"), read_tune(run / "tune.h5")
-    assert validation.validate_fmu(unit) == []
+    assert fmpy.validation.validate_fmu(unit) == []
     t = tuned.time_s - tuned.time_s[0]
     places = [f"position {axis} of frame tool" for axis in "xyz"]
     out = fmpy.simulate_fmu(unit, stop_time=t[-1], step_size=t[1], output_interval=t[1], output=places)

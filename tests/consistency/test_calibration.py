@@ -21,18 +21,6 @@ def study() -> Iterator[ModuleType]:
         yield import_module("calibration")
 
 
-def test_a_few_dozen_intervals_hold_the_truth_as_often_as_chance_allows(study: ModuleType) -> None:
-    """The three-mass axis: shares and scatters within three and a half standard deviations of what chance does."""
-    n = 60
-    plant = study.three_mass()
-    found = study.calibrated(study.DataSets(plant, 0), n, 1)
-    assert (found["sets"], found["failed"]) == (n, 0)
-    # Estimates of one data set are correlated: its four intervals count as one.
-    assert found["coverage"] > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / n)
-    assert np.abs(np.array(found["scatter_over_bound"]) - 1).max() < 3.5 / np.sqrt(2 * n)
-    assert 0.99 < min(found["stated_over_bound"]) <= max(found["stated_over_bound"]) < 1.15
-
-
 @pytest.mark.slow
 def test_of_a_thousand_intervals_93_to_97_percent_hold_the_truth(study: ModuleType) -> None:
     """Of the three-mass axis, all parameters alike; the estimates scatter by the Cramer-Rao bound."""

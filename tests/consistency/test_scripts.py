@@ -17,7 +17,7 @@ SCRIPTS = Path(__file__).parents[2] / "scripts"
 EXAMPLES = SCRIPTS / "examples"
 # From the variables of an example, whether each of its promises is kept.
 Check: TypeAlias = Callable[[dict[str, Any]], list[Any]]
-NOT_RUN = ("study_plants", "timing", "causes", "watch")
+NOT_RUN = ("study_plants", "timing", "causes", "speed")
 RUNNABLE = sorted(path for path in SCRIPTS.glob("[bs]*/*.py") if path.stem not in NOT_RUN)
 
 
@@ -197,6 +197,18 @@ def test_a_number_beyond_the_budget_fails_until_it_falls(
     assert lowered["elastid"] == {"lines": 7, "thresholds": 2, "sentences": 2, "commands": 0, "names": 1}
     path.write_text(path.read_text().replace("lines = 7", "lines = 8"))
     assert main([], tmp_path) == 0
+
+
+@pytest.mark.parametrize(
+    ("ratio", "repeat", "is_slower"), [(1.0, 1.0, False), (1.15, 1.15, True), (1.15, 1.0, False), (1.06, 1.15, False)]
+)
+def test_speed_fails_only_if_two_intervals_exceed_the_limit(ratio: float, repeat: float, is_slower: bool) -> None:
+    """Of the median ratio, with errors of 3 % of each time; a ratio of 1.06 with them may be the limit of 1.05."""
+    rng, speed = np.random.default_rng(1), runpy.run_path(str(BENCHMARKS / "speed.py"))
+    samples = [np.log(r) + 0.04 * rng.standard_normal(n) for r, n in zip((ratio, repeat), speed["PAIRS"], strict=True)]
+    assert speed["is_slower"](samples, speed["LIMITS"]["base"], "fit") == is_slower
+    low, _, high = zip(*(speed["interval"](0.04 * rng.standard_normal(9)) for _ in range(2000)), strict=True)
+    assert np.mean((np.array(low) < 0) & (np.array(high) > 0)) == pytest.approx(0.992, abs=0.006)
 
 
 LICENCES = runpy.run_path(str(SCRIPTS / "licences.py"))

@@ -16,23 +16,24 @@ import elastid
 from elastid.app.cli import cli
 from elastid.study.reference import list_keys
 
-PAGES = Path(__file__).parents[2] / "scripts" / "docs" / "pages" / "tutorials"
-TUTORIALS = sorted(page.stem for page in PAGES.glob("*.rst") if page.stem != "index")
+ROOT = Path(__file__).parents[2]
+PICTURES, PAGES = ROOT / "scripts" / "docs" / "pictures", ROOT / "scripts" / "docs" / "pages"
+TUTORIALS = sorted(page.stem for page in PAGES.glob("tutorials/*.rst") if page.stem != "index")
 BLOCK = re.compile(r"^\.\. code-block:: (\w+)\n\n((?:    .*\n|\n)+)", re.MULTILINE)
 
 
-def blocks(tutorial: str) -> list[tuple[str, str]]:
-    """Language and text of each block."""
-    page = (PAGES / f"{tutorial}.rst").read_text(encoding="utf-8")
+def blocks(name: str) -> list[tuple[str, str]]:
+    """Language and text of each block of a page."""
+    page = (PAGES / f"{name}.rst").read_text(encoding="utf-8") + "\n"
     return [(language, textwrap.dedent(text)) for language, text in BLOCK.findall(page)]
 
 
 def test_every_tutorial_is_in_the_table_of_contents() -> None:
     """And has commands to follow."""
-    contents = (PAGES / "index.rst").read_text(encoding="utf-8")
-    assert re.findall(r"^   (\w+)$", contents, re.MULTILINE) != []
+    contents = (PAGES / "tutorials" / "index.rst").read_text(encoding="utf-8")
+    assert TUTORIALS
     assert sorted(re.findall(r"^   (\w+)$", contents, re.MULTILINE)) == TUTORIALS
-    assert all("bash" in dict(blocks(tutorial)) for tutorial in TUTORIALS)
+    assert all("bash" in dict(blocks(f"tutorials/{tutorial}")) for tutorial in TUTORIALS)
 
 
 @pytest.mark.slow
@@ -42,7 +43,7 @@ def test_a_tutorial_does_what_it_says(tutorial: str, tmp_path: Path) -> None:
     folder = tmp_path / "empty"
     folder.mkdir()
     reader, program = Reader(folder), ""
-    for language, text in blocks(tutorial):
+    for language, text in blocks(f"tutorials/{tutorial}"):
         if language == "bash":
             reader.run_shell(text)
         elif language == "python":
@@ -53,23 +54,18 @@ def test_a_tutorial_does_what_it_says(tutorial: str, tmp_path: Path) -> None:
     assert list(folder.glob("runs/*/report.html")) != []
 
 
-PAGES_THEORY = Path(__file__).parents[2] / "scripts" / "docs" / "pages" / "theory"
 DERIVED = ("mechanics", "linearisation", "responses", "fit", "intervals", "friction")
-BLOCK_THEORY = re.compile(r"^\.\. code-block:: python\n\n((?:    .*\n|\n)+)", re.MULTILINE)
 
 
 @pytest.mark.parametrize("name", DERIVED)
 def test_equations_of_a_page_agree_with_the_code(name: str) -> None:
     """Each program by itself, as a reader would paste it; warnings are errors."""
-    texts = BLOCK_THEORY.findall((PAGES_THEORY / f"{name}.rst").read_text(encoding="utf-8") + "\n")
-    programs = [textwrap.dedent(text) for text in texts if "assert " in text]
+    programs = [text for language, text in blocks(f"theory/{name}") if language == "python" and "assert " in text]
     assert programs != []
     for program in programs:
         exec(compile(program, f"{name}.rst", "exec"), {"__name__": name})
 
 
-ROOT = Path(__file__).parents[2]
-PICTURES = ROOT / "scripts" / "docs" / "pictures"
 HAS_SPHINX = all(importlib.util.find_spec(name) for name in ("sphinx", "sphinx_gallery", "pydata_sphinx_theme"))
 
 
@@ -101,7 +97,7 @@ def test_the_documentation_is_built_without_a_warning(tmp_path: Path) -> None:
 def test_pictures_are_small_and_shown() -> None:
     """Below 120 KB each; every one is on the README or on a page."""
     texts = (ROOT / "README.md").read_text(encoding="utf-8") + "".join(
-        page.read_text(encoding="utf-8") for page in (PICTURES.parent / "pages").rglob("*.rst")
+        page.read_text(encoding="utf-8") for page in PAGES.rglob("*.rst")
     )
     for picture in PICTURES.iterdir():
         assert picture.stat().st_size < 120_000, picture.name
@@ -110,7 +106,7 @@ def test_pictures_are_small_and_shown() -> None:
 
 def test_pages_name_modules_that_exist() -> None:
     """A page that says where an equation lives names a room of the code."""
-    for page in (PICTURES.parent / "pages").rglob("*.rst"):
+    for page in PAGES.rglob("*.rst"):
         for name in re.findall(r"``(elastid(?:\.\w+)+)``", page.read_text(encoding="utf-8")):
             assert importlib.util.find_spec(name) is not None, f"{page.name}: {name}"
 
@@ -123,7 +119,7 @@ def test_every_example_of_the_gallery_has_a_figure() -> None:
 
 
 def test_every_public_name_has_an_example_that_runs() -> None:
-    page = PICTURES.parent / "pages" / "howto" / "python.rst"
+    page = PAGES / "howto" / "python.rst"
     text = page.read_text(encoding="utf-8")
     assert [name for name in elastid.__all__ if not re.search(rf"\*\*[^*]*\b{name}\b", text)] == []
     assert doctest.testfile(str(page), module_relative=False, encoding="utf-8").failed == 0

@@ -164,9 +164,11 @@ def test_h1_agrees_with_welch_spectra_line_by_line(n: int) -> None:
         np.testing.assert_allclose(G, S[:n, n:, k] @ np.linalg.inv(S[n:, n:, k]), rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.oracle("best_linear_approximation")
 def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
     """G and its total covariance by the robust method, noisy inputs; its package needs Python 3.12."""
-    robust = pytest.importorskip("best_linear_approximation.robust")
+    from best_linear_approximation import robust
+
     rng, lines, n, M = np.random.default_rng(4), np.arange(4, 40), 2, 12
     G = complex_normal(rng, 36, n, n) + 2
     records = experiments_of(G, lines, M, rng, N, noise=(0.05, 0.05), rate_hz=RATE)

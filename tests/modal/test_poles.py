@@ -111,13 +111,15 @@ def test_a_chosen_frequency_without_a_pole_is_named() -> None:
     np.testing.assert_allclose(both.freq_hz, [25], rtol=1e-3)
 
 
+@pytest.mark.oracle("sdypy.EMA")
 @pytest.mark.filterwarnings("ignore:.*outside the frequency range")  # its own upper limit, which it cuts off
 def test_poles_and_shapes_agree_with_sdypy_ema() -> None:
     """Four modes seen at five places under one force, noise of 0.05 %: frequencies to 0.02 %, dampings to 5 %.
 
     Its estimator minimises an equation error, in which noise raises dampings by some per cent.
     """
-    EMA = pytest.importorskip("sdypy.EMA")
+    from sdypy import EMA
+
     freq_hz = np.arange(1, 800) / 8
     natural, zeta = np.array([18.0, 34.0, 52.0, 77.0]), np.array([0.012, 0.02, 0.01, 0.015])
     shapes = np.random.default_rng(3).normal(size=(5, 4))

@@ -86,6 +86,7 @@ def with_rotor_bodies(robot: Robot):
 
 @given(seed=seeds)
 @settings(deadline=None, max_examples=12)
+@pytest.mark.oracle("pinocchio")
 def test_mass_and_coriolis_equal_pinocchio_with_rotors_as_bodies(seed):
     """M with S in it, C_1 and C_2 of chains with rotors anywhere and coupled gears, to 1e-10."""
     robot = random_arm(seed)

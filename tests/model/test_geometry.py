@@ -134,9 +134,11 @@ def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -
         assert np.all(error <= allowed), (name, (error / allowed).max())
 
 
+@pytest.mark.oracle("mujoco")
 def test_mujoco_sees_the_joints_where_they_are() -> None:
     """Mass matrix and weight of the exported tree, joints at points of their own included, in MuJoCo's arithmetic."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    import mujoco
+
     arm = bending_arm()
     rigid = replace(rigid_gears(arm), compensators=())
     engine = mujoco.MjModel.from_xml_string(ET.tostring(mjcf(rigid), encoding="unicode"))

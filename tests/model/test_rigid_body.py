@@ -80,12 +80,14 @@ def in_pinocchio(robot: Robot):
 
 @given(seed=seeds)
 @settings(deadline=None, max_examples=12)
+@pytest.mark.oracle("pinocchio")
 def test_mass_coriolis_and_gravity_equal_pinocchio(seed):
     """M, c + g and g of random trees (branches, oblique axes, fixed bodies) equal pinocchio's to 1e-10."""
     assert_equal_to_pinocchio(random_robot(seed), seed)
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+@pytest.mark.oracle("pinocchio")
 def test_shipped_robots_equal_pinocchio(path):
     """M, c + g, g, frames and their Jacobians of every robot in configs."""
     assert_equal_to_pinocchio(load_robot(path), 0)

@@ -57,6 +57,7 @@ def read(urdf: str, joints: dict[str, object], folder: Path, **more: object) -> 
 
 
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.oracle("pinocchio")
 def test_dynamics_and_frames_equal_those_of_pinocchios_reader(seed, tmp_path):
     """M, g and every link's place, fixed links with and without mass included."""
     pin = pinocchio()

@@ -79,6 +79,7 @@ def pinocchio_with_bar(pin, robot: Robot):
 
 
 @pytest.mark.parametrize("name", POSE)
+@pytest.mark.oracle("pinocchio")
 def test_accelerations_equal_pinocchio_with_the_rod_as_a_body(name: str):
     """Random states and torques, the arm bent out of its plane: to 1e-8 of the largest acceleration.
 

@@ -33,10 +33,12 @@ def test_table_and_robot_files_hold_the_same_numbers(tmp_path: Path) -> None:
         assert (tmp_path / "mujoco" / f"robot_{row[0]}.xml").read_text().startswith("<mujoco")
 
 
+@pytest.mark.oracle("mujoco")
 @pytest.mark.parametrize("name", ["arm", "linkage_arm minimal"])
 def test_an_engine_loads_each_draw_with_its_own_stiffness(name: str, tmp_path: Path) -> None:
     """MuJoCo: joints' stiffness differs from draw to draw as the table says."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    import mujoco
+
     draws = draw_robots(fitted_model(name).result, 3, seed=4)
     write_draws(tmp_path, draws, "arm")
     models = [mujoco.MjModel.from_xml_path(str(path)) for path in sorted((tmp_path / "mujoco").iterdir())]

@@ -21,7 +21,8 @@ from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import contacts
 from elastid.targets.fmu import write_fmu
 
-fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed (group oracles)")
+fmpy = pytest.importorskip("fmpy", reason="fmpy is in the group oracles")
+pytestmark = pytest.mark.oracle
 
 RATE_HZ = 1000.0
 SUBSTEPS = 8
@@ -105,7 +106,8 @@ def test_a_unit_moves_as_our_simulation(unit: tuple[FittedRobot, Path], version:
 
 def test_a_validator_has_no_complaint(unit: tuple[FittedRobot, Path]) -> None:
     """About description and archive of both versions, each of which has the sources that it names and no others."""
-    validation = pytest.importorskip("fmpy.validation")
+    from fmpy import validation
+
     for version, description in ((2, "modelDescription.xml"), (3, "sources/buildDescription.xml")):
         path = unit[1] / f"robot_fmi{version}.fmu"
         assert validation.validate_fmu(str(path)) == []

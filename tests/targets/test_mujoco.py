@@ -58,6 +58,7 @@ class Linearised:
         return np.array(self.data.qfrc_bias - self.data.qfrc_passive), rows
 
 
+@pytest.mark.oracle("mujoco")
 @pytest.mark.parametrize("key", [0, 1])
 @pytest.mark.parametrize("accuracy", [2e-4, 1e-6], ids=["as written", "without the gram"])
 def test_mujoco_has_the_response(model: FittedRobot, tmp_path: Path, key: int, accuracy: float) -> None:
@@ -66,7 +67,8 @@ def test_mujoco_has_the_response(model: FittedRobot, tmp_path: Path, key: int, a
     About keyframes, which are equilibria. Within 1e-9 without loops; with them within 1e-6 but for 1 g and 1e-4 kg m^2
     at the end of a rod, which the engine's time steps need (`LEAST_MASS`).
     """
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    import mujoco
+
     (path,) = write_mujoco(tmp_path, model)
     engine = mujoco.MjModel.from_xml_path(str(path))
     if accuracy == 1e-6:
@@ -98,9 +100,11 @@ def test_mujoco_has_the_response(model: FittedRobot, tmp_path: Path, key: int, a
     assert close(np.asarray(G), responses_of(model, key), accuracy if model.robot.loops else 1e-9)
 
 
+@pytest.mark.oracle("mujoco")
 def test_mujoco_stays_where_its_controls_hold_a_linkage(looped_model: FittedRobot, tmp_path: Path) -> None:
     """Half a second of the engine's own time steps moves no joint by more than a tenth of a millirad."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    import mujoco
+
     engine = mujoco.MjModel.from_xml_path(str(write_mujoco(tmp_path, looped_model)[0]))
     data = mujoco.MjData(engine)
     mujoco.mj_resetDataKeyframe(engine, data, 0)
@@ -111,9 +115,10 @@ def test_mujoco_stays_where_its_controls_hold_a_linkage(looped_model: FittedRobo
     assert np.abs(data.qpos - start)[hinges].max() < 1e-4
 
 
+@pytest.mark.oracle("mujoco")
 def test_coulomb_friction_that_was_found_is_frictionloss(serial_model: FittedRobot, tmp_path: Path) -> None:
     """At the motor on the link side; behind the gear, where motor angle and twist turn together, in a tendon."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    import mujoco
 
     def rubbed(joint: Joint) -> Joint:
         if joint.motor is None:
@@ -129,9 +134,11 @@ def test_coulomb_friction_that_was_found_is_frictionloss(serial_model: FittedRob
     assert engine.tendon_frictionloss == pytest.approx(np.full(len(found.flexible), 7.0))
 
 
+@pytest.mark.oracle("pinocchio")
 def test_pinocchio_has_the_same_mass_matrix_and_gravity(serial_model: FittedRobot, tmp_path: Path) -> None:
     """Of the driven joints, in any posture, without rotors; elastic joints are rigid."""
-    pinocchio = pytest.importorskip("pinocchio", reason="pinocchio is not installed (group oracles)")
+    import pinocchio
+
     (path,) = write_urdf(tmp_path, serial_model)
     loaded = pinocchio.buildModelFromUrdf(str(path))
     model, robot = serial_model.model, serial_model.robot

@@ -12,7 +12,8 @@ from elastid.simulation.controller import tune
 from elastid.use.moves import MotionLimits, References
 from elastid.use.plans import CommandedRobot, plan, rigid_references, sampled
 
-mujoco = pytest.importorskip("mujoco")
+mujoco = pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
+pytestmark = pytest.mark.oracle
 
 # Springs of 0.8 times the catalogue's; motors of 2e-3 kg m^2 and 1e-3 Nms/rad behind gears of 100 turn for themselves.
 XML = """
