@@ -65,7 +65,7 @@ class Parameter:
 
     only: configurations in which it stands in for the parameter `stands_for`; `fm_1@warm` for fm_1 there.
     ratio: it is no number of the model but a factor of ties.
-    tolerated: it was not asked for, and moves within the tolerance of the robot's file alone.
+    is_nuisance: it was not asked for, and moves within the tolerance of the robot's file alone.
     Raises ValueError where bounds exclude the value or a logarithmic parameter could reach zero.
     """
 
@@ -80,7 +80,7 @@ class Parameter:
     prior: Prior | None = None
     only: tuple[str, ...] = ()
     ratio: bool = False
-    tolerated: bool = False
+    is_nuisance: bool = False
 
     def __post_init__(self) -> None:
         """Check that value, bounds and scale agree."""
@@ -182,12 +182,12 @@ class Parameters:
     @cached_property
     def free(self) -> tuple[Parameter, ...]:
         """Parameters with a variable in x, in its order: those that were asked for, then those within tolerances."""
-        return tuple(sorted((p for p in self.parameters if p.is_free), key=lambda p: p.tolerated))
+        return tuple(sorted((p for p in self.parameters if p.is_free), key=lambda p: p.is_nuisance))
 
     @property
     def asked(self) -> tuple[Parameter, ...]:
         """The first of `free`: those that were asked for."""
-        return tuple(parameter for parameter in self.free if not parameter.tolerated)
+        return tuple(parameter for parameter in self.free if not parameter.is_nuisance)
 
     @property
     def free_names(self) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from elastid.base.units import of_translation
 
 Hold: TypeAlias = Literal["band-limited", "zero-order"]
 Motion: TypeAlias = Literal["position", "velocity", "acceleration"]
-Motors: TypeAlias = Literal["held", "free", "controlled"]
+Motors: TypeAlias = Literal["locked", "free", "controlled"]
 MOTION_UNIT: dict[str, str] = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
 MOTION_ORDER: dict[str, int] = {"position": 0, "velocity": 1, "acceleration": 2}
 
@@ -79,12 +79,12 @@ class JointLoop:
 class Configuration:
     """One posture of the robot: the angles (n_a,) in rad of its driven joints, in the robot's order, and its name.
 
-    Of a structure without joints: one of its states, with no angles.  carries: the payload of the robot, if it has one.
+    Of a structure without joints: one of its states, with no angles.  has_payload: with the robot's payload.
     """
 
     name: str
     angles: FloatArray = labelled("angle of the driven joints", "rad")
-    carries: bool = True
+    has_payload: bool = True
 
     def __post_init__(self) -> None:
         """A single angle is one of one joint; refuse angles that are not finite."""
@@ -261,10 +261,12 @@ class Record:
         return self.hold_samples or (1.0 if self.hold == "zero-order" else 0.0,) * len(self.inputs)
 
 
-# passes: there and back at one speed.  motion: any other.  loops: growing torques before the joint slides.
-# at_rest: a small multisine or noise at standstill.  warm_up: to and fro until the joint is warm.  run_down: it coasts,
-# one way, against a known inertia.
-Purpose: TypeAlias = Literal["passes", "motion", "loops", "at_rest", "warm_up", "run_down"]
+# constant_velocity: there and back at one speed.  motion: any other.  presliding_loops: torque grows up to sliding.
+# presliding_test: a small multisine or noise at zero velocity.  warm_up: to and fro until the joint is warm.
+# coast_down: the joint coasts, one way, against a known inertia.
+Purpose: TypeAlias = Literal[
+    "constant_velocity", "motion", "presliding_loops", "presliding_test", "warm_up", "coast_down"
+]
 
 
 @frozen_value

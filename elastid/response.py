@@ -23,7 +23,7 @@ from elastid.covariance import Covariance as Covariance
 from elastid.covariance import scaled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
 
-UNEXPLAINED = "nonlinear/unexplained"  # code of a note on distortion that no friction of motors explains
+UNEXPLAINED = "nonlinear/unexplained-distortion"  # code of a note on distortion that no friction of motors explains
 
 
 @frozen_value

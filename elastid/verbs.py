@@ -154,7 +154,8 @@ _READERS: dict[str, Callable[[Path | str], Any]] = {
     "frf": measured.read_responses, "modes": measured.read_modes, "fit": results.read_fit,
     "gears": results.read_gears, "validation": results.read_validation, "map": results.read_map,
     "tune": results.read_tune, "loops": results.read_loops, "friction plan": friction_study.read_friction_plan,
-    "friction records": friction_study.read_friction_records, "friction levels": friction_study.read_levels,
+    "friction records": friction_study.read_friction_records,
+    "constant-velocity torques": friction_study.read_constant_velocity,
     "friction": friction_study.read_friction_result, "filter": friction_study.read_filter,
 }  # fmt: skip
 

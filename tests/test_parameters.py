@@ -52,9 +52,9 @@ def test_contradictions_are_refused(build, says):
 
 
 def test_a_posture_has_the_same_parameters_at_every_amplitude():
-    """A stand-in of the configuration bent counts in `bent level 2`, and in no other."""
+    """A stand-in of the configuration bent counts in `bent amplitude 2`, and in no other."""
     k, own = Parameter("k", 200.0, log=True), Parameter("k@bent", 300.0, log=True, only=("bent",))
     both = Parameters((k, own))
-    assert both.expand(both.x, "bent level 2") == pytest.approx(both.expand(both.x, "bent"))
-    assert both.expand(both.x, "bent level 2") == pytest.approx([300.0])
+    assert both.expand(both.x, "bent amplitude 2") == pytest.approx(both.expand(both.x, "bent"))
+    assert both.expand(both.x, "bent amplitude 2") == pytest.approx([300.0])
     assert both.expand(both.x, "bent again") == pytest.approx([200.0])

@@ -30,6 +30,7 @@ from elastid.app.options import (
     study_argument,
 )
 from elastid.app.stage_table import NAMES
+from elastid.base.codes import renamed
 from elastid.base.errors import ElastidError
 from elastid.base.escape import printable
 
@@ -63,13 +64,13 @@ def run_command(arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return interrupted(arguments)
     except Exception as error:
-        return interrupted(arguments) if pressed.is_set() else explained(error)
+        return interrupted(arguments) if pressed.is_set() else explained(error, arguments)
     return 0
 
 
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = [
-    *("robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "draws", "observer"),
+    *("robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "samples", "observer"),
     "compensation",
 ]
 
@@ -172,7 +173,7 @@ def run(study: Path, stages: tuple[str, ...], png: bool = False, **options: Any)
     fit       the elastic parameters: fit.h5, summary.json
     gears     (gears: {}) friction, stiffening, hysteresis and errors of the gears: gears.h5
     validate  the fit on left-out configurations, and its residuals: validation.h5
-    levels    (friction) the friction at each speed, load and temperature: levels.h5
+    constant_velocity  (friction) friction torque by speed, load and temperature: constant_velocity.h5
     friction  (friction) its law: friction.h5, summary.json
     follow    (filter: {}) the friction over the motions, by a Kalman filter: filter.h5
     report    the page and, where asked for, figures: report.html, figures/
@@ -263,8 +264,8 @@ def map_command(study: Path, **options: Any) -> None:
     help="Of the references (default: that of the study, else 500).")  # fmt: skip
 @click.option("--bandwidth", "bandwidth_hz", type=POSITIVE, default=4.0,
     show_default=True, metavar="HZ", help="Of the drives' position loops, in the simulation.")  # fmt: skip
-@click.option("--draws", type=click.IntRange(0, 200), default=20, show_default=True, metavar="N",
-    help="Robots drawn from the fit, on which limits hold, too.")  # fmt: skip
+@click.option("--samples", type=click.IntRange(0, 200), default=20, show_default=True, metavar="N",
+    help="Posterior samples of the robot on which the limits must hold.")  # fmt: skip
 @stage_options
 def tune(study: Path, **options: Any) -> None:
     """Command a move so that the tool follows its path: tune.csv, tune.h5, tune.html and files for controllers.
@@ -286,8 +287,8 @@ def tune(study: Path, **options: Any) -> None:
 @click.option("--rate", "rate_hz", type=RATE, metavar="HZ", help="Of the controller (default: the study's).")
 @click.option("--delay", type=click.IntRange(0, 20), metavar="N",
     help="Samples from reading to torque (default: the study's, else 0).")  # fmt: skip
-@click.option("--draws", type=click.IntRange(0, 5000), default=200, show_default=True, metavar="N",
-    help="Robots drawn from the fit, of which 95 % keep the limit.")  # fmt: skip
+@click.option("--samples", type=click.IntRange(0, 5000), default=200, show_default=True, metavar="N",
+    help="Posterior samples of the robot, of which 95 % keep the limit.")  # fmt: skip
 @stage_options
 def loops(study: Path, **options: Any) -> None:
     """Sensitivity of the joint controllers, and gains for the fitted robot: loops.html, a section to paste.
@@ -331,13 +332,13 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
 @cli.command()
 @study_argument
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
-@click.option("--count", type=click.IntRange(1, 100_000), default=1000, show_default=True, help="Of --to draws.")
+@click.option("--count", type=click.IntRange(1, 100_000), default=1000, show_default=True, help="Of --to samples.")
 @stage_options
 def export(study: Path, target: str, count: int, **options: Any) -> None:
     """Write the identified model for another tool into export/<target>/ of the run folder, with its intervals.
 
-    The target robot is the robot's file with the identified numbers, of a study of elasticity or of friction; draws are
-    --count such robots from what the fit knows, as robot files, MJCF and a table; compensation is the friction of the
+    The target robot is the robot's file with the identified numbers, of a study of elasticity or of friction; samples
+    are --count such robots from the posterior, as robot files, MJCF and a table; compensation is the friction of the
     motors over velocity in C; observer is the filter of a friction study in C; all others take the fitted model of a
     study of elasticity. A study without a robot exports its measured responses to control, matlab, csv or uff; uff
     takes the responses of any study.
@@ -402,7 +403,7 @@ def one_blas_thread() -> None:
         os.environ.setdefault(name, "1")
 
 
-def explained(error: Exception) -> int:
+def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
     """The exit code of an error that has a message for the user; any other is a bug and raised again."""
     match error:
         case ElastidError():
@@ -411,7 +412,8 @@ def explained(error: Exception) -> int:
             return error.exit_code
         case click.ClickException():
             error.show(file=(text := StringIO()))
-            click.echo(printable(text.getvalue()), err=True, nl=False)
+            answers = [f"{word} is {renamed(word)}\n" for word in arguments if renamed(word)]
+            click.echo(printable("".join([text.getvalue(), *answers])), err=True, nl=False)
             return error.exit_code
         case MemoryError() | ImportError():
             return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)

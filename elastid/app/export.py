@@ -54,7 +54,7 @@ RESPONSE_TARGETS: dict[str, ResponseWriter] = {
 # Of these, targets that take the modes of a study without a robot too.
 WITH_MODES = ("csv", "uff")
 # The targets that are no other tool's: elastid's own, robots drawn from the fit, the filter of a study of friction.
-ROBOT, DRAWS, OBSERVER, COMPENSATION = "robot", "draws", "observer", "compensation"
+ROBOT, SAMPLES, OBSERVER, COMPENSATION = "robot", "samples", "observer", "compensation"
 
 
 def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
@@ -66,7 +66,7 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     """
     targets = _targets(run.study, count)
     if target not in targets:
-        of_others = target in {*TARGETS, *RESPONSE_TARGETS, ROBOT, DRAWS, OBSERVER, COMPENSATION}
+        of_others = target in {*TARGETS, *RESPONSE_TARGETS, ROBOT, SAMPLES, OBSERVER, COMPENSATION}
         code, known = "study/stage" if of_others else "export/target", did_you_mean(target, sorted(targets))
         raise StudyError(code, f"study {run.study.name} of kind {run.study.kind}: {known}", f"--to {target}")
     stages, write = targets[target]
@@ -89,7 +89,7 @@ def _targets(study: Study, count: int) -> dict[str, tuple[tuple[str, ...], Expor
         return dict.fromkeys(RESPONSE_TARGETS, measured)
     fitted: tuple[tuple[str, ...], Export] = (("estimate", "fit"), _export_fit)
     draws: tuple[tuple[str, ...], Export] = (("fit",), partial(_export_draws, count))
-    return dict.fromkeys((*TARGETS, ROBOT, COMPENSATION), fitted) | {"uff": measured, DRAWS: draws}
+    return dict.fromkeys((*TARGETS, ROBOT, COMPENSATION), fitted) | {"uff": measured, SAMPLES: draws}
 
 
 def _export_fit(run: Run, target: str, folder: Path) -> Iterable[Path]:

@@ -37,7 +37,7 @@ DIED = "its worker died 2 times, perhaps for lack of memory; run it alone, or wi
 # How studies end whose numbers are compared: of elasticity and of friction.
 COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 
-# A parameter of a member, with its 95 % interval; std, low and high None where it was held.  std_repeated: without the
+# A parameter of a member, with its 95 % interval; std, low and high None where it was held.  std_noise: without the
 # part of the robot's file, whose error all members share.
 Row: TypeAlias = dict[str, Any]
 
@@ -162,24 +162,22 @@ def _numbers_of(number: Mapping[str, Any]) -> Row:
     if number["value"] is None:
         bound = number["bound95"]
         std = bound / ONE_SIDED_95
-        return {"value": 0.0, "std": std, "low": 0.0, "high": bound, "std_repeated": std}
+        return {"value": 0.0, "std": std, "low": 0.0, "high": bound, "std_noise": std}
     low, high = number.get("interval95") or (None, None)
     std = number.get("std")
     numbers = {"value": number["value"], "std": std, "low": low, "high": high}
-    return numbers | {"std_repeated": number.get("std_repeated", std)}
+    return numbers | {"std_noise": number.get("std_noise", std)}
 
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
     """Numbers that were identified and can be relied on, their dates as days."""
     seen = {row["parameter"] for row in rows if row["value"]}
     known = [
-        row
-        for row in rows
-        if row["std_repeated"] is not None and row["status"] in COMPARED and row["parameter"] in seen
+        row for row in rows if row["std_noise"] is not None and row["status"] in COMPARED and row["parameter"] in seen
     ]
     days = [float(date.fromisoformat(row["date"]).toordinal()) for row in known]
     return tuple(
-        FleetValue(row["robot"], day, row["parameter"], row["value"], row["std_repeated"])
+        FleetValue(row["robot"], day, row["parameter"], row["value"], row["std_noise"])
         for row, day in zip(known, days, strict=True)
     )
 

@@ -197,7 +197,7 @@ def _study(
     else:
         yield "# Stiffness and damping of gears need a robot, too: `elastid new DIR --template recorded` shows how."
     if guess.is_motion:
-        yield "friction: {passes: detect} # guessed: slow motion of joints, whose friction can be found"
+        yield "friction: {constant_velocity: detect} # guessed: slow motion of joints, whose friction can be found"
     yield from ("experiment:", *configurations, "  recorded:")
     rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
     yield f"    rate_hz: {rate} # guessed: {clock.why}"

@@ -166,10 +166,10 @@ def _taken_out(robot: Robot, friction: FrictionTakenOut | None) -> dict[str, tup
     motors = {f"motor {joint.name}": joint for joint in robot.driven}
     for row in () if friction is None else friction_rows(friction):
         joint = motors[row.place]
-        if row.level is not None and row.level > 0 and joint.motor is not None:
-            law = Friction(row.level)
+        if row.coulomb_torque is not None and row.coulomb_torque > 0 and joint.motor is not None:
+            law = Friction(row.coulomb_torque)
             with suppress(ValueError):  # the level alone where the law of the file contradicts it
-                law = replace(law_of(robot, joint.name) or law, coulomb=row.level)
+                law = replace(law_of(robot, joint.name) or law, coulomb=row.coulomb_torque)
             laws[joint.name] = law, joint.motor.link_viscous
     return laws
 

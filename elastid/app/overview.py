@@ -39,7 +39,7 @@ def _experiments(study: Study) -> Iterator[str]:
         return
     if design is not None:
         Q, names = Q + (design.count or 0), ", ".join(filter(None, (names, f"{design.count or 0} to be chosen")))
-    L = 1 if excitation is None else len(excitation.levels)
+    L = 1 if excitation is None else len(excitation.amplitudes)
     factors = [f"{_plural(Q, 'configuration')} ({names})", _plural(M, "realisation"), _plural(E, "experiment")]
     factors[1:1] = [_plural(L, "amplitude")] if L > 1 else []
     yield f"{_plural(Q * L * M * E, 'experiment')}: {' x '.join(factors)}"

@@ -19,7 +19,7 @@ class Stage:
     """A stage of some kinds of study: function(study, work) -> Artefacts, see `elastid.app.run`.
 
     leaves: files, folders and patterns; the first file carries the stamp, the second is for programs.
-    keys: of the study, as `fit`, `validation.left_out`; without `-fit.starts` of a section; `text` is the study's text.
+    keys: of the study, as `fit`, `fit.focus`; without `-fit.starts` of a section; `text` is the study's text.
     All other keys are at their defaults in the study that the function is handed, but for `experiment`.
     after: earlier stages whose results it reads, where a study has them; `measure?`: also without its result.
     needs: a section without which a study has not this stage.  conclude: "module:name", called with the run at its
@@ -102,7 +102,7 @@ FITTED = "name robot model fit seed"
 STAGES = (
     Stage(
         "design", (SIMULATED,), ("plan.h5", "references/*.csv"), "elastid.app.stages.design:design",
-        f"seed robot excitation design model validation.left_out estimator.quantity estimator.friction {PLANNED}",
+        f"seed robot excitation design model validation.configurations estimator.quantity estimator.friction {PLANNED}",
     ),
     Stage(
         "measure", (SIMULATED,), ("records.h5",), "elastid.app.stages.measure:simulate", f"seed {ROBOT}", "design",
@@ -118,11 +118,12 @@ STAGES = (
     ),
     Stage(
         "fit", WITH_A_ROBOT, ("fit.h5", "summary.json", "identified_robot*.yml"), "elastid.app.stages.fit:fit",
-        f"{FITTED} loads tool estimator validation.left_out", "estimate", conclude="elastid.app.stages.fit:conclude",
+        f"{FITTED} loads tool estimator validation.configurations", "estimate",
+        conclude="elastid.app.stages.fit:conclude",
     ),
     Stage(
         "gears", (SIMULATED, RECORDED), ("gears.h5", "summary.json", "identified_robot*.yml"),
-        "elastid.app.stages.gears:gears", f"{FITTED} estimator gears validation.left_out",
+        "elastid.app.stages.gears:gears", f"{FITTED} estimator gears validation.configurations",
         "design measure estimate fit", needs="gears", conclude="elastid.app.stages.fit:conclude",
     ),
     Stage(
@@ -149,13 +150,13 @@ STAGES = (
         "robot friction.joints friction.loads",
     ),
     Stage(
-        "levels", OF_FRICTION, ("levels.h5",), "elastid.app.stages.friction:levels",
-        "robot friction.joints validation.left_out", "measure",
+        "constant_velocity", OF_FRICTION, ("constant_velocity.h5",), "elastid.app.stages.friction:constant_velocity",
+        "robot friction.joints validation.configurations", "measure",
     ),
     Stage(
         "friction", OF_FRICTION, ("friction.h5", "summary.json", "identified_robot.yml"),
-        "elastid.app.stages.friction:friction", "name robot friction validation.left_out", "measure levels",
-        conclude="elastid.app.stages.friction:conclude",
+        "elastid.app.stages.friction:friction", "name robot friction validation.configurations",
+        "measure constant_velocity", conclude="elastid.app.stages.friction:conclude",
     ),
     Stage(
         "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.friction:follow_friction", "robot filter",

@@ -75,10 +75,12 @@ _AGAINST = "ratio ratio_std chi_square dof cause"
 
 def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
-    lists = ("correlations_above_0.9", "modification_indices", "rigid_parts", "modes", "frf_error", "warnings", "notes")
+    lists = (
+        "correlations_above_0.9", "modification_indices", "assumed_rigid", "modes", "frf_error", "warnings", "notes",
+    )  # fmt: skip
     numbers = dict.fromkeys(("static_loads", "tool_responses", "cost", "cost_expected", "dof"))
-    numbers |= {"starts": starts, "hits": 0}
-    rest: dict[str, Any] = {"parameters": {}, "tolerated": {}, "friction": None, **{key: [] for key in lists}}
+    numbers |= {"starts": starts, "n_converged_starts": 0}
+    rest: dict[str, Any] = {"parameters": {}, "nuisance_parameters": {}, "friction": None, **{key: [] for key in lists}}
     return {**_head(name, "failed", message), **numbers, **rest}
 
 
@@ -100,13 +102,13 @@ def summary(
     names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.asked)
     above = np.argwhere(np.triu(np.abs(r[:wanted, :wanted]), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
-        **section(result, "status cost cost_expected dof hits"),
+        **section(result, "status cost cost_expected dof n_converged_starts"),
         "parameters": _parameters(result, rows),
-        "tolerated": _tolerated(result),
+        "nuisance_parameters": _nuisance_parameters(result),
         "friction": _friction_section(robot, friction),
         "correlations_above_0.9": [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above],
         "modification_indices": [
-            section(index, "name group place share drop members alike effects")
+            section(index, "name group place explained_fraction drop members alike effects")
             | {
                 "members": [
                     dict(zip(("name", "unit", "value", "changed"), member, strict=True))
@@ -116,10 +118,10 @@ def summary(
             }
             for index in result.indices
         ],
-        "rigid_parts": [
-            section(part, "name stiffness hidden_from")
+        "assumed_rigid": [
+            section(part, "name stiffness detection_limit")
             | {"changes": dict(zip((p.name for p in result.parameters.asked), json_value(part.changes), strict=True))}
-            for part in result.rigid_parts
+            for part in result.assumed_rigid
         ],
         # Load tests in m, and responses at the tool, next to what the responses of the motors say.
         "static_loads": result.static
@@ -142,7 +144,7 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
     tool.  verdict: the same in words.  torque: shares of the parts of the model.  twin: errors of the model
     simulated along a record.
     """
-    agreement = f"configuration left_out {_ERRORS}"
+    agreement = f"configuration is_validation {_ERRORS}"
     return {
         "schema": SCHEMA,
         "study": name,
@@ -186,7 +188,7 @@ def friction_study_summary(
         },
         "rigid_bodies": [_rigid_body(body) for body in result.rigid_bodies],
         **_twin(twin),
-        "left_out": predicted(left_out),
+        "validation": predicted(left_out),
         "measured": {
             joint: {name: json_value(ranges and getattr(ranges, name)) for name in ("speed", "load", "temperature")}
             for joint, ranges in measured.items()
@@ -217,7 +219,7 @@ def _rigid_body(body: RigidBody) -> dict[str, Any]:
 def failed_friction(name: str, message: str) -> dict[str, Any]:
     """summary.json of a friction study that failed: the same keys but the twin, no numbers."""
     nothing: dict[str, Any] = {"parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}}
-    nothing |= {"rigid_bodies": [], "left_out": None}
+    nothing |= {"rigid_bodies": [], "validation": None}
     return _head(name, "failed", message) | nothing | {"warnings": [], "notes": []}
 
 
@@ -238,7 +240,7 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
 
 def _twin(twin: TwinFindings) -> dict[str, Any]:
     """Torques part by part, over all and by octave, and errors of runs, without the signals."""
-    signal, left = "signal=kind place error", "left left_without_friction"
+    signal, left = "signal=kind place error", "unexplained_fraction unexplained_without_friction"
     of_band = f"low_hz high_hz power {left}"
     return {
         "torque": [
@@ -247,26 +249,27 @@ def _twin(twin: TwinFindings) -> dict[str, Any]:
             | {"bands": [_shared(balance, band, of_band) for band in balance.bands]}
             for balance in twin.balances
         ],
-        "twin": [section(run, "log driven_by=drive held_hz seconds lost", signals=signal) for run in twin.runs],
+        "simulation": [
+            section(run, "log driven_by=drive tracking_bandwidth_hz seconds lost", signals=signal) for run in twin.runs
+        ],
     }
 
 
 def _shared(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: str) -> dict[str, Any]:
     """Fields of a balance or of a band of it, and the share of each part."""
-    return section(value, names) | {"shares": dict(zip(balance.parts, value.shares, strict=True))}
+    return section(value, names) | {"fractions": dict(zip(balance.parts, value.fractions, strict=True))}
 
 
 def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, dict[str, Any]]:
-    repeated = result.std_by_noise
     return {
         row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
         | {
             name: getattr(row, name)
-            for name in ("truth", "contains", "by_noise", "by_file", "verdict")
+            for name in ("truth", "contains", "verdict")
             if getattr(row, name) not in (None, "")
         }
-        | ({"std_repeated": json_value(repeated[row.name])} if result.has_tolerances else {})
-        | ({"std_with_base": json_value(result.std_with_base[row.name])} if result.rigid_parts else {})
+        | {name: json_value(part) for name, part in row.std_parts.items()}
+        | ({"std_with_base": json_value(result.std_with_base[row.name])} if result.assumed_rigid else {})
         | {
             name: json_value(ends)
             for name in ("profile95", "bootstrap95")
@@ -277,7 +280,7 @@ def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, dict[
     }
 
 
-def _tolerated(result: Result) -> dict[str, dict[str, Any]]:
+def _nuisance_parameters(result: Result) -> dict[str, dict[str, Any]]:
     """Numbers of the robot's file that moved within their tolerances: the file's value, tolerance, and estimate."""
     return {
         p.name: {
@@ -288,7 +291,7 @@ def _tolerated(result: Result) -> dict[str, dict[str, Any]]:
             "tolerance": p.prior.std * (p.prior.mean if p.log else 1.0),
         }
         for p in result.parameters.free
-        if p.tolerated and p.prior is not None
+        if p.is_nuisance and p.prior is not None
     }
 
 
@@ -302,21 +305,21 @@ def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[d
     if friction is None:
         return None
     ratio = {f"motor {j.name}": abs(j.motor.ratio) for j in robot.driven if j.motor is not None}
-    fitted = list(zip(friction.shapes, friction.levels.tolist(), friction.std.tolist(), strict=True))
+    fitted = list(zip(friction.shapes, friction.coulomb_torque.tolist(), friction.std.tolist(), strict=True))
     return [
         {
             "motor": row.place,
-            "taken_out": row.level is not None,
-            **section(row, "F_c=level std interval95=interval unit"),
-            "coulomb": None if row.level is None else row.level / ratio[row.place],
+            "compensated": row.coulomb_torque is not None,
+            **section(row, "F_c=coulomb_torque std interval95=interval unit"),
+            "coulomb": None if row.coulomb_torque is None else row.coulomb_torque / ratio[row.place],
             "shapes": [
-                section(shape, "kind threshold") | {"level": level, "std": std}
+                section(shape, "kind threshold") | {"torque": level, "std": std}
                 for shape, level, std in fitted
                 if shape.place == row.place and level > 0
             ],
             "before": dict(zip(friction.configurations, friction.before[:, i].tolist(), strict=True)),
             "after": dict(zip(friction.configurations, friction.after[:, i].tolist(), strict=True)),
-            "kept_share": row.kept_share,
+            "residual_power_ratio": row.residual_power_ratio,
         }
         for i, row in enumerate(friction_rows(friction))
     ]

@@ -124,7 +124,7 @@ def map_study(
 
 def tune_study(
     run: Run, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
-    rate_hz: float | None, bandwidth_hz: float, draws: int,
+    rate_hz: float | None, bandwidth_hz: float, samples: int,
 ) -> None:  # fmt: skip
     """References of the motors along a move of the fitted robot."""
     if duration is not None and fastest:
@@ -132,7 +132,7 @@ def tune_study(
 
     def work(result: Result) -> Used:
         """Move of the fitted robot, with what is written of it."""
-        given = _given(run, result, frame, draws, (rate_hz, bandwidth_hz, error_mm / 1e3))
+        given = _given(run, result, frame, samples, (rate_hz, bandwidth_hz, error_mm / 1e3))
         move = read_move(path, given.identified, given.frame, 0.0 if fastest else duration)
         with run.console.progress("tune") as progress:
             tuned = tune_move(given, move, run.study.name, progress)
@@ -181,7 +181,7 @@ def write_table(path: Path, tuned: TunedMove) -> None:
     write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
 
 
-def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) -> None:
+def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int) -> None:
     """Sensitivity of today's joint controllers and gains of the fitted robot; FitError where no gains keep the limit.
 
     rate_hz, delay: None for those of the study.
@@ -196,7 +196,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) 
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         stated_delay = 0 if today is None else today.delay_samples
         asked_delay = stated_delay if delay is None else delay
-        loops = design_loops(run.study.name, result, family, asked_delay, draws, run.study.seed, today, study_hz)
+        loops = design_loops(run.study.name, result, family, asked_delay, samples, run.study.seed, today, study_hz)
         files = {
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
             "loops.yml": lambda path: write_text(path, loops_section(loops)),
@@ -251,8 +251,8 @@ def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> di
         for i, log in enumerate(logs)
     ]
     overrides = [f"experiment.recorded.files={json.dumps(entries)}"]
-    if (data.get("validation") or {}).get("left_out") and "friction" in data:
-        overrides.append("validation.left_out=[]")
+    if (data.get("validation") or {}).get("configurations") and "friction" in data:
+        overrides.append("validation.configurations=[]")
     folder = options["folder"] or Path("runs") / f"{data.get('name', 'study')}_{logs[0].stem}"
     return {**options, "overrides": (*options["overrides"], *overrides), "folder": folder}
 

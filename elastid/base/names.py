@@ -23,7 +23,7 @@ MAX_FILE_NAME_BYTES = 200
 SEPARATOR = "@"
 
 # Behind the name of a configuration that is measured at several amplitudes, from the second one on.
-_LEVEL = re.compile(r" level [1-9][0-9]*$")
+_AMPLITUDE = re.compile(r" amplitude [1-9][0-9]*$")
 
 _NOT_IN_FILE_NAMES = '/\\:*?"<>|'
 # Names of devices on Windows, with any ending.
@@ -88,22 +88,22 @@ OptionalName: TypeAlias = Annotated[str, NameRule(without=SEPARATOR, is_optional
 FileName: TypeAlias = Annotated[str, NameRule(is_file=True)]
 
 
-def at_level(posture: str, level: int) -> str:
+def at_amplitude(posture: str, number: int) -> str:
     """The name of a configuration at one of its amplitudes, counted from 1: the first has that of the posture.
 
-    >>> at_level("bent", 1), at_level("bent", 2)
-    ('bent', 'bent level 2')
+    >>> at_amplitude("bent", 1), at_amplitude("bent", 2)
+    ('bent', 'bent amplitude 2')
     """
-    return posture if level == 1 else f"{posture} level {level}"
+    return posture if number == 1 else f"{posture} amplitude {number}"
 
 
 def posture_of(configuration: str) -> str:
     """The name of a configuration without that of its amplitude: what a study says of it counts at every one.
 
-    >>> posture_of("bent level 2")
+    >>> posture_of("bent amplitude 2")
     'bent'
     """
-    return _LEVEL.sub("", configuration)
+    return _AMPLITUDE.sub("", configuration)
 
 
 @lru_cache(maxsize=4096)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from functools import cache, wraps
+from itertools import pairwise
 from typing import Any, TypeVar, dataclass_transform
 
 from elastid.base.names import check_different
@@ -24,6 +25,7 @@ class Key:
 
     text: the meaning; its first sentence needs no context.  advice: when to change the key, and the effect of it.
     above, least, most: bounds of its number, or of each of several; None for any.  distinct: no value is given twice.
+    rising: each number exceeds the one before.
     """
 
     text: str
@@ -32,6 +34,7 @@ class Key:
     least: float | None = None
     most: float | None = None
     distinct: bool = False
+    rising: bool = False
 
     def checked(self, value: Any) -> Any:
         """The value of the key; ValueError for a number out of the bounds and for names that are hardly different."""
@@ -40,6 +43,8 @@ class Key:
         if self.distinct and isinstance(value, tuple) and len({*value}) < len(value):
             twice = next(entry for entry in value if value.count(entry) > 1)
             raise ValueError(f"{twice} is given twice; leave one out")
+        if self.rising and value is not None and any(not low < high for low, high in pairwise(value)):
+            raise ValueError("each number must exceed the one before, as [lowest, highest]")
         for number in _numbers(value):
             if self.above is not None and not number > self.above:
                 raise ValueError(f"it must be above {self.above:g}")
@@ -63,12 +68,6 @@ def _numbers(value: Any) -> Iterator[float]:
             yield from _numbers(entry)
     elif isinstance(value, int | float):
         yield value
-
-
-def check_band(band_hz: tuple[float, float] | None) -> None:
-    """Refuse a band that is empty or upside down; ValueError."""
-    if band_hz is not None and not 0 <= band_hz[0] < band_hz[1]:
-        raise ValueError(f"band_hz is [{band_hz[0]:g}, {band_hz[1]:g}]; give [lowest, highest]")
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))

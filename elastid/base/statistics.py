@@ -77,7 +77,7 @@ def correlation_of(covariance: FloatArray) -> FloatArray:
     return correlation
 
 
-By: TypeAlias = Literal["linearisation", "draws"]
+By: TypeAlias = Literal["linearisation", "samples"]
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
         normal, actual = drawn(LIMITS.checks)
         missed = np.abs(actual - np.tensordot(normal, linear, 1))
         if np.sqrt(np.mean(missed**2)) > LIMITS.error * np.sqrt(np.mean(np.abs(actual) ** 2)):
-            return Spread(value, drawn(LIMITS.draws)[1], "draws", unknown)
+            return Spread(value, drawn(LIMITS.draws)[1], "samples", unknown)
     return Spread(value, linear, "linearisation", unknown)
 
 

@@ -194,7 +194,7 @@ def visible(
     if columns.shape[1] == 0:
         names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
         raise StudyError(
-            "fit/undetermined",
+            "fit/not-identifiable",
             f"no candidate informs {names} beyond the noise; raise excitation.torque_rms, or where the measured "
             "outputs do not depend on it fix it, or log a place that it moves (experiment.simulated.outputs)",
             "design",

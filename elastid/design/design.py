@@ -44,7 +44,7 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
                 f"{unit}): the joint sticks, and friction looks like stiffness; raise excitation.torque_rms or add "
                 "experiment.simulated.carrier"
             )
-            notes.append(Note("design/sticking-motor", text, f"motor {joint.name}"))
+            notes.append(Note("design/motor-sticks", text, f"motor {joint.name}"))
     return tuple(notes)
 
 

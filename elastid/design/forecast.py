@@ -42,8 +42,8 @@ class Forecast:
     """Expected uncertainty of the free parameters (n,), at their nominal values.
 
     nominal (n,) and units: SI.  log (n,): whether covariance is of ln p.  covariance (n, n): of the solver's variables,
-    inf on the diagonal where a parameter is undetermined.  share (Q, F, n): of the information, summing to 1 for each
-    parameter.  configurations: those that the fit uses.
+    inf on the diagonal where a parameter is undetermined.  information_fraction (Q, F, n): sums to 1 for
+    each parameter.  configurations: those that the fit uses.
     notes: to be read before the robot moves.  choice: how the configurations were chosen.  noise (n, n): the part of
     covariance with the numbers of the robot's file known; without rows where the file is exact.
     """
@@ -55,11 +55,13 @@ class Forecast:
     covariance: FloatArray = labelled("expected covariance of x", "", "parameters parameters")
     configurations: tuple[str, ...]
     freq_hz: FloatArray = labelled("excited frequency")
-    share: FloatArray = labelled("share of the information about a parameter", "", "configurations freq_hz parameters")
+    information_fraction: FloatArray = labelled(
+        "fraction of the information about a parameter", "", "configurations freq_hz parameters"
+    )
     notes: tuple[Note, ...]
     choice: str = ""
     parts: FloatArray = labelled(
-        "share of the variance by noise, and by the file without end", "", "part parameters",
+        "fraction of the variance by noise, and by the robot model without end", "", "part parameters",
         default_factory=lambda: np.zeros((0, 0)),
     )  # fmt: skip
 
@@ -69,16 +71,22 @@ class Forecast:
         return np.sqrt(np.diag(self.covariance)) * np.where(self.log, np.abs(self.nominal), 1.0)
 
     @property
-    def std_by_noise(self) -> FloatArray:
-        """The part of `std` (n,) by noise: the scatter of a measurement that is repeated with the same file."""
+    def std_noise(self) -> FloatArray:
+        """Contribution of the measurement noise to `std` (n,): the scatter of repeated measurements of one robot."""
         return self.std * np.sqrt(self.parts[0]) if len(self.parts) else self.std
 
     @property
-    def std_by_file(self) -> FloatArray:
-        """The part of `std` (n,) by the tolerances of the robot's file, which measurements without end would leave."""
-        if not len(self.parts):
-            return np.zeros(len(self.nominal))
-        return np.asarray(np.where(np.isfinite(self.std), self.std, 0.0) * np.sqrt(self.parts[1]))
+    def std_prior(self) -> FloatArray:
+        """Contribution (n,) of the robot model's tolerances that no amount of data reduces."""
+        return self._finite_part(self.parts[1] if len(self.parts) else 0.0)
+
+    @property
+    def std_systematic(self) -> FloatArray:
+        """Remaining contribution (n,), see `Result.std_systematic`."""
+        return self._finite_part(np.maximum(1 - self.parts.sum(axis=0), 0.0) if len(self.parts) else 0.0)
+
+    def _finite_part(self, fraction: FloatArray | float) -> FloatArray:
+        return np.asarray(np.where(np.isfinite(self.std), self.std, 0.0) * np.sqrt(fraction))
 
     @property
     def relative(self) -> FloatArray:
@@ -129,9 +137,9 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
     configurations = tuple(e.response.configuration.name for e in expected)
     notes = tuple(_undetermined(_blind(np.asarray(R), parameters, x), names))
     by_noise = covariance_by_noise(covariance, n)
-    parts = np.stack([uncertainty.repeated[:n], uncertainty.lasting[:n]]) if n < len(x) else np.zeros((0, 0))
+    fractions = np.stack([uncertainty.averaging_fraction, uncertainty.persistent_fraction])[:, :n]
     known = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share
-    return Forecast(*known, (*notes, *correlated(names, by_noise)), parts=parts)
+    return Forecast(*known, (*notes, *correlated(names, by_noise)), parts=fractions if n < len(x) else np.zeros((0, 0)))
 
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
@@ -163,7 +171,7 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
         who = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
         text = f"this plan cannot determine {who}: fix or tie one number, or measure what depends on it"
-        notes.append(Note("fit/undetermined", text))
+        notes.append(Note("fit/not-identifiable", text))
     return notes
 
 

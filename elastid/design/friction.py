@@ -34,7 +34,7 @@ from elastid.experiment.simulated.plant import holding_torque, model_of
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction.robot_friction import laws_of_joint
 from elastid.friction.static import Conditions, columns, slopes
-from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec, WarmUpSpec
+from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LoadSpec, WarmUpSpec
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Joint, Robot
@@ -191,11 +191,13 @@ class Axis:
                     f"({self.peak_torque(speed):.4g} of {largest:.4g} {drive_unit(self.joint.slides)}); its loop and "
                     f"its torque leave {self.slowest:.3g} to {self.fastest:.3g} {unit}: measure there, raise "
                     "experiment.simulated.controller.bandwidth_hz, or choose a posture with less gravity torque",
-                    "friction.passes.speeds",
+                    "friction.constant_velocity.speeds",
                 )
 
 
-def axis_of(robot: Robot, joint: Joint, posture: Configuration, passes: PassesSpec, controller: ControllerSpec) -> Axis:
+def axis_of(
+    robot: Robot, joint: Joint, posture: Configuration, passes: ConstantVelocitySpec, controller: ControllerSpec
+) -> Axis:
     """A joint of the nominal robot in a posture; StudyError where the posture has no rest or gravity no room."""
     index = robot.driven_names.index(joint.name)
     window = passes.window or default_window(joint)
@@ -247,21 +249,25 @@ def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckG
             f"gravity takes {holding:.4g} {unit} of the {limits.torque:.4g} that the drive of joint "
             f"{joint.name} gives, and break-away about {guess.stiction:.3g}: nothing is left to move it; choose a "
             "posture or window with less gravity torque, or correct limits.torque",
-            "friction.passes",
+            "friction.constant_velocity",
         )
     # Viscous friction at full speed takes its part while the ramp ends.
     return min(given, max(0.2 * room, room - guess.viscous * speed) / inertia)
 
 
 def passes_of(
-    spec: PassesSpec, loads: Sequence[LoadSpec], postures: Sequence[Configuration], design: JointPassDesign, seed: int
+    spec: ConstantVelocitySpec,
+    loads: Sequence[LoadSpec],
+    postures: Sequence[Configuration],
+    design: JointPassDesign,
+    seed: int,
 ) -> tuple[PlannedMotion, ...]:
     """The passes under every load, in its posture, each set in an order of its own."""
     every, joint = np.repeat(design.speed, design.passes.astype(int)).tolist(), design.joint
     return tuple(
         PlannedMotion(
             "-".join(filter(None, (f"j{joint}", load.name, planned.name))),
-            joint, "passes", posture, load.name, load.payload, planned=planned,
+            joint, "constant_velocity", posture, load.name, load.payload, planned=planned,
         )
         for i, (load, posture) in enumerate(zip(loads, postures, strict=True))
         for planned in plan_passes(every, spec.repeat, design.limits, seed + i, spec.reference_every)
@@ -274,19 +280,21 @@ def standstill_of(
     """Growing loops and small multisines of the torque in the middle of the window."""
     joint, law = axis.joint.name, axis.guess
     middle, motions = posture.moved(axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
-    if (loops := spec.presliding) is not None:
+    if (loops := spec.presliding_loops) is not None:
         low, high = (share * law.stiction for share in loops.torque)
         torque = growing_loops(low, high, loops.loops, loops.frequency_hz, spec.rate_hz)
         period = round(spec.rate_hz / loops.frequency_hz)
-        motions.append(PlannedMotion(f"j{joint}-loops", joint, "loops", middle, torque=torque, period_samples=period))
-    if spec.at_rest is not None:
+        motions.append(
+            PlannedMotion(f"j{joint}-loops", joint, "presliding_loops", middle, torque=torque, period_samples=period)
+        )
+    if spec.presliding_test is not None:
         n = round(1.0 * spec.rate_hz)  # a period of 1 s
-        for share in spec.at_rest.torque:
+        for share in spec.presliding_test.torque:
             for draw in range(2):
-                period_torque = small_multisine(share * law.coulomb, spec.at_rest.band_hz, n, spec.rate_hz, rng)
+                period_torque = small_multisine(share * law.coulomb, spec.presliding_test.band_hz, n, spec.rate_hz, rng)
                 name = f"j{joint}-rest-{share:g}-{draw}"
                 torque = np.tile(period_torque, 33)  # the first period is the transient
-                motions.append(PlannedMotion(name, joint, "at_rest", middle, torque=torque, period_samples=n))
+                motions.append(PlannedMotion(name, joint, "presliding_test", middle, torque=torque, period_samples=n))
     return tuple(motions)
 
 
@@ -317,7 +325,9 @@ def warm_up_of(
     for number in range(int(spec.time / spec.test_every) + 1):
         group = (planned_pass(design.speed[place], number, limits) for place in places)
         motions = (
-            PlannedMotion(f"j{joint}-test-{test.name}", joint, "passes", posture, planned=test, is_warm_up=True)
+            PlannedMotion(
+                f"j{joint}-test-{test.name}", joint, "constant_velocity", posture, planned=test, is_warm_up=True
+            )
             for test in group
         )
         tests += timed(motions, limits, start_s + number * spec.test_every, 1.0)[0]
@@ -381,7 +391,7 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
     return Configuration("zero", np.array([float(np.clip(0.0, *joint.limits.angle)) for joint in robot.driven]))
 
 
-def _speeds(passes: PassesSpec, axis: Axis) -> tuple[FloatArray, FloatArray, float]:
+def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, FloatArray, float]:
     """Speeds, passes at each, and efficiency; StudyError for a range without room."""
     (lowest, highest), unit = passes.speeds or (axis.slowest, axis.fastest), axis.limits.unit
     is_optimal = passes.spacing == "optimal"
@@ -391,7 +401,7 @@ def _speeds(passes: PassesSpec, axis: Axis) -> tuple[FloatArray, FloatArray, flo
             f"{axis.limits.place}: passes from {lowest:.3g} to {highest:.3g} {unit}/s: a friction curve takes a range "
             f"of four and more; its window of {np.ptp(axis.limits.window):.3g} {unit}, its loop and its torque leave "
             f"{axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
-            "friction.passes.speeds",
+            "friction.constant_velocity.speeds",
         )
     if is_optimal:
         return optimal_speeds(axis.guess.spread, lowest, highest, passes.count)

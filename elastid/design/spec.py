@@ -116,7 +116,7 @@ def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
 
 def unit_time_s(excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int, periods: int) -> float:
     """Robot time of one configuration on a robot of n_u motors, at every amplitude, with its ramps and transients."""
-    runs = len(excitation.levels) * experiment.realisations * experiment.runs(n_u)
+    runs = len(excitation.amplitudes) * experiment.realisations * experiment.runs(n_u)
     at_ends = 2 * (experiment.ramp + experiment.hold)
     return runs * ((periods + experiment.transient_periods) * excitation.period + at_ends)
 

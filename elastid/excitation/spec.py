@@ -33,7 +33,7 @@ class MultisineSpec:
         "time grows with it.", above=0)]
     band_hz: Annotated[tuple[Frequency, Frequency], Key("Lowest and highest excited frequency.", "from a fifth of the "
         "first antiresonance to twice the highest mode that the model has; wider bands spread the same torque over "
-        "more lines.")]
+        "more lines.", above=0, rising=True)]
     torque_rms: Annotated[AskedTorque, Key("Root mean square of the torque on the link side, one number for all motors "
         "or one for each, in N where a joint slides, lowered where a limit of the robot is in the way; or `limits`: as "
         "much as each motor may have; or a list of such lists, amplitudes at which every configuration is measured in "
@@ -99,18 +99,16 @@ class MultisineSpec:
                 f"a period of {self.period:g} s is {samples:.6g} samples at {self.rate_hz:g} Hz, not a whole number; "
                 f"take {round(samples) / self.rate_hz:.9g} s"
             )
-        low, high = self.band_hz
-        if not 0 < low < high:
-            raise ValueError(f"band_hz is [{low:g}, {high:g}]; give [lowest, highest], both positive")
+        high = self.band_hz[1]
         if high >= self.rate_hz / 2:
             raise ValueError(
                 f"band_hz: {high:g} Hz is not below half the sampling rate ({self.rate_hz / 2:g} Hz); "
                 "lower band_hz or raise rate_hz"
             )
-        for rms in self.levels:
+        for rms in self.amplitudes:
             if rms != "limits" and any(not value > 0 for value in (rms if isinstance(rms, tuple) else (rms,))):
                 raise ValueError(f"torque_rms is {rms}; it must be positive for every motor")
-        if len(set(self.levels)) < len(self.levels):
+        if len(set(self.amplitudes)) < len(self.amplitudes):
             raise ValueError("torque_rms lists an amplitude twice, and each counts once; leave one out")
         if any(not f > 0 or not a > 0 for f, a in self.spectrum):
             raise ValueError("spectrum: frequencies and amplitudes must be positive")
@@ -139,9 +137,9 @@ class MultisineSpec:
             )
         if self.flat != "information" and self.least != 0.1:
             raise ValueError("least belongs to flat: information; set that, or leave least out")
-        if self.flat == "information" and len(self.levels) > 1:
+        if self.flat == "information" and len(self.amplitudes) > 1:
             raise ValueError(
-                f"flat: information finds the spectra of one amplitude, and torque_rms lists {len(self.levels)}; give "
+                f"flat: information finds spectra of one amplitude, torque_rms lists {len(self.amplitudes)}; give "
                 "one of them, or take another flat"
             )
         if self.flat == "information" and (self.power or self.spectrum or self.phases in _SWEEPS):
@@ -149,7 +147,7 @@ class MultisineSpec:
             raise ValueError(f"flat: information finds the spectrum itself; leave out {key}, or take another flat")
 
     @property
-    def levels(self) -> tuple[OneTorque, ...]:
+    def amplitudes(self) -> tuple[OneTorque, ...]:
         """The amplitudes at which every configuration is measured, mostly one."""
         given = self.torque_rms
         if not isinstance(given, tuple):
@@ -159,9 +157,9 @@ class MultisineSpec:
             return (tuple(item for item in given if not isinstance(item, tuple)),)
         return tuple(item[0] if len(item) == 1 else item for item in lists)
 
-    def at_level(self, level: int) -> MultisineSpec:
+    def at_amplitude(self, level: int) -> MultisineSpec:
         """Multisine with one of its amplitudes, counted from 1."""
-        return self if len(self.levels) == 1 else replace(self, torque_rms=self.levels[level - 1])
+        return self if len(self.amplitudes) == 1 else replace(self, torque_rms=self.amplitudes[level - 1])
 
     @property
     def period_samples(self) -> int:

@@ -250,7 +250,7 @@ class NoRestError(FitError):
 
     def __init__(self, error: StudyError) -> None:
         super().__init__(
-            "robot/no-rest",
+            "robot/no-equilibrium",
             f"the best start ended where the robot cannot stand: {error}; check signs, units and places of the "
             "channels",
         )
@@ -327,7 +327,7 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
-    notes = () if is_settled else (Note("fit/posture-moved", text),)
+    notes = () if is_settled else (Note("fit/posture-mismatch", text),)
     return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)
 
 
@@ -340,7 +340,7 @@ def _where_it_stands(
     tolerances by a fit that holds its numbers, for which NoRestError is raised.
     """
     no_rest, start, x = NoRestError(error), assembly.parameters.x, end.x
-    if any(p.tolerated for p in assembly.parameters):
+    if any(p.is_nuisance for p in assembly.parameters):
         raise no_rest
     for _ in range(HALVINGS):
         x = (x + start) / 2

@@ -101,11 +101,11 @@ class Uncertainty:
     unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone;
     cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
     costs (Q,): V of each configuration; power: of each, what its lines contribute to the variances (F, n_x).
-    share (Q, n_x): of each configuration in the information; informing_hz (n_x, 2): the middle half of it.
+    information_fraction (Q, n_x): of each configuration; information_band_hz (n_x, 2): the middle half of it.
     disagreement: T of the blocks, 1 for a true model (`blocks`).  shift (n_x,): the deviation by the blocks over that
     by measured noise, ratios of gears and declared floor alone.
-    repeated, lasting (n_x,): shares of the variance that a repeated measurement has, the robot's file erring as before,
-    and that is left of the file by measurements without end; 1 and 0 where it is exact.
+    averaging_fraction (n_x,): of the variance: averages out over repeated measurements, 1 for an exact robot model.
+    persistent_fraction (n_x,): of the variance, by errors of the robot model that no data reduce, else 0.
     """
 
     covariance: FloatArray
@@ -113,12 +113,12 @@ class Uncertainty:
     unreached: BoolArray
     expected_cost: float
     cost_dof: float
-    share: FloatArray
-    informing_hz: FloatArray
+    information_fraction: FloatArray
+    information_band_hz: FloatArray
     disagreement: float
     shift: FloatArray
-    repeated: FloatArray
-    lasting: FloatArray
+    averaging_fraction: FloatArray
+    persistent_fraction: FloatArray
     costs: FloatArray
     power: tuple[FloatArray, ...]
 
@@ -173,7 +173,7 @@ def estimate_uncertainty(
     if is_in_error(cost, expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, half)])
     # Tolerances scatter from file to file, not from measurement to measurement.
-    of_file = [i for i, p in enumerate(fit.parameters.free) if p.tolerated]
+    of_file = [i for i, p in enumerate(fit.parameters.free) if p.is_nuisance]
     variance, of_file_J = np.diag(noise), beside_J[of_file]
     by_file = np.sum((of_file_J @ half) ** 2, axis=0)
     repeated = 1 - np.divide(by_file, variance, out=np.zeros(len(prior)), where=variance > 0)
@@ -211,7 +211,7 @@ def taken_out_error(parameters: Parameters) -> FloatArray:
     """Standard deviation (n_x,) of x by friction, or effects of gears, that were taken out: of k, d and frictions."""
 
     def of(parameter: Parameter) -> float:
-        if parameter.tolerated or not parameter.log:
+        if parameter.is_nuisance or not parameter.log:
             return 0.0
         if parameter.unit in DAMPING_UNITS:
             return FRICTION_ERROR if parameter.stands_for.startswith("f") else DAMPING_ERROR
@@ -237,7 +237,7 @@ def unexplained_error(parameters: Parameters, responses: Sequence[Response]) -> 
             shares.append(float(np.median(np.sqrt(distortion) / np.maximum(np.abs(G.G), 1e-300))))
     share = np.sqrt(2 / (np.pi - 2)) * max(shares)
     of_unit = dict.fromkeys(DAMPING_UNITS, 2.0) | {"N*m/rad": 1.0, "N/m": 1.0}
-    return np.array([share * of_unit.get(p.unit, 0.0) * (p.log and not p.tolerated) for p in parameters.free])
+    return np.array([share * of_unit.get(p.unit, 0.0) * (p.log and not p.is_nuisance) for p in parameters.free])
 
 
 def variance_left(of_file_J: FloatArray, half: FloatArray) -> FloatArray:

@@ -151,17 +151,17 @@ def _search(
     parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])
     check_factors(responses, spec)
     # A search by noise alone would follow lines at resonances into false valleys.
-    searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
+    searched = with_floor(spec, USUAL_FLOOR) if spec.weights.model_error is None else spec
     home = home_of(responses, execution)
     weights = tuple(each_at_home(partial(weigh, spec=searched), responses, home))
     assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights, home)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
-        raise DataError("fit/undetermined", reason, "nothing is left to fit")
+        raise DataError("fit/not-identifiable", reason, "nothing is left to fit")
     if fit.problem.dof < 1:
         few = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
-        raise DataError("fit/undetermined", f"{few}; fix some, or use more lines")
+        raise DataError("fit/not-identifiable", f"{few}; fix some, or use more lines")
     check_effects(fit, robot)
     starts, hits = _from_all_starts(assembly, fit, spec, execution)
     if next(tolerances_of(robot), None) is not None:
@@ -220,7 +220,7 @@ def _check_robot(response: Response, robot: Robot) -> None:
     refused, still = "", ", ".join(place for place in response.outputs if place.startswith("motor "))
     if response.motors != "free" and not at_tool:
         refused = f"torques of its motors, which are {response.motors}, cannot act on them"
-    elif response.motors == "held" and still:
+    elif response.motors == "locked" and still:
         refused = f"nothing moves at {still} while the motors are held; leave out what is read there"
     elif response.motors == "controlled" and (response.loop is None or np.any(response.loop.ki)):
         refused = "its motors are controlled; give their loop, stiffness kp and damping kd without ki"
@@ -246,7 +246,7 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
         places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
         hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start" * places
         raise FitError(
-            "fit/undetermined",
+            "fit/not-identifiable",
             f"{names}: without effect on any of the {len(fit.parts)} frequency responses, so that no fit can find it; "
             f"fix it (fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure what it moves{hint}",
         )
@@ -325,7 +325,7 @@ def _with_found_floor(assembly: Assembly, spec: FitSpec, ends: _Ends, execution:
     Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
     lines, and springs and dampers take it up. There the floor is the usual one.
     """
-    if spec.weights.floor is not None:
+    if spec.weights.model_error is not None:
         return assembly, *_estimate(assembly, ends, execution)
     bare = assembly.with_floor(None)
     estimate = _estimate(bare, ends, execution)
@@ -363,7 +363,7 @@ def _with_agreements(estimate: _Found, assembly: Assembly, spec: FitSpec, ends: 
         # A reading in a wrong unit pulls both into a valley that the responses alone would never end in, where the
         # robot may find no rest under its loads.
         again = fitted(alone, searched=True)
-        of_motors = min(of_motors, again, key=lambda each: (each[3].floor, each[3].cost))
+        of_motors = min(of_motors, again, key=lambda each: (each[3].model_error, each[3].cost))
     static, tool = compared(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
         return *estimate[:3], replace(estimate[3], static=static, tool=tool)
@@ -403,19 +403,19 @@ def _estimate(assembly: Assembly, ends: _Ends, execution: Execution) -> tuple[Re
         status="converged",
         message="",
         starts=starts,
-        hits=hits,
+        n_converged_starts=hits,
         at_bound=at_bound(fit.parameters, end.x),
         singular_values=uncertainty.singular_values,
         criterion=fit.parts[0].criterion,
         configurations=tuple(part.configuration for part in fit.parts),
-        share=uncertainty.share,
-        informing_hz=uncertainty.informing_hz,
+        information_fraction=uncertainty.information_fraction,
+        information_band_hz=uncertainty.information_band_hz,
         linear=tuple(part.kernel.model for part in fit.parts if part.kernel.model.is_delayed),
-        repeated=uncertainty.repeated,
-        lasting=uncertainty.lasting,
+        averaging_fraction=uncertainty.averaging_fraction,
+        persistent_fraction=uncertainty.persistent_fraction,
         robot=assembly.linearisation.model.robot,
         equations=assembly.model,
-        floor=max(weights.floor for weights in assembly.weights),
+        model_error=max(weights.floor for weights in assembly.weights),
     )
     return optimum, uncertainty, result
 
@@ -433,7 +433,7 @@ def _contradicted_priors(result: Result) -> tuple[Note, ...]:
     """
     notes = []
     for parameter, x, P in zip(result.parameters.free, result.x, np.diag(result.covariance), strict=True):
-        if parameter.prior is None or parameter.tolerated or not _LEFT * parameter.prior.std**2 > P:
+        if parameter.prior is None or parameter.is_nuisance or not _LEFT * parameter.prior.std**2 > P:
             continue
         S, mean = parameter.prior.std**2, parameter.to_x(parameter.prior.mean)
         sigmas = abs(float(x) - mean) / math.sqrt(S - P)

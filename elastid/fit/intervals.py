@@ -75,7 +75,8 @@ def _repeat(
     rng = np.random.default_rng(draw)
     drawn = (source.draw(rng) for source in sources)
     parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))
-    moved = {p.name: _off_file(p, float(xi), rng) for p, xi in zip(fit.parameters.free, x, strict=True) if p.tolerated}
+    pairs = zip(fit.parameters.free, x, strict=True)
+    moved = {p.name: _off_file(p, float(xi), rng) for p, xi in pairs if p.is_nuisance}
     parameters = Parameters(tuple(moved.get(p.name, p) for p in fit.parameters)) if moved else fit.parameters
     loads = fit.loads if fit.loads is None or static is None else fit.loads.drawn(static, rng)
     try:

@@ -271,10 +271,10 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
 def _within(held: Parameter, std: float) -> Parameter:
     """A held number free within its tolerance, which is relative for a positive one."""
     if not held.log:
-        return replace(held, free=True, prior=Prior(held.value, std), tolerated=True)
+        return replace(held, free=True, prior=Prior(held.value, std), is_nuisance=True)
     lower, upper = held.value / MAX_FACTOR, held.value * MAX_FACTOR
     relative = std / held.value if held.unit == "m" else std
-    return replace(held, free=True, lower=lower, upper=upper, prior=Prior(held.value, relative), tolerated=True)
+    return replace(held, free=True, lower=lower, upper=upper, prior=Prior(held.value, relative), is_nuisance=True)
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ class Asked:
 
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
-    motors: Motors = "held"
+    motors: Motors = "locked"
     payload: Payload | Literal[False] | None = None
     frame: Frame | str | None = None
     axes: Axes = "own"
@@ -122,7 +122,7 @@ class Family:
     def at(self, configuration: Configuration) -> FittedModel:
         """The model about the equilibrium of a posture; StudyError where there is none."""
         if self.asked.payload is False:
-            configuration = replace(configuration, carries=False)
+            configuration = replace(configuration, has_payload=False)
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)
         moved = {name: linear.slopes[name] for name in self._moved if name in linear.slopes}
         loop = self._loop(configuration) if self.asked.motors == "controlled" else None
@@ -234,7 +234,7 @@ def _check_ports(robot: Robot, inputs: Sequence[str], outputs: Sequence[str], mo
         if place not in robot.load_locations and place not in robot.motor_locations:
             places = ", ".join((*robot.motor_locations, *robot.load_locations))
             raise StudyError("fit/posture", f"'{place}' is no input of robot {robot.name}; there are {places}")
-        if place in robot.motor_locations and motors == "held":
+        if place in robot.motor_locations and motors == "locked":
             raise StudyError(
                 "fit/posture",
                 f"the torque of {place} moves nothing while the motors are held; ask with motors='free' or "

@@ -33,13 +33,13 @@ class RigidPart:
     """A base, about one axis, that the model takes as rigid.
 
     stiffness: such a part's usual one.  changes (n,): of the variables x that were asked for where it is as stiff as
-    that.  hidden_from: the stiffness from which on none of them leaves its 95 % interval by it.
+    that.  detection_limit: the stiffness from which on none of them leaves its 95 % interval by it.
     """
 
     name: str
     stiffness: float = labelled("usual stiffness", "N*m/rad")
     changes: FloatArray = labelled("change of each parameter asked for, of x")
-    hidden_from: float = labelled("stiffness from which on no interval is left", "N*m/rad")
+    detection_limit: float = labelled("stiffness from which on no interval is left", "N*m/rad")
 
     def most_moved(self, names: Sequence[str], most: int = 2) -> dict[str, float]:
         """The stiffnesses among `names` (n,) that it moves most, and their relative changes."""
@@ -55,7 +55,7 @@ class ModificationIndex:
     name, group: m_arm and `mass`; gain_u_* of a factor that all of them share; payload_arm of mass, centre and inertia.
     members, values, units: the numbers, at which value they were held, SI.  log: whether the step of each is of ln p.
     steps (n_m,): their changes, cut where they would leave what is plausible.  std: of the first by the measured noise.
-    drop: of V.  share: of what V has beyond the noise.  effects (n_x,): implied change of each free parameter, in x.
+    drop: of V.  explained_fraction: of the excess of V.  effects (n_x,): implied change of each free parameter, in x.
     alike: names of others that the data cannot distinguish from it.  place: 0 where it is freed alone; 1, 2, ... in the
     sequence in which each is freed after those before it, with the further share that it explains.
     odds: 2 ln of those against the likeliest cause, of which occam is what its freedom and the prior of its size take.
@@ -70,7 +70,7 @@ class ModificationIndex:
     steps: FloatArray = labelled("their changes, of ln p where log", default_factory=_NO_NUMBERS)
     std: float = math.nan
     drop: float = labelled("decrease of V", default=0.0)
-    share: float = labelled("share of the excess of V over the noise", default=0.0)
+    explained_fraction: float = labelled("share of the excess of V over the noise", default=0.0)
     effects: FloatArray = labelled("implied change of each free parameter, of x", default_factory=_NO_NUMBERS)
     alike: tuple[str, ...] = ()
     place: int = 0
@@ -118,7 +118,7 @@ MEANING: dict[Status, str] = {
 
 
 # Code of the note on errors of held numbers that no residual shows.
-HELD_AS_EXACT = "fit/held-as-exact"
+HELD_AS_EXACT = "fit/fixed-values"
 # Of a fit that converged, with residuals beyond the noise.
 DOUBTFUL = "every parameter is determined, and some are not to be believed, as the warnings and their verdicts say"
 EXCEEDING = (
@@ -199,13 +199,14 @@ class Result:
     (`estimate_uncertainty`); infinite variances where the data do not reach.  cost: V.  cost_expected: the V that the
     measured noise alone would leave; 2 / cost_dof is the relative variance of V over it for a true model, NaN where no
     noise was measured.  singular_values: of the Jacobian with columns scaled to unit length, largest
-    first.  starts: sorted by V.  hits: of them that reached the best V.
+    first.  starts: sorted by V.  n_converged_starts: of them that reached the best V.
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
-    rigid_parts: what is taken as rigid and shows in no response; empty where that was not judged.
+    assumed_rigid: what is taken as rigid and shows in no response; empty where that was not judged.
     verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
-    floor: the model error relative to |G| in weights and covariance, the largest of the responses.
-    configurations, share (Q, n_x), informing_hz (n_x, 2), repeated, lasting (n_x,): as `Uncertainty`.
+    model_error: relative to |G| in weights and covariance, the largest of the responses.
+    configurations, information_fraction (Q, n_x), information_band_hz (n_x, 2), averaging_fraction (n_x,),
+    persistent_fraction (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     robot, equations: those that were fitted, for postures that were not measured.
     static, tool: static load tests, and responses at the tool, next to the responses of the motors; None without any.
@@ -220,7 +221,7 @@ class Result:
     status: Status
     message: str
     starts: tuple[LocalOptimum, ...] = labelled(rows=True)
-    hits: int
+    n_converged_starts: int
     at_bound: BoolArray = labelled("estimates at a bound", "", "free_names")
     singular_values: FloatArray = labelled("singular values of the Jacobian, columns scaled")
     criterion: str
@@ -230,21 +231,23 @@ class Result:
     )
     bootstrap95: FloatArray = labelled("95 % interval by bootstrap", "SI", "free_names end", default_factory=_NO_PAIRS)
     configurations: tuple[str, ...] = ()
-    share: FloatArray = labelled("share of the information", "", "configurations free_names", default_factory=_NO_TABLE)
-    informing_hz: FloatArray = labelled(
+    information_fraction: FloatArray = labelled(
+        "fraction of the information", "", "configurations free_names", default_factory=_NO_TABLE
+    )
+    information_band_hz: FloatArray = labelled(
         "middle half of that information", "", "free_names end", default_factory=_NO_PAIRS
     )
     cost_dof: float = math.nan
-    floor: float = 0.0
+    model_error: float = 0.0
     indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
-    rigid_parts: tuple[RigidPart, ...] = labelled(rows=True, default=())
+    assumed_rigid: tuple[RigidPart, ...] = labelled(rows=True, default=())
     verdicts: tuple[str, ...] = ()
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
-    repeated: FloatArray = labelled(
-        "share of the variance that a repeated measurement has", "", "free_names", default_factory=_NO_NUMBERS
+    averaging_fraction: FloatArray = labelled(
+        "fraction of the variance that averages out", "", "free_names", default_factory=_NO_NUMBERS
     )
-    lasting: FloatArray = labelled(
-        "share of the variance that the file leaves without end", "", "free_names", default_factory=_NO_NUMBERS
+    persistent_fraction: FloatArray = labelled(
+        "fraction of the variance that no data reduce", "", "free_names", default_factory=_NO_NUMBERS
     )
     robot: Robot | None = None
     equations: ModelSpec | None = None
@@ -263,14 +266,14 @@ class Result:
         """Status and message, and each free parameter with its interval."""
         values, std = self.values, self.std
         rows = []
-        parts = (self.std_by_noise, self.std_by_file) if self.has_tolerances else ()
+        parts = self.std_parts
         for p in self.parameters.asked:
             places = digits(values[p.name], std[p.name])
             ends = " to ".join(interval_of(self.interval(p.name), places))
-            stds = [number(stds_of[p.name], 2) for stds_of in (*parts, std)]
+            stds = [number(stds_of[p.name], 2) for stds_of in (*parts.values(), std)]
             rows.append((p.name, number(values[p.name], places), *stds, ends, p.unit))
         std_of = "std" if self.noise_is_known else "std, of the residuals"
-        headings = ("parameter", "value", *("by noise", "by file")[: len(parts)], std_of, "95 % interval", "unit")
+        headings = ("parameter", "value", *parts, std_of, "95 % interval", "unit")
         return Display(f"Fit: {self.message}", headings, rows)
 
     @property
@@ -296,8 +299,8 @@ class Result:
         return math.sqrt(self.cost / max(self.cost_expected, 1e-300))
 
     @property
-    def model_error(self) -> float:
-        """Model error, at least 1."""
+    def inflation_factor(self) -> float:
+        """Factor by which residuals above the noise widen the intervals, at least 1."""
         return max(1.0, self.residual_ratio)
 
     @property
@@ -318,27 +321,38 @@ class Result:
         return len(self.parameters.asked) < len(self.x)
 
     @property
-    def std_by_noise(self) -> dict[str, float]:
-        """The part of `std` by noise: the scatter of a measurement that is repeated with the same file.
+    def std_noise(self) -> dict[str, float]:
+        """Contribution to `std` of the measurement noise: the scatter of repeated measurements of one robot.
 
-        An error of the file moves each result alike: it is no part of differences between dates, and between robots of
-        one type.
+        Compare dates, or robots of one type, by this contribution: they share the errors of the robot model.
         """
-        return self._part(self._shared(self.repeated, 1.0))
+        return self._part(self._shared(self.averaging_fraction, 1.0))
 
     @property
-    def std_by_file(self) -> dict[str, float]:
-        """The part of `std` by the tolerances of the robot's file, which measurements without end would leave.
+    def std_prior(self) -> dict[str, float]:
+        """Contribution to `std` of the robot model's tolerances that no amount of data reduces."""
+        return self._part(self._shared(self.persistent_fraction, 0.0))
 
-        std^2 - noise^2 - file^2 is what the file errs by now and longer measurements take off.
+    @property
+    def std_systematic(self) -> dict[str, float]:
+        """Remaining contribution: std^2 = std_noise^2 + std_prior^2 + std_systematic^2.
+
+        Errors that repeated measurements share and that more data reduce: tolerances that the data narrow, and what
+        friction compensation and unexplained distortion leave.
         """
-        return self._part(self._shared(self.lasting, 0.0))
+        return self._part(self._shared(1 - self.averaging_fraction - self.persistent_fraction, 0.0))
+
+    @property
+    def std_parts(self) -> dict[str, dict[str, float]]:
+        """The contributions to `std` by name; none for an exact robot model."""
+        names = ("std_noise", "std_prior", "std_systematic") if self.has_tolerances else ()
+        return {name: getattr(self, name) for name in names}
 
     @property
     def std_with_base(self) -> dict[str, float]:
         """`std` of each parameter that was asked for with a base as elastic as is usual, which no response shows."""
         n = len(self.parameters.asked)
-        base = sum((part.changes**2 for part in self.rigid_parts), np.zeros(n))
+        base = sum((part.changes**2 for part in self.assumed_rigid), np.zeros(n))
         return self._part(np.diag(self.covariance)[:n] + base)
 
     def _shared(self, share: FloatArray, without: float) -> FloatArray:
@@ -391,15 +405,16 @@ class Result:
         return Estimate(name, self.values[name], self.std[name], low, high, self.parameters[name].unit)
 
     def to_dataframe(self) -> Any:
-        """A `pandas.DataFrame` with a row for each parameter: value, by_noise, by_file, std, low, high, unit, free; SI.
+        """Return a `pandas.DataFrame` in SI: value, std and its three contributions, low, high, unit, free.
 
-        std and the 95 % interval are NaN of a number that was held or tied, parts of std where the file is exact.
-        ElastidError where pandas is not installed.
+        std and the 95 % interval are NaN for fixed and tied parameters, contributions also for an exact robot model.
+        ElastidError if pandas is not installed.
         """
         values, std, free = self.values, self.std, self.parameters.free_names
         ends = {name: self.interval(name) for name in free}
-        nan, columns = math.nan, ["value", "by_noise", "by_file", "std", "low", "high", "unit", "free"]
-        parts = (self.std_by_noise, self.std_by_file) if self.has_tolerances else ({}, {})
+        nan, names = math.nan, ("std_noise", "std_prior", "std_systematic")
+        columns = ["value", *names, "std", "low", "high", "unit", "free"]
+        parts = [self.std_parts.get(name, {}) for name in names]
         rows = {
             p.name: (
                 values[p.name], *(each.get(p.name, nan) for each in (*parts, std)), *ends.get(p.name, (nan, nan)),
@@ -427,7 +442,7 @@ class Result:
         inputs: Sequence[str] = (),
         outputs: Sequence[str] = (),
         *,
-        motors: Motors = "held",
+        motors: Motors = "locked",
         payload: Payload | Literal[False] | None = None,
         frame: Frame | str | None = None,
         axes: Axes = "own",
@@ -439,7 +454,7 @@ class Result:
         posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a
         configuration that was fitted.  inputs: `force tool x`, `torque tool z` at any frame or body, `motor 1`; default
         the forces at the frame.  outputs: `frame tool x`, `accelerometer tool x`, `joint 1`, `motor 1`; default the
-        motion of the frame.  motors: held (brakes), free, or controlled by `controller`, a `ControllerSpec` or a
+        motion of the frame.  motors: locked (brakes), free, or controlled by `controller`, a `ControllerSpec` or a
         `JointLoop`.  payload: another one, or False for none.  frame: of stiffness and of defaults; `tool`, else the
         last one, else the last body's centre of mass.  axes: of frames, their `own` or those of the base
         (`world`).  quantity: of outputs; positions, accelerations with accelerometers.  StudyError for places or angles
@@ -500,12 +515,12 @@ class Result:
         Then it counts times the square of residuals over their noise.
         """
         is_unexplained = self.exceeds_noise and not self.has_lone_cause
-        return self.covariance * self.model_error**2 if is_unexplained else self.covariance
+        return self.covariance * self.inflation_factor**2 if is_unexplained else self.covariance
 
     @property
     def has_lone_cause(self) -> bool:
         """True if one cause explains the residuals beyond the noise."""
-        return any(index.place == 1 and index.share > LONE_CAUSE for index in self.indices)
+        return any(index.place == 1 and index.explained_fraction > LONE_CAUSE for index in self.indices)
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:

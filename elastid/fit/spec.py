@@ -7,7 +7,7 @@ from dataclasses import field
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.names import FileName, PartName
-from elastid.base.section import Key, check_band, section
+from elastid.base.section import Key, section
 from elastid.base.units import Frequency, Quantity
 from elastid.parameters import Tie
 
@@ -30,11 +30,9 @@ class FactorSpec:
     input: Annotated[str, Key("Motor of the input, such as `motor 1` (default: all).", "motors whose torque is small "
         "compared with friction get less.")] = ""
     band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Lowest and highest frequency (default: all lines).",
-        "the control band, where the model will be used there; lower weight below it lets friction spoil less.")] = None
+        "the control band, where the model will be used there; lower weight below it lets friction spoil less.",
+        least=0, rising=True)] = None
     # fmt: on
-
-    def __post_init__(self) -> None:
-        check_band(self.band_hz)
 
 
 def misnamed(
@@ -54,10 +52,10 @@ def misnamed(
 
 @section
 class WeightSpec:
-    """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2, times the factors."""
+    """Weights are inverse variances: var = smoothed variance of G + (model_error |G|)^2, times the factors."""
 
     # fmt: off
-    floor: Annotated[float | None, Key("Expected model error relative to |G|, which the intervals then include "
+    model_error: Annotated[float | None, Key("Expected model error relative to |G|, which the intervals then include "
         "(default: 0 where the residuals show no more than the measured noise, otherwise as much as they show, at most "
         "0.01, which sensors and a good linear model commonly leave; 0.01 where no noise was measured, and where dry "
         "friction was left in the responses, whose error no residual shows).", "about 0.03 "
@@ -163,7 +161,7 @@ class FitSpec:
         "pc1_cyl_z, pj_2b_z.", "name fewer where the report calls parameters ill-conditioned, more where modification "
         "indices ask for them; `k_*: {}` identifies the springs alone and holds all other numbers at those of the "
         "robot.")] = field(default_factory=dict)
-    wanted: Annotated[tuple[str, ...], Key("Parameters that the study is about, by name or pattern: its status is "
+    focus: Annotated[tuple[str, ...], Key("Parameters that the study is about, by name or pattern: its status is "
         "theirs, and each parameter has a verdict of its own.", "[k_*] where dampings are by-products; a friction "
         "coefficient that a wrong model moves then leaves the status alone.")] = ("k_*", "d_*")
     ratios: Annotated[dict[PartName, RatioSpec], Key("Factors that several ties share, by a name of your own: one loss "
@@ -185,7 +183,7 @@ class FitSpec:
         "correlated parameters; both end at one optimum where both converge.")] = "trust_region"
     band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Band of the lines that are fitted (default: all).",
         "narrower where the robot has modes beyond it that the model lacks, or where low lines are spoilt by friction; "
-        "compare the parameters of two bands before you trust either.")] = None
+        "compare the parameters of two bands before you trust either.", least=0, rising=True)] = None
     weights: Annotated[WeightSpec, Key("Weights of the responses' elements.", "their floor is the first number to look "
         "at where a fit ends as misfit but looks good.")] = WeightSpec()
     profile: Annotated[Literal["auto"] | tuple[str, ...], Key("Names or patterns of parameters whose interval is found "
@@ -207,4 +205,3 @@ class FitSpec:
                 raise ValueError(f"robots: configuration {name} is given to {both}; give it to the one that it is of")
         if not (self.bootstrap == 0 or self.bootstrap >= 40):  # fewer have no interval of 95 %
             raise ValueError(f"bootstrap is {self.bootstrap}; give 0, or 40 and more")
-        check_band(self.band_hz)

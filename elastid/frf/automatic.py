@@ -155,7 +155,7 @@ def within_excitation(response: Response) -> Response:
         f"lines above {response.freq_hz[last]:.4g} Hz are left out: the torques have less than a hundredth of their "
         "largest amplitude there, and motors move by what their controllers make of noise"
     )
-    return replace(response.lines(lines <= last), notes=(*response.notes, Note("frf/lines-left-out", text)))
+    return replace(response.lines(lines <= last), notes=(*response.notes, Note("frf/lines-discarded", text)))
 
 
 def _variance(response: Response) -> FloatArray:

@@ -93,7 +93,7 @@ def refuse_few(groups: Sequence[Sequence[Record]], method: str) -> None:
     for realisation, count in counts.items():
         if count < n_u:
             raise DataError(
-                "frf/inputs-together",
+                "frf/inputs-not-separable",
                 f"{count} experiments for "
                 f"{n_u} inputs ({', '.join(first.inputs)}); each realisation needs at least {n_u} that move the inputs "
                 "in different ways (number them as its experiments 0, 1, ...)",
@@ -124,7 +124,7 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
         record = group[0]
         ways, n_u = int(np.median(np.sum(ratio > 1, axis=1))), len(record.inputs)
         raise DataError(
-            "frf/inputs-together",
+            "frf/inputs-not-separable",
             f"its {E} experiments move "
             f"the {n_u} inputs ({', '.join(record.inputs)}) in {ways} independent ways only, above the noise; "
             "check for a file listed twice, an input that was not excited, and equal phases in all experiments",
@@ -155,7 +155,7 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
                 f"realisations {groups[m - 1][0].realisation} and {groups[m][0].realisation} have the same phases, "
                 "so the total variance misses the nonlinear distortion; draw new phases for every realisation"
             )
-            notes.append(Note("frf/inputs-together", text))
+            notes.append(Note("frf/inputs-not-separable", text))
     return notes
 
 

@@ -187,7 +187,7 @@ def _fitted(
     first, usable = groups[0][0], separated_lines(data, groups, method)
     if not usable.any():
         raise DataError(
-            "frf/inputs-together",
+            "frf/inputs-not-separable",
             f"no line has separate inputs in every realisation: lines "
             f"{described_lines(lines, first)} are lost in one or another; measure the weak realisations again",
             f"configuration {first.configuration.name}",
@@ -197,7 +197,7 @@ def _fitted(
         return usable, data, METHODS[method](data)
     except np.linalg.LinAlgError as error:
         raise DataError(
-            "frf/inputs-together",
+            "frf/inputs-not-separable",
             f"estimator.method {method} finds a singular matrix at some line; check the units, or take arithmetic",
             f"configuration {first.configuration.name}",
         ) from error

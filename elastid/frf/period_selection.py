@@ -48,7 +48,7 @@ class Limits:
 
 
 LIMITS = Limits()
-TRANSIENT_LEFT_OUT = "frf/transient-left-out"
+TRANSIENT_LEFT_OUT = "frf/transient-discarded"
 
 
 @dataclass(frozen=True)
@@ -271,7 +271,7 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
     worst = int(np.argmax((measured.D[left_out] / np.maximum(measured.limit, LIMITS.negligible_distance)).max(axis=0)))
     numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
-        "frf/periods-left-out",
+        "frf/periods-discarded",
         f"{kind}{'s' if len(numbers) > 1 else ''} {', '.join(numbers)} of {record.n_repeats} left out as {reason}: "
         f"up to {100 * measured.D[left_out, worst].max():.2g} % away from the others in {channels[worst]}, where "
         f"{100 * measured.typical[worst]:.2g} % is usual",

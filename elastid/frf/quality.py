@@ -117,7 +117,7 @@ def described_lines(lines: IntArray, record: Record) -> str:
 
 def left_out_note(lines: IntArray, first: Record, why: str) -> Note:
     """A note on lines of records like the first at which G is not estimated."""
-    return Note("frf/lines-left-out", f"lines {described_lines(lines, first)} are left out: {why}")
+    return Note("frf/lines-discarded", f"lines {described_lines(lines, first)} are left out: {why}")
 
 
 def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
@@ -126,7 +126,7 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
     weak = excited.amplitude**2 <= MIN_SNR * excited.noise**2
     return [
         Note(
-            "frf/barely-excited",
+            "frf/low-signal-to-noise",
             f"output {name} barely moved: not 6 dB above its noise at {int(weak[:, i].sum())} of {len(weak)} lines, so "
             "that its row of G is mostly noise; check its channel, or raise the torque",
         )
@@ -141,7 +141,7 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
     weak = level < LIMITS.input_snr * (quality.input_noise * np.mean(1 / data.periods))
     notes = [
         Note(
-            "frf/barely-excited",
+            "frf/low-signal-to-noise",
             f"input {name} was barely excited: less than 20 dB above its noise at {int(weak[:, i].sum())} of "
             f"{len(weak)} lines, so that its column of G is uncertain; raise its torque",
         )
@@ -160,7 +160,7 @@ def together_notes(quality: Quality, advice: str) -> list[Note]:
         "the inputs move nearly together: the condition of the input matrix, each input relative to its RMS, is "
         f"{condition:.3g} at the median line (1 is best); {advice}"
     )
-    return [Note("frf/inputs-together", text)]
+    return [Note("frf/inputs-not-separable", text)]
 
 
 def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.section import Key, check_band, section
+from elastid.base.section import Key, section
 from elastid.base.units import Frequency, Time
 from elastid.record import Motion
 
@@ -53,7 +53,7 @@ class EstimatorSpec:
         "lines.")] = "auto"
     band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Band within which lines are analysed (default: all).",
         "narrower where what lies beyond only takes time and memory; the fit has a band of its own, which needs no new "
-        "estimate.")] = None
+        "estimate.", least=0, rising=True)] = None
     transient_periods: Annotated[int | Literal["auto"], Key("Periods left out at the start of a record, or `auto`: "
         "those that differ from the rest; a number where more must go. None with a local method.", "a number where "
         "more must go than `auto` finds, as with slow thermal drift; 0 keeps all periods of a log that begins in "
@@ -82,10 +82,6 @@ class EstimatorSpec:
         "at least, for records without a period; default: each line of their DFT.", "larger for a faster fit with "
         "fewer lines; it must stay below a quarter of the narrowest resonance.", above=0)] = None
     # fmt: on
-
-    def __post_init__(self) -> None:
-        """Check band and order."""
-        check_band(self.band_hz)
 
     def experiments_needed(self, n_u: int, realisations: int) -> int:
         """Experiments of each realisation that are needed to separate n_u inputs."""

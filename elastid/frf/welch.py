@@ -310,7 +310,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     usable = strength[:, -1] > 1e-6 * strength[:, 0]  # below, rounding decides
     if not usable.any():
         raise DataError(
-            "frf/inputs-together",
+            "frf/inputs-not-separable",
             f"its records do not separate the {len(first.inputs)} inputs "
             f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; excite "
             "each with its own noise, or leave out the channel that was not excited",
@@ -325,7 +325,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     notes = [note for record in records for note in record.notes]
     if not usable.all():
         text = f"{np.sum(~usable)} lines are left out: an input has no power there, or two move in proportion"
-        notes.append(Note("frf/lines-left-out", text))
+        notes.append(Note("frf/lines-discarded", text))
     length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
     text = (
         f"h1 from {data.K} segments of {length}, window {spec.window}, overlap "

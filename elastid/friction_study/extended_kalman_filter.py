@@ -498,7 +498,7 @@ def _notes(place: str, track: Track, judged: Consistency) -> Iterator[Note]:
             f"the motion does not identify {'; '.join(weak)}: reversals distinguish Coulomb friction from an offset, "
             "several speeds from viscous friction"
         )
-        yield Note("filter/not-excited", text, place, severity="warning" if pairs else "information")
+        yield Note("filter/not-observable", text, place, severity="warning" if pairs else "information")
     if judged.doubts:
         text = (
             f"{'; '.join(judged.doubts)}; the model or its noise is wrong, and the bands are too narrow: correct "

@@ -34,7 +34,7 @@ def follow_joints(
     StudyError where none can.
     """
     followed, notes, together = [], list[Note](), [record.name for record in records]
-    moved = [record for record in records if record.purpose in ("passes", "motion")]
+    moved = [record for record in records if record.purpose in ("constant_velocity", "motion")]
     alone = [record for record in moved if together.count(record.name) == 1]
     for joint in joints:
         of_joint = sorted((r for r in alone if r.joint == joint.joint), key=lambda record: record.start_s)

@@ -43,7 +43,7 @@ from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 
 # Purposes of records of a joint that does not slide.
-STILL = ("loops", "at_rest")
+STILL = ("presliding_loops", "presliding_test")
 
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
@@ -54,7 +54,8 @@ def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionR
 
 def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion) -> JointLevels:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
-    planned = [r for r in measured.of(joint.name, "passes") if not r.is_warm_up or np.isfinite(r.mean_temperature)]
+    runs = measured.of(joint.name, "constant_velocity")
+    planned = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
     of_joint, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
     notes, levels = [*(note for record in of_joint for note in record.notes), *motion.notes], None
     if records := [*planned, *motion.passes]:
@@ -114,7 +115,7 @@ def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -
         alone = [log[joint.name] for log in logs if len(log) == 1 and joint.name in log]
         if alone:
             evaluated[joint.name] = _alone(robot, joint, alone)
-        elif run_downs := measured.of(joint.name, "run_down"):
+        elif run_downs := measured.of(joint.name, "coast_down"):
             evaluated[joint.name] = _coasting(robot, joint, run_downs)
     return evaluated
 

@@ -214,7 +214,7 @@ class Levels:
     def __post_init__(self) -> None:
         if len(self.torque) and np.all(self.torque < 0):
             raise DataError(
-                "friction/levels",
+                "friction/constant-velocity",
                 f"friction drives at every speed (torque {self.torque.min():.4g} to "
                 f"{self.torque.max():.4g}): torque and velocity have opposite signs; turn one channel (sign: -1)",
                 f"levels of {self.place}",
@@ -250,7 +250,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
                 "it has one direction only; friction cannot be distinguished from gravity and offset without the way "
                 "back; record both directions"
             )
-            raise DataError("friction/levels", text, f"pass {name} of {members[0].place}")
+            raise DataError("friction/constant-velocity", text, f"pass {name} of {members[0].place}")
     design = PassRegression.of(used, has_gravity, turn)
     values, covariance = design.solve()
     n_k = len(pairs)
@@ -265,7 +265,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
             f"no level is known to {MAX_RELATIVE_STD:.0%}: gravity, ripple or noise are too large compared with them; "
             "repeat the passes, or make them longer"
         )
-        raise DataError("friction/levels", text, f"passes of {used[0].place}")
+        raise DataError("friction/constant-velocity", text, f"passes of {used[0].place}")
     shared = {
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
@@ -289,8 +289,8 @@ def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
     )
     used = [part for part in passes if part.pair not in sticks]
     if not used:
-        raise DataError("friction/passes", f"in none it slides all the time: {text}", f"passes of {passes[0].place}")
-    return used, [Note("friction/passes", text, f"pass {name}") for name in sticks]
+        raise DataError("friction/constant-velocity-runs", f"in none {text}", f"passes of {passes[0].place}")
+    return used, [Note("friction/constant-velocity-runs", text, f"pass {name}") for name in sticks]
 
 
 def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:

@@ -193,7 +193,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
                 raise DataError(
                     "friction/motion",
                     f"it barely moves {word}, so that friction cannot be distinguished from "
-                    "an offset or gravity; record a motion there and back, or give files[].purpose: run_down where it "
+                    "an offset or gravity; record a motion there and back, or give files[].purpose: coast_down if it "
                     "coasts and its inertia is known",
                     f"motion of {signal.motion.place}",
                 )
@@ -225,7 +225,7 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
             f"{unit}, with the position or a load that does; F_c is its mean over them, and the law of a robot's file "
             "has no angle"
         )
-        yield Note("friction/by-angle", text, place)
+        yield Note("friction/position-dependent", text, place)
     if fit.terms.friction_only and not fit.motion.is_run_down:
         v, s = (
             np.concatenate([s.filtered(getattr(s, name))[s.used] for s in signals])

@@ -111,7 +111,7 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
             f"of {len(plateaus)} plateaus at {record.speed:.4g} {record.unit}/s none is there and back through common "
             "positions; record both directions, longer than ramps and settling, or correct speed"
         )
-        raise DataError("friction/passes", text, f"{record.place}: joint {record.joint}")
+        raise DataError("friction/constant-velocity-runs", text, f"{record.place}: joint {record.joint}")
     return tuple(_cut(record, *pair, number) for number, pair in enumerate(pairs, start=1))
 
 
@@ -204,7 +204,7 @@ def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> 
     signals: dict[str, Any] = {name: None if log is None else log[start:stop] for name, log in logged.items()}
     return replace(
         record, **signals,
-        name=f"{record.name}-{number}", purpose="passes", there=(forth.start - start, forth.stop - start),
+        name=f"{record.name}-{number}", purpose="constant_velocity", there=(forth.start - start, forth.stop - start),
         back=(back.start - start, back.stop - start), speed=(abs(forth.velocity) + abs(back.velocity)) / 2,
         start_s=record.start_s + start / record.rate_hz, notes=(),
     )  # fmt: skip

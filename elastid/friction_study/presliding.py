@@ -91,7 +91,7 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
     reach = np.ptp(loops.position[settled:]) / 2
     if not reach > max(PASSES.min_counts * resolution, 0.0):
         raise DataError(
-            "friction/presliding",
+            "friction/presliding-loops",
             f"the joint moved by {2 * reach:.3g} {loops.unit}, {2 * reach / max(resolution, 1e-300):.2g} counts of its "
             f"encoder; presliding takes more than {2 * PASSES.min_counts:.0f}: raise the torque of the loops, or use a "
             "finer encoder",
@@ -99,7 +99,7 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
         )
     if np.count_nonzero(np.diff(np.sign(u - u.mean()))) == 1:
         text = "their torque never reverses, which friction and a spring do alike; log loops, or take purpose: motion"
-        raise DataError("friction/presliding", text, f"loops of joint {loops.joint}")
+        raise DataError("friction/presliding-loops", text, f"loops of joint {loops.joint}")
     thresholds = np.geomspace(max(1e-3 * reach, resolution), 2 * reach, 40)
     used = np.arange(len(u)) >= settled
     candidates = ((q, _fit(q, u, thresholds, used)) for q in _smoothed(loops, frequency_hz))
@@ -201,7 +201,7 @@ def fit_at_rest(
     (fit,) = minimise(model.residual, [model.start()], x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
     if not np.all(np.isfinite(fit.covariance)):
         raise FitError(
-            "friction/at-rest",
+            "friction/presliding-test",
             "stiffness, damping and slip of bristles cannot be distinguished; excite lines "
             "below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away",
             f"{place} at rest",
@@ -215,7 +215,7 @@ def fit_at_rest(
         f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {REST.max_slip:g} the expansion "
         "over amplitude does not hold: lower the torque at rest"
     )
-    notes = (Note("friction/at-rest", text, f"{place} at rest"),) if slip > REST.max_slip else ()
+    notes = (Note("friction/presliding-test", text, f"{place} at rest"),) if slip > REST.max_slip else ()
     return AtRest(float(scale[0]), float(fit.x[-1] * scale[1]), covariance, len(responses), notes)
 
 
@@ -316,7 +316,7 @@ class RestResponse:
         """
         first, place = records[0], f"record {records[0].name}"
         if first.period_samples is None:
-            raise DataError("friction/at-rest", "it has no period; excite the joint by a multisine at rest", place)
+            raise DataError("friction/presliding-test", "it has no period; excite the joint by a multisine", place)
         # The mean angles of the logs of one amplitude differ by what the joint creeps.
         motor, posture = (f"motor {first.joint}",), first.configuration or Configuration(first.name, np.zeros(1))
         periodic = [
@@ -337,7 +337,7 @@ class RestResponse:
                 f"{position:.3g} {first.unit} (rms) with counts of {first.resolution:.3g}: raise the torque at rest, "
                 "repeat its period more often, use a finer encoder, or measure presliding by loops"
             )
-            raise DataError("friction/at-rest", text, place)
+            raise DataError("friction/presliding-test", text, place)
         smooth, _ = smooth_variance(G.noise.variance[:, 0, 0], G.G[:, 0, 0], G.noise.dof)
         expansion = (REST.expansion_error * np.abs(G.G[:, 0, 0])) ** 2
         variance = smooth * G.correlated_lines + expansion

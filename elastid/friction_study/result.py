@@ -64,7 +64,7 @@ class JointLevels:
 
     joint: str
     slides: bool
-    levels: Levels | None = None
+    constant_velocity: Levels | None = None
     motion: MotionFriction | None = None
     notes: tuple[Note, ...] = ()
 
@@ -79,11 +79,11 @@ class JointFriction:
 
     joint: str
     slides: bool
-    levels: Levels | None = None
+    constant_velocity: Levels | None = None
     motion: MotionFriction | None = None
     static: StaticLaw | None = None
     presliding: Elements | None = None
-    at_rest: AtRest | None = None
+    presliding_test: AtRest | None = None
     thermal: ThermalModel | None = None
     friction: Friction | None = None
     viscous: float | None = None
@@ -95,7 +95,7 @@ class JointFriction:
     def shared(self) -> Mapping[str, tuple[float, float]]:
         """Value and std of what is no friction, as identified: inertia, parts of gravity."""
         if self.motion is None:
-            return {} if self.levels is None else self.levels.shared
+            return {} if self.constant_velocity is None else self.constant_velocity.shared
         chosen = self.motion.chosen
         return {name: (chosen[name], chosen.std(name)) for name in chosen.names}
 
@@ -255,7 +255,7 @@ def identify_friction(
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
         status = "misfit"
-    parts = [part for joint in joints for part in (joint.friction, joint.presliding, joint.at_rest, joint.thermal)]
+    parts = [part for j in joints for part in (j.friction, j.presliding, j.presliding_test, j.thermal)]
     if all(part is None for part in parts):
         status = "failed"
     message = "; ".join([*misfits, *(f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)])
@@ -265,14 +265,16 @@ def identify_friction(
 def _joint(
     robot: Robot, levels: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
 ) -> JointFriction:
-    name, curve, static = levels.joint, levels.levels, None
+    name, curve, static = levels.joint, levels.constant_velocity, None
     if curve is not None:
-        if len({record.load for record in measured.of(name, "passes")}) <= 1:  # it changes along the paths with speed
+        loads = {record.load for record in measured.of(name, "constant_velocity")}
+        if len(loads) <= 1:  # it changes along the paths with speed
             curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
         static = StaticLaw.of(curve, spec.law)
     notes = list(levels.notes)
-    at_rest = noted(notes, "friction/at-rest", _at_rest, robot, measured.of(name, "at_rest"), static)
-    presliding = noted(notes, "friction/presliding", _presliding, measured.of(name, "loops"), at_rest, spec)
+    at_rest = noted(notes, "friction/presliding-test", _at_rest, robot, measured.of(name, "presliding_test"), static)
+    loops = measured.of(name, "presliding_loops")
+    presliding = noted(notes, "friction/presliding-loops", _presliding, loops, at_rest, spec)
     warmed = noted(notes, "friction/warm-up", _heat, name, measured)
     friction, viscous, refused = _law(levels, static, presliding, at_rest, spec.law)
     true = {} if truth is None else true_numbers(truth, name, static)
@@ -283,8 +285,8 @@ def _joint(
     notes += () if at_rest is None else at_rest.notes
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     return JointFriction(
-        name, levels.slides, levels.levels, levels.motion, static, presliding, at_rest, None if warmed is None else
-        warmed[0], friction, viscous, tuple(numbers.values()), held, (*notes, *refused),
+        name, levels.slides, levels.constant_velocity, levels.motion, static, presliding, at_rest,
+        None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), held, (*notes, *refused),
     )  # fmt: skip
 
 
@@ -346,7 +348,7 @@ def _heat(joint: str, measured: FrictionRecords) -> tuple[ThermalModel, WarmUp] 
     log = next((log for log in measured.warm_ups if log.joint == joint), None)
     if log is None:
         return None
-    warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
+    warm_up = warm_up_of(log, [record for record in measured.of(joint, "constant_velocity") if record.is_warm_up])
     return fit_warm_up(warm_up), warm_up
 
 
@@ -361,11 +363,11 @@ def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: F
         return None
     if spec.law.presliding == "lugre":
         raise DataError(
-            "friction/presliding",
+            "friction/presliding-loops",
             "loops do not show the damping of bristles; give responses at rest, or law.presliding: maxwell_slip",
             f"record {loops[0].name}",
         )
-    hz = None if spec.presliding is None else spec.presliding.frequency_hz
+    hz = None if spec.presliding_loops is None else spec.presliding_loops.frequency_hz
     return fit_presliding(loops[0], hz, spec.law.elements)
 
 

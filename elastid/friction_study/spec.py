@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.names import OptionalName, check_different
@@ -10,11 +9,6 @@ from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointPosition, JointTorque, JointVelocity, Mass, Ratio, Time
 
 Part: TypeAlias = Literal["auto", "yes", "no"]
-
-
-def _check_rising(key: str, ends: tuple[float, float], expected: str, least: float = 0.0) -> None:
-    if not least < ends[0] < ends[1]:
-        raise ValueError(f"{key} is [{ends[0]:g}, {ends[1]:g}]; give {expected}")
 
 
 @section
@@ -48,16 +42,12 @@ class LawSpec:
         "has memory of inner loops, which LuGre misses by 16 % of the break-away torque in one case.")] = "auto"
     elements: Annotated[int | None, Key("Number of Maxwell slip elements (default: as few as predict other parts of "
         "the loops as well).", "4 for real-time use, at an error of some 4 % of the break-away torque, 6 and more for "
-        "about 1 %.")] = None
+        "about 1 %.", least=1)] = None
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.elements is not None and self.elements < 1:
-            raise ValueError(f"elements is {self.elements}; a Maxwell slip law has at least 1")
 
 
 @section
-class PassesSpec:
+class ConstantVelocitySpec:
     """Passes there and back at constant speed, one joint at a time."""
 
     # fmt: off
@@ -65,17 +55,17 @@ class PassesSpec:
         "the slowest without sticking, and the fastest that fits into the window).", "the lowest decides about "
         "stiction: at 0.2 Stribeck velocities stiction above Coulomb is known to 3 %, at 1 only to 48 %; the highest "
         "decides about viscous friction. A lower one needs a stiffer controller, or the joint sticks and "
-        "slips.")] = None
+        "slips.", above=0, rising=True)] = None
     count: Annotated[int, Key("Number of passes of one joint at one load, those at the same speed included.",
         "more for narrower intervals, which shrink with the root; the five numbers of a Stribeck curve need at least "
-        "5, and 12 let the law be tested.")] = 12
+        "5, and 12 let the law be tested.", least=5)] = 12
     spacing: Annotated[Literal["optimal", "logarithmic"], Key("Spacing of the speeds: `optimal` for the law's numbers "
         "(D-optimal over the guesses of the law), or `logarithmic`.", "`logarithmic` where the robot's file has no "
         "more than a rough guess of friction; `optimal` puts all passes at about five speeds, and shows nothing in "
         "between.")] = "optimal"
     window: Annotated[tuple[JointPosition, JointPosition] | None, Key("Position range [lower, upper] of the joint "
         "(default: the middle half of its limits).", "wide enough for the highest speed to settle, and free of cell "
-        "and cables; a slow pass of less than one motor turn cannot average ripple.")] = None
+        "and cables; a slow pass of less than one motor turn cannot average ripple.", rising=True)] = None
     repeat: Annotated[int, Key("Number of runs of the whole set.", "more where levels scatter from run to run: "
         "intervals are widened to that scatter, which after a single run cannot be distinguished from a wrong law. Two "
         "show it at the least cost.", least=1)] = 2
@@ -83,14 +73,6 @@ class PassesSpec:
         "where a joint warms up quickly, longer once the robot is warm; each costs one more pair of passes. 5 minutes "
         "are a small part of the 10 to 60 that a gear takes to warm.", above=0)] = 300.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.speeds is not None:
-            _check_rising("speeds", self.speeds, "[lowest, highest], both above 0")
-        if self.window is not None:
-            _check_rising("window", self.window, "[lower, upper]", least=-math.inf)
-        if self.count < 5:
-            raise ValueError(f"count is {self.count}; the numbers of a Stribeck curve need at least 5 passes")
 
 
 @section
@@ -109,31 +91,24 @@ class LoadSpec:
 
 
 @section
-class PreslidingSpec:
+class PreslidingLoopsSpec:
     """Loops of growing torque that break away only at the end."""
 
     # fmt: off
     torque: Annotated[tuple[Ratio, Ratio], Key("Smallest and largest amplitude, parts of the break-away torque.",
         "a smaller first part where the encoder is fine, so that the stiffest elements show; with a last one of 1 or "
-        "more the joint slides before the end.")] = (0.05, 0.95)
+        "more the joint slides before the end.",
+        above=0, rising=True)] = (0.05, 0.95)
     loops: Annotated[int, Key("Number of loops, log spaced.", "more for a finer curve of stiffness over amplitude; 12 "
-        "cover 0.05 to 0.95 in steps of 31 %.")] = 12
+        "cover 0.05 to 0.95 in steps of 31 %.", least=3)] = 12
     frequency_hz: Annotated[Frequency, Key("Frequency of a loop, slow enough that inertia does not count.",
         "lower where the arm's inertia bends the loops; higher saves time and invites creep and noise less. 0.5 Hz is "
-        "a tenth of the first mode of a large robot.")] = 0.5
+        "a tenth of the first mode of a large robot.", above=0)] = 0.5
     # fmt: on
-
-    def __post_init__(self) -> None:
-        _check_rising("torque", self.torque, "[smallest, largest], above 0")
-        if self.loops < 3 or not self.frequency_hz > 0:
-            raise ValueError(
-                f"loops is {self.loops} and frequency_hz {self.frequency_hz:g}; give at least 3 loops, and a frequency "
-                "above 0"
-            )
 
 
 @section
-class AtRestSpec:
+class PreslidingTestSpec:
     """A multisine of the joint's torque at standstill, whose response gives stiffness and damping of the bristles."""
 
     # fmt: off
@@ -141,13 +116,13 @@ class AtRestSpec:
         "none.", "at 0.1 of the Coulomb torque stiffness reads 0.4 % low, at 0.3 already 3 %; smaller where the "
         "encoder resolves it. Two amplitudes are the least that extrapolate to none.")] = (0.05, 0.1)
     band_hz: Annotated[tuple[Frequency, Frequency], Key("Lowest and highest excited frequency.", "upwards until "
-        "inertia outweighs the bristles, downwards until drift does; damping needs the high lines.")] = (5.0, 80.0)
+        "inertia outweighs the bristles, downwards until drift does; damping needs the high lines.",
+        above=0, rising=True)] = (5.0, 80.0)
     # fmt: on
 
     def __post_init__(self) -> None:
         if not self.torque or not all(0 < part < 1 for part in self.torque):
-            raise ValueError("torque has parts of the Coulomb torque: above 0 and below 1, at least one of them")
-        _check_rising("band_hz", self.band_hz, "[lowest, highest], above 0")
+            raise ValueError("torque: give at least one fraction of the Coulomb torque, above 0 and below 1")
 
 
 @section
@@ -180,17 +155,18 @@ class FrictionSpec:
     rate_hz: Annotated[Frequency, Key("Sampling rate of the controller and the logs of a design.", "that of the "
         "controller; logs that exist state theirs in experiment.recorded. 1 kHz is enough for passes, which are "
         "evaluated below 60 Hz.", above=0)] = 1000.0
-    passes: Annotated[PassesSpec | Literal["detect"] | None, Key("Passes at constant speeds; of logs `detect`, by "
-        "default: plateaus are found in any motion.", "give {} to design them, `detect` for logs of any motion with "
-        "stretches of constant speed; designed ones know their speeds.")] = None
+    constant_velocity: Annotated[ConstantVelocitySpec | Literal["detect"] | None, Key("Constant-velocity runs: their "
+        "design, or `detect` to find constant velocity in logs.", "give {} to design the runs. Use `detect` for logs "
+        "of any motion with stretches of constant velocity.")] = None
     loads: Annotated[tuple[LoadSpec, ...], Key("Loads under which passes are repeated (default: the robot as it is).",
         "two show how levels grow with load, three the Stribeck velocity of it; gravity on the joint must differ "
         "between them, so that a vertical axis has none.")] = ()
-    presliding: Annotated[PreslidingSpec | None, Key("Loops of growing torque before the joint slides (default: none).",
-        "give {} for the law of small motions, as for a LuGre or Maxwell slip model in control; levels of sliding need "
-        "it not.")] = None
-    at_rest: Annotated[AtRestSpec | None, Key("Small multisine at standstill (default: none).", "give {} where the "
-        "encoder resolves a tenth of the bristles' bend, commonly 1 to 3 counts; else rely on the loops.")] = None
+    presliding_loops: Annotated[PreslidingLoopsSpec | None, Key("Hysteresis loops of growing torque before the joint "
+        "slides.", "give {} to identify a LuGre or Maxwell slip model of small motions. Coulomb friction does not need "
+        "it.")] = None
+    presliding_test: Annotated[PreslidingTestSpec | None, Key("Small multisine of the torque at zero velocity.", "give "
+        "{} if the encoder resolves a tenth of the presliding deflection, typically 1 to 3 counts; otherwise use "
+        "presliding_loops.")] = None
     warm_up: Annotated[WarmUpSpec | None, Key("Hours of motion, for friction that falls with temperature (default: "
         "none).", "where friction at two in the afternoon is not that of eight in the morning; it takes hours of the "
         "robot.")] = None
@@ -206,9 +182,13 @@ class FrictionSpec:
         check_different("loads:", [load.name for load in self.loads])
 
     @property
-    def designed_passes(self) -> PassesSpec:
+    def designed_passes(self) -> ConstantVelocitySpec:
         """Passes of a design, all by default where none are given."""
-        return self.passes if isinstance(self.passes, PassesSpec) else PassesSpec()
+        return (
+            self.constant_velocity
+            if isinstance(self.constant_velocity, ConstantVelocitySpec)
+            else ConstantVelocitySpec()
+        )
 
 
 # Numbers that a filter may follow: Coulomb friction, viscous friction, of each direction, and slow torque errors.

@@ -61,15 +61,15 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     The last ones are kept: matrices, ports and positions of a posture ask for the same one in turn.
     """
     numbers = np.asarray(theta, dtype=float).tobytes()
-    point = _rest(model, numbers, configuration.angles.tobytes(), configuration.name, configuration.carries)
+    point = _rest(model, numbers, configuration.angles.tobytes(), configuration.name, configuration.has_payload)
     return replace(point, configuration=configuration)
 
 
 @lru_cache(maxsize=8)
-def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, carries: bool) -> OperatingPoint:
+def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, has_payload: bool) -> OperatingPoint:
     """`equilibrium` by values that have a hash: theta and angles as bytes."""
-    theta, configuration = np.frombuffer(numbers), Configuration(name, np.frombuffer(angles), carries)
-    free, theta = free_coordinates(model), model.carried(theta, configuration.carries)
+    theta, configuration = np.frombuffer(numbers), Configuration(name, np.frombuffer(angles), has_payload)
+    free, theta = free_coordinates(model), model.carried(theta, configuration.has_payload)
     q = rigid_posture(model, configuration, theta)
     rigid = q.copy()
     now = _balance(model, theta, q, free)
@@ -78,7 +78,7 @@ def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, carries
     if bad.size:
         text = "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
         text = f"the torque on {model.coordinates[bad[0]]} is not a finite number; {text}"
-        raise StudyError("robot/no-rest", text, f"configuration {configuration.name}")
+        raise StudyError("robot/no-equilibrium", text, f"configuration {configuration.name}")
     for _ in range(LIMITS.steps):
         # Back onto the loops in full, and from there downhill along them.
         Z, K = null_space(now.Phi[:, free]), now.K[np.ix_(free, free)]
@@ -93,7 +93,7 @@ def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, carries
         if largest <= LIMITS.converged_step:
             break
     for fault in _faults(model, theta, free, q, rigid, now, np.abs(gravity).max()):
-        raise StudyError("robot/no-rest", fault, f"configuration {configuration.name}")
+        raise StudyError("robot/no-equilibrium", fault, f"configuration {configuration.name}")
     return OperatingPoint(configuration, q, now.lambda_, model.B.T @ now.torque)
 
 
@@ -162,7 +162,7 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
     StudyError where the configuration does not give one angle for each motor, or the loops do not close there.
     """
     if refused := model.robot.count_refusal(configuration.angles.size):
-        raise StudyError("robot/no-rest", refused, f"configuration {configuration.name}")
+        raise StudyError("robot/no-equilibrium", refused, f"configuration {configuration.name}")
     q = np.zeros(model.n_q)
     try:
         angles, joints = configuration.angles, model.robot.opened(configuration.angles)
@@ -170,7 +170,7 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
             joints = assembled(model.robot_at(model.theta if theta is None else theta), angles)
         q[: len(joints)] = joints
     except StudyError as error:
-        raise StudyError("robot/no-rest", str(error), f"configuration {configuration.name}") from None
+        raise StudyError("robot/no-equilibrium", str(error), f"configuration {configuration.name}") from None
     for motor, angle in zip(model.inputs, configuration.angles, strict=True):
         q[model.index(motor)] = angle
     return q

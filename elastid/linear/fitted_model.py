@@ -356,7 +356,7 @@ class FittedModel:
             raise StudyError(
                 "fit/posture",
                 "a robot with free motors gives way to any constant force and has no stiffness; take `result.at` with "
-                "motors='held' (brakes) or motors='controlled'",
+                "motors='locked' (brakes) or motors='controlled'",
             )
 
         def compliance(theta: FloatArray) -> FloatArray:

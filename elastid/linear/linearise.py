@@ -188,7 +188,7 @@ class Linearisation:
         """The LinearModel about the equilibrium of a configuration; arguments and errors as `linearise`."""
         model, names, theta_ref = self.model, (*self.model.parameters, DELAY), np.append(theta, 0.0)
         check_theta(theta, model.parameters)
-        point, theta = equilibrium(model, theta, configuration), model.carried(theta, configuration.carries)
+        point, theta = equilibrium(model, theta, configuration), model.carried(theta, configuration.has_payload)
         triangles, jacobian = self.matrices(point.q, point.lambda_, theta)
         M, D, K = (column[_places(model.n_q)] for column in triangles.full().T)
         # With its zeros; the numbers of a sparse one alone leave CasADi sooner.
@@ -203,7 +203,7 @@ class Linearisation:
         triangles_of_theta = slopes.T.reshape(len(model.parameters), 3, -1).swapaxes(0, 1)
         of_theta |= dict(zip("MDK", triangles_of_theta[:, :, _places(model.n_q)], strict=True))
         of_name = _slopes(model, {"M": M, "D": D, "K": K, "C": C, "T": T}, of_theta, Z, dZ)
-        absent = () if configuration.carries else model.of_payload
+        absent = () if configuration.has_payload else model.of_payload
         of_name = {name: slope for name, slope in of_name.items() if name not in absent}
         places = model.inputs, tuple(outputs), quantity
         M, D, K = (projected(Z, matrix) for matrix in (M, D, K))

@@ -106,7 +106,8 @@ class LoadedRobot:
 
         LinAlgError where the robot finds no rest.
         """
-        carried = [self.model.carried(t, load.configuration.carries) for t, load in zip(theta, self.loads, strict=True)]
+        pairs = zip(theta, self.loads, strict=True)
+        carried = [self.model.carried(t, load.configuration.has_payload) for t, load in pairs]
         both = np.tile(np.array(carried), (2, 1))
         z, K = self._rest(both)
         by_theta, p, p_z, p_theta = self._at(self.slopes, z, both)
@@ -232,7 +233,7 @@ def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop |
         gains = loop.kp + loop.ki * loop.kd, loop.kd, loop.ki * loop.kp
         stiffness, damping, drift = ((model.B * gain) @ model.B.T for gain in gains)
         K, D, integral = K + stiffness, D + damping, drift if np.any(drift) else None
-    N = with_held_motors(model.B) if motors == "held" else np.eye(model.n)
+    N = with_held_motors(model.B) if motors == "locked" else np.eye(model.n)
     slopes = {name: _on(slope, N, ports) for name, slope in model.slopes.items()}
     M, D, K = (projected(N, A) for A in (model.M, D, K))
     B, C, T = N.T @ np.hstack([model.C.T, model.B]) @ ports.act.T, ports.read @ model.C @ N, ports.read @ model.tilt @ N

@@ -277,7 +277,7 @@ def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) 
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
     """R of a model about its equilibrium in the configuration of `linear`, with the outputs of that."""
     point = equilibrium(model, theta[:-1], linear.configuration)
-    numbers = model.carried(theta[:-1], linear.configuration.carries)
+    numbers = model.carried(theta[:-1], linear.configuration.has_payload)
     n_q, n_c, n_y = model.n_q, model.n_c, len(linear.outputs)
     # Of redundant constraints those combinations that bind; their multipliers alone are unknown.
     U = np.zeros((n_c, 0))

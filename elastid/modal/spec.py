@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import field
 from typing import Annotated
 
-from elastid.base.section import Key, check_band, section
+from elastid.base.section import Key, section
 from elastid.base.units import Frequency, Length, Time
 
 
@@ -47,7 +47,7 @@ class ModalSpec:
     # fmt: off
     band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Band in which modes are searched for (default: all "
         "lines with excitation and coherence).", "narrower for dense modes, band by band; modes outside it count as "
-        "residuals.")] = None
+        "residuals.", least=0, rising=True)] = None
     max_order: Annotated[int | None, Key("Highest order of the matrix polynomials whose poles are compared; 60 by "
         "default, fewer with few lines.", "higher for more than about 30 modes in the band.", least=2, most=200)] = None
     poles_hz: Annotated[tuple[Frequency, ...] | None, Key("Natural frequencies of the poles that are taken as modes, "
@@ -62,7 +62,5 @@ class ModalSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Check band, order and poles."""
-        check_band(self.band_hz)
         if self.poles_hz == ():
             raise ValueError("poles_hz holds one frequency or more")

@@ -147,7 +147,7 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
 
     Masses and lengths are those of the robot's file.  DataError where its loops do not close along the motion.
     """
-    robot, (F, n, M) = robot.carrying(at.carries), motion.shape
+    robot, (F, n, M) = robot.carrying(at.has_payload), motion.shape
     model = formulate(robot)
     q0 = equilibrium(model, model.theta, at).q
     states = [_signals(motion * s[:, None, None] ** order).T for order in range(3)]

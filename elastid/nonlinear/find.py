@@ -158,16 +158,17 @@ class _Found:
         """Friction taken out, with a note on each motor."""
         (levels, equations), first, choice = self.sums, self.first, self.choice
         left = shares(equations, len(first.inputs), choice.motor_of)
+        is_compensated = np.isin(np.arange(len(first.inputs)), choice.motor_of)
         result = FrictionTakenOut(
             places=first.inputs,
             place_units=first.units_of_inputs,
             shapes=choice.shapes,
-            levels=levels,
+            coulomb_torque=levels,
             covariance=covariance(equations) + by_unknown_shapes(choice, levels),
             configurations=tuple(spectra.name for spectra in self.data),
             before=normal_equations(self.data, 0 * levels, choice.motor_of).level,
             after=equations.level,
-            kept_share=np.where(np.isin(np.arange(len(first.inputs)), choice.motor_of), left, choice.kept_share),
+            residual_power_ratio=np.where(is_compensated, left, choice.residual_power_ratio),
             accelerance=self._accelerance(),
         )
         return replace(result, notes=_notes(result))
@@ -210,7 +211,7 @@ class _Found:
                     "load, and this level holds for these postures alone; a study of friction with `loads` says on "
                     "which"
                 )
-                notes.append(Note("nonlinear/friction-differs", text))
+                notes.append(Note("nonlinear/friction-varies", text))
         result = replace(result, covariance=C)
         return replace(result, notes=(*_notes(result), *notes))
 
@@ -218,7 +219,7 @@ class _Found:
 def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
     """One for each motor; the place is in the text, so that notes of several motors are not grouped into one."""
     notes = []
-    for place, unit, share in zip(result.places, result.place_units, 100 * result.kept_share, strict=True):
+    for place, unit, share in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
         if place in result.taken_places():
             level, std = result.sliding_level(place)
             text = (
@@ -226,14 +227,14 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
                 "(link side, at the loads and temperatures of these records) was found in them and taken out of the "
                 f"torque; {share:.2g} % of the power of distortion and noise is left"
             )
-            notes.append(Note("nonlinear/friction-taken-out", text, severity="information"))
+            notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
         else:
             text = (
                 f"{place}: no friction was taken out of the torque, since levels found in some realisations leave "
                 f"{share:.3g} % of the power of distortion and noise in the others; it may be small, or no friction "
                 "of this motor"
             )
-            notes.append(Note("nonlinear/friction-left", text, severity="information"))
+            notes.append(Note("nonlinear/friction-not-compensated", text, severity="information"))
     return tuple(notes)
 
 
@@ -241,17 +242,17 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
     """No friction; the reason, where it is not empty, is a warning if the study asks for friction by name."""
     n_m = len(first.inputs)
     severity: Severity = "information" if wanted == "auto" else "warning"
-    note = Note("nonlinear/friction-left", f"friction is not taken out of the torque: {why}", severity=severity)
+    note = Note("nonlinear/friction-not-compensated", f"friction is not compensated: {why}", severity=severity)
     return FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
         shapes=(),
-        levels=np.zeros(0),
+        coulomb_torque=np.zeros(0),
         covariance=np.zeros((0, 0)),
         configurations=(),
         before=np.zeros((0, n_m)),
         after=np.zeros((0, n_m)),
-        kept_share=np.ones(n_m),
+        residual_power_ratio=np.ones(n_m),
         accelerance=np.zeros(n_m),
         notes=(note,) if why else (),
     )

@@ -200,12 +200,12 @@ class FrictionTakenOut:
     """Levels f_i of shapes of friction, torque = -sum f_i phi_i, that were taken out of the records' torque.
 
     places (n_m,): the motors that were looked at, `motor 1`.  place_units (n_m,): N*m, or N where a motor slides.
-    shapes (n_f,): each with its motor; of a motor without shapes nothing was taken out.  levels (n_f,): in Nm (N), link
+    shapes (n_f,): each with its motor; motors without shapes are not compensated.  coulomb_torque (n_f,): Nm (N), link
     side.  covariance (n_f, n_f): of the levels by noise, by what no shape has and by their difference between
     configurations; standard deviations are those of a normal distribution.
     configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
-    median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
-    of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
+    median of the lines, with friction in it and without: nonlinear distortion and noise.  residual_power_ratio (n_m,):
+    residual over initial power in realisations that the levels were not fitted to, 1 without compensation.
     accelerance (n_m,): acceleration per torque a of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
     notes: what was taken out of which motor, or why nothing was.
     """
@@ -213,12 +213,12 @@ class FrictionTakenOut:
     places: tuple[str, ...]
     place_units: tuple[str, ...]
     shapes: tuple[Shape, ...]
-    levels: FloatArray = labelled("level of each shape, link side", "N*m", "shape")
+    coulomb_torque: FloatArray = labelled("torque of each basis function, link side", "N*m", "shape")
     covariance: FloatArray = labelled("covariance of the levels", "", "shape shape")
     configurations: tuple[str, ...]
     before: FloatArray = labelled("torque that no response explains, median line", "N*m", "configurations places")
     after: FloatArray = labelled("the same with friction taken out", "N*m", "configurations places")
-    kept_share: FloatArray = labelled("share of its power left in other realisations", "", "places")
+    residual_power_ratio: FloatArray = labelled("share of its power left in other realisations", "", "places")
     accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
     notes: tuple[Note, ...] = field(default=())
 
@@ -229,7 +229,7 @@ class FrictionTakenOut:
 
     def taken_shapes(self, place: str) -> tuple[tuple[Shape, float], ...]:
         """The shapes that were taken out of a motor's torque, each with its level."""
-        pairs = zip(self.shapes, self.levels.tolist(), strict=True)
+        pairs = zip(self.shapes, self.coulomb_torque.tolist(), strict=True)
         return tuple((shape, level) for shape, level in pairs if shape.place == place and level > 0)
 
     def taken_places(self) -> tuple[str, ...]:
@@ -239,7 +239,7 @@ class FrictionTakenOut:
     def sliding_level(self, place: str) -> tuple[float, float]:
         """F_c in Nm (N) of fast steady sliding at a motor, the sum of its levels, and its standard deviation."""
         row = np.array([shape.when_fast * (shape.place == place) for shape in self.shapes])
-        return float(row @ self.levels), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
+        return float(row @ self.coulomb_torque), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
 
     def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its standard deviation.
@@ -259,20 +259,21 @@ class FrictionTakenOut:
     def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
         of_place = np.array([shape.place == place for shape in self.shapes])
         rows = np.stack(values, axis=1) * of_place
-        return rows @ self.levels, np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, self.covariance, rows), 0.0))
+        variance = np.einsum("ni,ij,nj->n", rows, self.covariance, rows)
+        return rows @ self.coulomb_torque, np.sqrt(np.maximum(variance, 0.0))
 
 
 @dataclass(frozen=True)
 class FrictionRow:
     """Sliding friction F_c of a motor in Nm (N), link side, with std and 95 % interval; None where none was taken out.
 
-    kept_share: of the power of the unexplained torque that is left in realisations which the levels were not fitted to.
+    residual_power_ratio: of the unexplained torque, in realisations that the levels were not fitted to.
     """
 
     place: str
     unit: str
-    kept_share: float
-    level: float | None = None
+    residual_power_ratio: float
+    coulomb_torque: float | None = None
     std: float | None = None
     interval: tuple[float, float] | None = None
 
@@ -280,7 +281,9 @@ class FrictionRow:
 def friction_rows(friction: FrictionTakenOut) -> tuple[FrictionRow, ...]:
     """One row for each motor that was looked at, in their order."""
     rows, taken = [], friction.taken_places()
-    for place, unit, kept in zip(friction.places, friction.place_units, friction.kept_share.tolist(), strict=True):
+    for place, unit, kept in zip(
+        friction.places, friction.place_units, friction.residual_power_ratio.tolist(), strict=True
+    ):
         level, std = friction.sliding_level(place)
         interval = (max(level - QUANTILE_95 * std, 0.0), level + QUANTILE_95 * std)
         rows.append(FrictionRow(place, unit, kept, *((level, std, interval) if place in taken else ())))

@@ -43,8 +43,8 @@ class GearNumber:
     """A number of a gear, SI and link side; of what was not seen the bound below which it lies with 95 %.
 
     name: `k_1`.  kind: `stiffness`, `damping`, `angle`, `error`, `torque` or `share`.  order: of the motor's turn, with
-    the phase of a sine of that order in rad and its std; 0 of the others.  rated_share: value or bound over the joint's
-    rated torque; NaN where that is not known.  linear: of the fit without effects; NaN where it has no such number.
+    the phase of a sine of that order in rad and its std; 0 of the others.  rated_fraction: value or bound over the
+    joint's rated torque, NaN if unknown.  linear: of the fit without effects; NaN where it has no such number.
     """
 
     name: str
@@ -57,7 +57,7 @@ class GearNumber:
     order: float = 0.0
     phase: float = math.nan
     phase_std: float = math.nan
-    rated_share: float = math.nan
+    rated_fraction: float = math.nan
     linear: float = math.nan
 
     @property
@@ -115,7 +115,7 @@ class GearSheet:
 
 @frozen_value
 class GearResult:
-    """x (n_x,) of the fit's parameters and levels (n_f,) of effects, link side, with one covariance (n_x + n_f, ...).
+    """x (n_x,) of the fit's parameters and magnitudes (n_f,) of effects, link side, with one covariance.
 
     Stiffnesses are those at zero torque.  sheets: a gear each.  refused: why nothing was looked for, in a sentence; x
     is then that of the fit, and there are no sheets.  before, after: share of the motors' motion at the excited lines
@@ -125,7 +125,7 @@ class GearResult:
     x: FloatArray = labelled("estimate as the variable of the solver")
     covariance: FloatArray = labelled("covariance of x and the levels")
     effects: tuple[GearEffect, ...] = ()
-    levels: FloatArray = labelled("level of each effect, link side", default_factory=lambda: np.zeros(0))
+    magnitudes: FloatArray = labelled("magnitude of each effect, link side", default_factory=lambda: np.zeros(0))
     sheets: tuple[GearSheet, ...] = labelled(entry="joint", default=())
     refused: str = ""
     before: float = math.nan
@@ -144,7 +144,7 @@ class GearResult:
     def level(self, kind: str, joint: str) -> float:
         """The sum of levels of a kind at a joint, 0 without any."""
         mask = [(effect.kind, effect.joint) == (kind, joint) for effect in self.effects]
-        return float(self.levels[np.array(mask, bool)].sum())
+        return float(self.magnitudes[np.array(mask, bool)].sum())
 
     @property
     def numbers(self) -> tuple[GearNumber, ...]:
@@ -255,7 +255,7 @@ def _gear(joint: Joint, gears: GearResult) -> Gear | None:
     name = joint.name
     gear = Gear(
         load=max(gears.level("load", name), 0.0),
-        error=tuple(TransmissionError(*of_order) for of_order in _harmonics("error", name, gears)),
+        transmission_error=tuple(TransmissionError(*of_order) for of_order in _harmonics("error", name, gears)),
         ripple=tuple(GearRipple(*of_order) for of_order in _harmonics("ripple", name, gears)),
         hysteresis=tuple(
             Hysteresis(level, scale, "sharp" if kind == "stop" else "smooth")
@@ -277,5 +277,5 @@ def _harmonics(word: Literal["error", "ripple"], joint: str, gears: GearResult) 
 
 def _effects(joint: str, gears: GearResult) -> list[tuple[str, float, float]]:
     """Kind, scale and level of each effect at a joint."""
-    levels = zip(gears.effects, gears.levels.tolist(), strict=True)
+    levels = zip(gears.effects, gears.magnitudes.tolist(), strict=True)
     return [(effect.kind, effect.scale, f) for effect, f in levels if effect.joint == joint]

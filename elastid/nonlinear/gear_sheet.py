@@ -125,13 +125,15 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
             "the records are of one realisation, and an effect is taken where it predicts those that it was not fitted "
             f"to; measure two or more realisations; {LOST}"
         )
-    late = next((index for index in result.indices if index.name.startswith(_LATE) and index.share > 0.5), None)
+    late = next(
+        (index for index in result.indices if index.name.startswith(_LATE) and index.explained_fraction > 0.5), None
+    )
     # A late torque distorts nothing.
     is_distorted = any(note.code == UNEXPLAINED for G in data.responses for note in G.notes)
     if late is not None and result.status == "misfit" and not is_distorted:
         return (
-            f"the fit finds {late.name} ({100 * late.share:.0f} % of the excess of V): the logged torque is not the "
-            "one that acts, and effects of gears would follow the difference; give the robot's chain its torque_lag, "
+            f"the fit finds {late.name} ({100 * late.explained_fraction:.0f} % of the excess of V): the logged torque "
+            "differs from the acting one, and effects of gears would follow; give the robot's chain its torque_lag, "
             f"or free the delay; {LOST}"
         )
     apart = {lines.configuration.name: difference(lines) for lines in data.lines}
@@ -198,7 +200,7 @@ def rigid_gears(joints: Sequence[str]) -> list[Note]:
         "its gear has no spring of its own in the model (rigid, or in series with that of a shaft), so that friction "
         "at its motor alone was looked for; what the gear does otherwise is left out, and has no bound"
     )
-    return [Note("gears/left-out", text, f"joint {joint}", "information") for joint in joints]
+    return [Note("gears/effect-discarded", text, f"joint {joint}", "information") for joint in joints]
 
 
 def left(data: GearData, drives: Sequence[DriveLines], estimates: Sequence[Estimate], levels: FloatArray) -> float:
@@ -286,7 +288,7 @@ def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -
     seen = {number.name for number in numbers}
     numbers += [row for row in _unseen(gear, bounds, reach) if row.name not in seen]
     numbers = [
-        replace(row, rated_share=(row.value if row.is_seen else row.bound) / rated)
+        replace(row, rated_fraction=(row.value if row.is_seen else row.bound) / rated)
         if row.kind == "torque" and math.isfinite(rated) else row
         for row in numbers
     ]  # fmt: skip

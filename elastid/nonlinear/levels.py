@@ -170,7 +170,7 @@ class Choice:
 
     shapes: tuple[Shape, ...]
     motor_of: IntArray
-    kept_share: FloatArray
+    residual_power_ratio: FloatArray
 
 
 def choose(
@@ -307,7 +307,7 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str], velocity_
             pairs = [(shape, f) for shape, f in pairs if shape.kind != kind]
             pairs += [(Shape(place, kind, part * mean), 0.0) for part in (near if mean else near[:1])]
         shapes += [shape for shape, _ in pairs]
-    return Choice(tuple(shapes), _motors(shapes, places), choice.kept_share)
+    return Choice(tuple(shapes), _motors(shapes, places), choice.residual_power_ratio)
 
 
 def by_unknown_shapes(choice: Choice, levels: FloatArray) -> FloatArray:

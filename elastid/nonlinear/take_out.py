@@ -158,14 +158,16 @@ def _level_errors(
     data = gather_configuration([on_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
     motor_of = np.array([places.index(shape.place) for shape in friction.shapes])
     on = data.excited
-    pseudo = np.linalg.pinv((data.U - taken(friction.levels, data.Phi, motor_of, n_u))[on]) @ np.linalg.inv(coupling.T)
+    pseudo = np.linalg.pinv((data.U - taken(friction.coulomb_torque, data.Phi, motor_of, n_u))[on]) @ np.linalg.inv(
+        coupling.T
+    )
     lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
     factors = [_factors(friction.covariance * np.outer(motor_of == j, motor_of == j)) for j in range(n_u)]
     errors = np.zeros((1 + max(L.shape[1] for L in factors), n_u, *response.G.shape), complex)
     late = 2j * np.pi * data.freq_hz[on, None] * (TURNING_ERROR / records[0].rate_hz)
     for j, L in enumerate(factors):
         of_levels = np.einsum("fik,ib->fbk", data.Phi[on], L)
-        of_turning = late * np.einsum("fik,i->fk", data.Phi[on], friction.levels * (motor_of == j))
+        of_turning = late * np.einsum("fik,i->fk", data.Phi[on], friction.coulomb_torque * (motor_of == j))
         both = np.concatenate([of_levels, of_turning[:, None]], axis=1)
         rows = interpolated(lines, data.lines[on], both @ pseudo)
         errors[: both.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]

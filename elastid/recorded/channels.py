@@ -80,7 +80,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     keys = sorted({experiment.key(c): None for c in channels}, key=lambda key: (key[0], key[1] != rate_hz))
     parts = [_read(experiment, key) for key in keys]
     columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
-    may_rest = ("u",) if file.purpose == "run_down" else ()
+    may_rest = ("u",) if file.purpose == "coast_down" else ()
     notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0], may_rest)]
     unused = [] if recorded.controller is not None else [c.name_in_file for c in channels if c.role == "reference"]
     if unused:
@@ -179,7 +179,7 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
         if not 0 <= first < last or len(values) < last - first:
             n = len(read_channels(path, channels, recorded.text))
             raise DataError(
-                "records/cut",
+                "records/range",
                 f"samples [{first}, {last}] are outside the file; it has {n} samples, the first is 0 and last "
                 "is not included",
                 path,

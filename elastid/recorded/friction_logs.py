@@ -146,7 +146,7 @@ class _LogReader:
 
     def _repaired(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[Repaired, int | None, float]:
         """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
-        if self.file.purpose == "at_rest":
+        if self.file.purpose == "presliding_test":
             return repaired_signals(gathered, recorded)
         log = gathered.log
         bridged = bridged_gaps(gathered.signals, log)
@@ -216,7 +216,7 @@ class _LogReader:
                 period_samples=period,
                 hold=holds[joint.name],
                 # Of loops that end by sliding values hardly repeat; three times the log they do.
-                resolution=step(np.tile(positions[joint.name], 3 if self.file.purpose == "loops" else 1)),
+                resolution=step(np.tile(positions[joint.name], 3 if self.file.purpose == "presliding_loops" else 1)),
                 start_s=self.start_s,
                 configuration=posture,
                 place=self.path,

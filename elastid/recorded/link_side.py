@@ -128,7 +128,7 @@ def check_values(
         values = column[np.isfinite(column)]
         if np.ptp(values) == 0 and channel.role in ("u", "r") and channel.role not in may_rest:
             text = f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment"
-            still.append(Note("records/not-excited", text))
+            still.append(Note("records/input-not-excited", text))
     return tuple(still)
 
 

@@ -261,7 +261,7 @@ def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
 def end_notes(lost: int, n: int, repeat: int, place: str) -> tuple[Note, ...]:
     """A note on the samples of a log of n that are lost after its last whole repetition, if there are any."""
     text = f"the last {lost} of {n} samples are no whole period of {repeat} samples and are left out"
-    return (Note("records/repaired", text, place),) if lost > 0 else ()
+    return (Note("records/corrected", text, place),) if lost > 0 else ()
 
 
 def _driver(record: Record) -> FloatArray:
@@ -317,7 +317,7 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
     repairs = sum((Counter(part.repairs) for part in every), Counter())
     counts = ", ".join(f"{part.n_periods} of {path}" for part, path in zip(every, paths, strict=True))
     text = f"the periods of one excitation are those of {len(every)} logs: {counts}"
-    note = Note("records/repaired", text, f"record {first.name}", severity="information")
+    note = Note("records/corrected", text, f"record {first.name}", severity="information")
     return replace(
         first,
         u=np.concatenate([part.u for part in every]),
@@ -335,7 +335,7 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
     N = first.period_samples
     if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > CLOCK.max_error:
         raise DataError(
-            "records/disagree",
+            "records/inconsistent",
             f"{both}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
             f"{record.rate_hz:g} Hz; {_ADVICE}",
         )
@@ -352,7 +352,7 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
         noise = of_a[i] + of_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
         if refused := _other_excitation(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
-            raise DataError("records/disagree", f"{both}, but at {place} {refused}; {_ADVICE}")
+            raise DataError("records/inconsistent", f"{both}, but at {place} {refused}; {_ADVICE}")
     aligned = _moved(record, lag)
     u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
     return replace(aligned, u=aligned.u + u, y=aligned.y + y)

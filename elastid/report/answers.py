@@ -22,19 +22,24 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
     C, order = m["softest_compliance"], m.softest
     soft, stiff = int(order[0]), int(order[-1])
     where = ", ".join(number(float(c), 3) for c in m.position[soft])
-    part, force = float(m.share[soft].max(initial=0.0)), ", ".join(f"{F:g}" for F in m.load)
+    part, force = float(m.compliance_fraction[soft].max(initial=0.0)), ", ".join(f"{F:g}" for F in m.load)
     softest = [
         (
             str(int(m.asked[i]) + 1), degrees(m.angles[i].tolist(), m.sliding), _shown(C.value[i], "m/N"),
             f"{100 * float(C.relative_std[i]):.2g} %", ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
             _shown(m["frequency_1"].value[i], "Hz"), _shown(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
-            percent(float(m.share[i].max(initial=0.0))),
+            percent(float(m.compliance_fraction[i].max(initial=0.0))),
         )
         for i in order[:LISTED].tolist()
     ]  # fmt: skip
     limiting, tenth = np.array(m.limiting_springs), order[: max(1, len(m) // 10)]
     springs = [
-        (float(m.share[tenth, i].mean()) / 2, name, float(np.mean(limiting == name)), float(m.share[:, i].mean()))
+        (
+            float(m.compliance_fraction[tenth, i].mean()) / 2,
+            name,
+            float(np.mean(limiting == name)),
+            float(m.compliance_fraction[:, i].mean()),
+        )
         for i, name in enumerate(m.springs)
     ]
     lost = f"; {len(m.refused)} have no equilibrium under gravity and are left out" if m.refused else ""
@@ -79,7 +84,7 @@ def _shown(value: float, unit: str) -> str:
 
 def answer_of_move(tuned: TunedMove) -> Answer:
     """The time of a move, its exactness against rigid feedforward, its use of the motors' limits."""
-    rigid, last, drawn = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.draws)
+    rigid, last, drawn = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.samples)
     used = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
     kind, i = np.unravel_index(int(np.argmax(used)), used.shape)
     most = f"the {list(KINDS)[kind]} of motor {tuned.joints[i]} is used most, {percent(used[kind, i], 3)} of it"
@@ -90,7 +95,7 @@ def answer_of_move(tuned: TunedMove) -> Answer:
         f"move is {number(rigid.residual / max(last.residual, 1e-12), 3)} times smaller."
     )
     on_draws = (
-        f"On {tuned.draws} robots drawn from the fit, lengths and zeros within their tolerances, the largest error is "
+        f"On {tuned.samples} robots drawn from the fit, lengths and zeros within tolerance, the largest error is "
         f"at most {number(1e3 * float(last.high.max()), 3)} mm (95 %), and torques take at most "
         f"{100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
         if last.high is not None and drawn

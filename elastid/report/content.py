@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -171,8 +171,8 @@ class ParameterRow:
     """A free parameter in SI: estimate, std, 95 % interval, start, bounds; truth where the rig is simulated.
 
     deviation: estimate less truth in standard deviations of the solver's variable, so of ln p for a logarithmic one.
-    contains: in words, of a viscous coefficient that may contain dry friction.  by_noise, by_file: the parts of std by
-    noise and by the tolerances of the robot's file; None where the file is exact.  verdict: of the fit, in words.
+    contains: in words, of a viscous coefficient that may contain dry friction.  std_parts:
+    contributions to std, none for an exact robot model.  verdict: of the fit, in words.
     """
 
     name: str
@@ -186,8 +186,7 @@ class ParameterRow:
     truth: float | None = None
     deviation: float | None = None
     contains: str = ""
-    by_noise: float | None = None
-    by_file: float | None = None
+    std_parts: Mapping[str, float] = field(default_factory=dict)
     verdict: str = ""
 
     @property
@@ -204,7 +203,6 @@ def parameter_rows(
     known, estimates, stds = truth or {}, result.values, result.std
     std_x = np.sqrt(np.diag(result.covariance))
     rows = []
-    noise, file = (result.std_by_noise, result.std_by_file) if result.has_tolerances else ({}, {})
     verdicts = result.verdicts or ("",) * len(result.parameters.asked)
     for i, parameter in enumerate(result.parameters.asked):
         name = parameter.name
@@ -214,10 +212,9 @@ def parameter_rows(
             deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])
         known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
         given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
-        contained, of_parts = (contents or {}).get(name, ""), (noise.get(name), file.get(name))
-        rows.append(
-            ParameterRow(*known_of, *given, at_bound, true, deviation, contained, *of_parts, verdict=verdicts[i])
-        )
+        contained = (contents or {}).get(name, "")
+        parts = {kind: part[name] for kind, part in result.std_parts.items()}
+        rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, parts, verdicts[i]))
     return tuple(rows)
 
 
@@ -228,11 +225,11 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
     effects, where there are any.
     """
     chosen = gears.numbers if numbers is None else numbers
-    rated = any(math.isfinite(row.rated_share) for row in gears.numbers)
+    rated = any(math.isfinite(row.rated_fraction) for row in gears.numbers)
     headings = ["number", "of the gear", "unit", "estimate", "std", "95 % interval"]
     table = [[*headings, *["of rated"] * rated, "linear fit"]]
     for row in chosen:
-        share = f"{number(100 * row.rated_share, 2)} %" if math.isfinite(row.rated_share) else "–"
+        share = f"{number(100 * row.rated_fraction, 2)} %" if math.isfinite(row.rated_fraction) else "–"
         before = number(row.linear * row.factor, digits(row.value, row.std)) if math.isfinite(row.linear) else "–"
         table.append([*_cells(row), *[share] * rated, before])
     return table

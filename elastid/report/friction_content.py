@@ -107,7 +107,11 @@ class FrictionContent:
         error, signal, run = max(off, key=lambda row: row[0], default=(0.0, None, None))
         if signal is None or run is None or not error > MOST_OFF:
             return ""
-        by = ", which the loop about the logged motion adds" if run.held_hz and signal.kind == TORQUE else ""
+        by = (
+            ", which the loop about the logged motion adds"
+            if run.tracking_bandwidth_hz and signal.kind == TORQUE
+            else ""
+        )
         size = percent(error) if error > 2 else f"{percent(error)} of"
         how = "reference" if run.drive == "reference" else "torque, under which errors grow with time"
         return (
@@ -135,11 +139,11 @@ class FrictionContent:
         """Misfits, parts that the data do not show, and the torque that is left."""
         sentences = [f"Joint {part.joint} is a misfit: {part.misfit}." for part in self.result.joints if part.misfit]
         sentences += [words] if (words := _not_identified(self.result)) else []
-        worst = max(self.twin.balances, key=lambda balance: balance.left, default=None)
+        worst = max(self.twin.balances, key=lambda balance: balance.unexplained_fraction, default=None)
         if worst is not None:
             sentences.append(
-                f"Of the mean square of the torque of {worst.place} {worst.left:.2g} is left in {worst.log}, without "
-                f"friction {worst.left_without_friction:.2g}."
+                f"Unexplained fraction of the mean-square torque of {worst.place} in {worst.log}: "
+                f"{worst.unexplained_fraction:.2g}; without friction {worst.unexplained_without_friction:.2g}."
             )
         return tuple(sentences) or ("Nowhere that these logs show.",)
 

@@ -137,7 +137,7 @@ def _with_its_base(result: Result, rows: Sequence[ParameterRow]) -> str:
 
 def needs_floor(agreements: Sequence[Agreement]) -> bool:
     """True where the residuals of the fitted configurations exceed the noise alone, without the floor of the fit."""
-    return noise_p([agreement for agreement in agreements if not agreement.left_out]) < FALSE_ALARM
+    return noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
 
 
 def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
@@ -146,7 +146,7 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
         return "The noise is unknown: the residuals cannot be judged."
     if result.exceeds_noise:
         cause = excess_sentence(result) or "No number that was held explains a tenth of the excess."
-        return f"The residuals are {number(result.model_error, 3)} times the noise. {cause}"
+        return f"The residuals are {number(result.inflation_factor, 3)} times the noise. {cause}"
     if needs_floor(agreements):
         return "Nowhere beyond the floor of the fit; the noise alone does not explain the residuals."
     if DISTORTED in result.verdicts:
@@ -160,7 +160,7 @@ def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
     if not result.noise_is_known:
         return "the noise is unknown, so that nothing says whether the model describes the data"
     if result.exceeds_noise:
-        return f"residuals {number(result.model_error, 3)} times the noise, which the intervals include"
+        return f"residuals {number(result.inflation_factor, 3)} times the noise, which the intervals include"
     return f"the model describes the data{' within its floor' if needs_floor(agreements) else ''}"
 
 
@@ -209,13 +209,13 @@ def _titles(agreements: Sequence[Agreement]) -> tuple[str, tuple[str, ...], tupl
 def excess_sentence(result: Result) -> str:
     """The first number that would explain the residuals beyond the noise; empty without a large share."""
     first = next((index for index in result.indices if index.place == 1), None)
-    if first is None or first.share < 0.1:
+    if first is None or first.explained_fraction < 0.1:
         return ""
     has_change = len(first.values) == 1 and first.values[0]
     change = f" {100 * (first.changed[0] / first.values[0] - 1):+.1f} %" if has_change else ""
     is_known = not first.members or first.name in result.parameters.names  # others are names of the diagnosis alone
     name = first.name if is_known or change else "the likeliest cause"
-    return f"{percent(min(first.share, 1.0), 3)} of the excess would go with {name}{change}."
+    return f"{percent(min(first.explained_fraction, 1.0), 3)} of the excess would go with {name}{change}."
 
 
 def summary_line(content: ReportContent) -> str:
@@ -310,12 +310,12 @@ def _of_residuals(result: Result) -> Action | None:
 
 def _of_experiments(result: Result, plan: Plan | None, poor: ParameterRow) -> Action | None:
     column = result.parameters.free_names.index(poor.name)
-    if not result.share.size or not np.isfinite(result.share[:, column]).any():
+    if not result.information_fraction.size or not np.isfinite(result.information_fraction[:, column]).any():
         return None
-    q = int(np.nanargmax(result.share[:, column]))
+    q = int(np.nanargmax(result.information_fraction[:, column]))
     # The robot's file errs in the next measurement as in this one.
-    of_data = float(result.repeated[column]) if len(result.repeated) else 1.0
-    share, name = of_data * float(result.share[q, column]), result.configurations[q]
+    of_data = float(result.averaging_fraction[column]) if len(result.averaging_fraction) else 1.0
+    share, name = of_data * float(result.information_fraction[q, column]), result.configurations[q]
     before, after = percent(half_width(poor)), percent(half_width(poor) / np.sqrt(1 + share))
     if before == after:
         return None

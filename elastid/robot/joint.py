@@ -171,8 +171,8 @@ class Gear:
     # fmt: off
     load: Annotated[float, Key("Coulomb friction at the motor for each Nm of torque in the gear, at every moment.",
         "0.02 to 0.15: one minus the efficiency, about; friction.load is of the load at rest instead.", least=0)] = 0.0
-    error: Annotated[tuple[TransmissionError, ...], Key("Transmission error, by order.", "from the maker's sheet, or "
-        "as found by the stage gears.")] = ()
+    transmission_error: Annotated[tuple[TransmissionError, ...], Key("Transmission error, by order.", "from the data "
+        "sheet, or as estimated by the stage gears.")] = ()
     ripple: Annotated[tuple[GearRipple, ...], Key("Ripple and cogging at the motor, by order.", "where they are known "
         "by joint; experiment.simulated.torque_ripple is the same at all motors.")] = ()
     hysteresis: Annotated[tuple[Hysteresis, ...], Key("Elements of the hysteresis in the gear's torsion.", "strain "

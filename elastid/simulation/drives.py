@@ -118,7 +118,7 @@ def gear_forces(model: ElasticModel, q: ca.SX, v: ca.SX, numbers: ca.SX | None =
             continue
         z, m = ca.sparsify(ca.DM(springs[f"k_{joint.name}"])), ca.sparsify(ca.DM(shafts[joint.name]))
         ratio, d = robot.ratio(joint.name), theta[f"d_{joint.name}"]
-        e, slope = _harmonics(joint.gear.error, ratio * (m.T @ q))
+        e, slope = _harmonics(joint.gear.transmission_error, ratio * (m.T @ q))
         ripple, _ = _harmonics(joint.gear.ripple, ratio * (m.T @ q))
         slope = ratio * slope
         linear = spring_torque(joint.name, z.T @ q, theta) + d * (z.T @ v)

@@ -21,7 +21,7 @@ from elastid.base.files import replacing, require_own_data
 from elastid.store.files import USER_BLOCK, is_intact, once_per_version, write_checksum
 
 # Version of the layout of all artefacts; a reader reads files of its own version.
-FORMAT = 9
+FORMAT = 10
 TEXT = h5py.string_dtype()
 
 

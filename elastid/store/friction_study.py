@@ -1,4 +1,4 @@
-"""The artefacts of a friction study: plan.h5, records.h5, levels.h5, friction.h5 and filter.h5."""
+"""The artefacts of a friction study: plan.h5, records.h5, constant_velocity.h5, friction.h5 and filter.h5."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from elastid.store.reading import read_dataclass, reader
 from elastid.store.values import write_artefact, writer
 from elastid.validation.twin import NO_TWIN, TwinFindings
 
-PLAN, RECORDS, LEVELS = "friction plan", "friction records", "friction levels"
+PLAN, RECORDS, LEVELS = "friction plan", "friction records", "constant-velocity torques"
 FRICTION, FILTER = "friction", "filter"
 
 
-# plan.h5, levels.h5 with a group for each joint, and filter.h5 with friction followed over its motions.
+# plan.h5, constant_velocity.h5 with a group for each joint, and filter.h5 with friction followed over its motions.
 write_friction_plan, read_friction_plan = writer(PLAN, plan=(None, None)), reader(PLAN, "plan", FrictionPlan)
-write_levels = writer(LEVELS, joints=(tuple[JointLevels, ...], ()))
-read_levels = reader(LEVELS, "joints", tuple[JointLevels, ...])
+write_constant_velocity = writer(LEVELS, joints=(tuple[JointLevels, ...], ()))
+read_constant_velocity = reader(LEVELS, "joints", tuple[JointLevels, ...])
 write_filter = writer(FILTER, joints=(tuple[FollowedFriction, ...], ()))
 read_filter = reader(FILTER, "joints", tuple[FollowedFriction, ...])
 # Of friction.h5 the result, its twin, and the prediction of logs that were left out, empty where none was.
 read_friction_result = reader(FRICTION, "result", FrictionResult)
-read_twin, read_left_out = (reader(FRICTION, part, TwinFindings) for part in ("twin", "left_out"))
+read_simulation, read_validation_logs = (reader(FRICTION, part, TwinFindings) for part in ("simulation", "validation"))
 # records.h5: a group for each record, written one at a time, then the logs of warm-ups.
 write_friction_records = writer(
     RECORDS,
@@ -53,7 +53,7 @@ def write_friction_result(
     parts = {
         "numbers": (result.numbers, tuple[FrictionNumber, ...]),
         "result": (result, FrictionResult),
-        "twin": (twin, TwinFindings),
-        "left_out": (left_out, TwinFindings),
+        "simulation": (twin, TwinFindings),
+        "validation": (left_out, TwinFindings),
     }
     write_artefact(path, FRICTION, stamp, parts)

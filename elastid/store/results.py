@@ -43,8 +43,8 @@ read_fit, read_validation = reader(FIT, "fit", Result), reader(VALIDATION, "vali
 write_gears, write_map = writer(GEARS, gears=(None, None)), writer(MAP, map=(None, None))
 write_tune, write_loops = writer("tune", tune=(None, None)), writer("loops", loops=(None, None))
 # Agreement and replay of each configuration, folds, and the twin.
-write_validation = writer(VALIDATION, validation=(Validation, None), twin=(TwinFindings, NO_TWIN))
-read_twin = reader(VALIDATION, "twin", TwinFindings)
+write_validation = writer(VALIDATION, validation=(Validation, None), simulation=(TwinFindings, NO_TWIN))
+read_simulation = reader(VALIDATION, "simulation", TwinFindings)
 read_map = reader(MAP, "map", WorkspaceMap)
 # Responses of the fitted model; None in a file that `elastid.save` wrote.
 read_modelled = reader(FIT, "modelled", tuple[Response, ...], may_miss=True)
@@ -66,8 +66,9 @@ class Numbers:
     unit: tuple[str, ...]
     value: FloatArray = labelled("estimate", "SI", "name")
     std: FloatArray = labelled("standard deviation", "SI", "name")
-    std_by_noise: FloatArray = labelled("part of std by noise, NaN where the robot's file is exact", "SI", "name")
-    std_by_file: FloatArray = labelled("part of std by the tolerances of the file", "SI", "name")
+    std_noise: FloatArray = labelled("contribution of the noise to std, NaN for an exact robot model", "SI", "name")
+    std_prior: FloatArray = labelled("contribution of the robot model's tolerances", "SI", "name")
+    std_systematic: FloatArray = labelled("remaining contribution", "SI", "name")
     lower_95: FloatArray = labelled("lower end of the 95 % interval", "SI", "name")
     upper_95: FloatArray = labelled("upper end of the 95 % interval", "SI", "name")
 
@@ -75,12 +76,12 @@ class Numbers:
     def of(cls, result: Result) -> Numbers:
         """Numbers that were asked for."""
         asked = result.parameters.asked
-        noise, file = (result.std_by_noise, result.std_by_file) if result.has_tolerances else ({}, {})
+        parts = (*result.std_parts.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
-            (result.values[p.name], result.std[p.name], noise.get(p.name, math.nan), file.get(p.name, math.nan),
-             *result.interval(p.name)) for p in asked
+            (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
+            for p in asked
         ]  # fmt: skip
-        columns = np.array(rows).reshape(-1, 6).T
+        columns = np.array(rows).reshape(-1, 7).T
         return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *columns)
 
 

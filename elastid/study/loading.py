@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import comment_lines, printable
-from elastid.base.names import SEPARATOR, at_level, is_match, matching
+from elastid.base.names import SEPARATOR, at_amplitude, is_match, matching
 from elastid.base.units import Quantity, to_si
 from elastid.fit.parameter_choice import choose, named_on_demand
 from elastid.fit.spec import ParameterSpec
@@ -218,16 +218,16 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
 
 
 def _with_every_amplitude(study: Study) -> Study:
-    """The study that leaves the postures of `validation.left_out` out at all of their amplitudes."""
-    recorded, left_out = study.experiment.recorded, study.validation.left_out
+    """The study that leaves the postures of `validation.configurations` out at all of their amplitudes."""
+    recorded, left_out = study.experiment.recorded, study.validation.configurations
     if study.friction is not None or not left_out:
         return study
-    planned = 1 if study.excitation is None else len(study.excitation.levels)
+    planned = 1 if study.excitation is None else len(study.excitation.amplitudes)
     levels = {name: list(range(1, planned + 1)) for name in left_out}
     if recorded is not None:
-        levels = {name: sorted({f.level for f in recorded.files if f.configuration == name}) for name in left_out}
-    names = tuple(at_level(name, level) for name in left_out for level in levels[name])
-    return replace(study, validation=replace(study.validation, left_out=names))
+        levels = {name: sorted({f.amplitude for f in recorded.files if f.configuration == name}) for name in left_out}
+    names = tuple(at_amplitude(name, level) for name in left_out for level in levels[name])
+    return replace(study, validation=replace(study.validation, configurations=names))
 
 
 def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 
 from pydantic import ValidationError
 
+from elastid.base.codes import renamed, renamed_key
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import one_line, printable
 from elastid.base.section import validator
@@ -97,7 +98,8 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
         return Problem(path, "this key is required", at_key=True)
     if kind == "unexpected_keyword_argument":
         known = names_in(type_at(root, path[:-1]))
-        return Problem(path, f"unknown key; {did_you_mean(str(path[-1]), known)}", at_key=True)
+        text = renamed_key(path) or f"unknown key; {did_you_mean(str(path[-1]), known)}"
+        return Problem(path, text, at_key=True)
     if kind == "value_error":
         message = str(error["ctx"]["error"])
         if error["loc"][-1:] == (_OF_KEY,):
@@ -106,7 +108,8 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
         return Problem(path, message.removeprefix(f"{path[-1]}: ") if path else message)
     if kind == "finite_number":
         return Problem(path, "expected a finite number")
-    return Problem(path, f"expected {describe(type_at(root, path))}")
+    new = renamed(f"{path[-1]}={value_at(data, path)}") if path else ""
+    return Problem(path, new or f"expected {describe(type_at(root, path))}")
 
 
 def _union_problems(

@@ -14,7 +14,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from pydantic import TypeAdapter
 
-from elastid.base.errors import CODES, StudyError, did_you_mean
+from elastid.base.codes import codes, renamed, renamed_key
+from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.section import Key
 from elastid.base.units import InUnit
 from elastid.robot import Robot
@@ -210,10 +211,10 @@ def explain(asked: str) -> str:
     Names that a study chooses and numbers of entries may be given or left out: experiment.recorded.files[0].samples.
     """
     if "/" in asked:
-        if asked not in CODES:
-            text = f"no error or note has the code {asked}; {did_you_mean(asked, CODES)}"
+        if asked not in codes():
+            text = renamed(asked) or f"no error or note has the code {asked}; {did_you_mean(asked, codes())}"
             raise StudyError("study/unknown-key", text)
-        return f"{asked}\n  {CODES[asked]}"
+        return f"{asked}\n  {codes()[asked].meaning}\n  {codes()[asked].remedy}"
     keys = {key.path: key for key in every_key()}
     steps, wanted = {path: _steps(path) for path in keys}, _steps(asked)
     if any(_agree(parts[: len(wanted)], wanted) and parts[len(wanted) - 1] == "<name>" for parts in steps.values()):
@@ -225,7 +226,7 @@ def explain(asked: str) -> str:
         close = get_close_matches(".".join(wanted), names, n=1)
         nearest = f"did you mean '{names[close[0]]}'?" if close else f"there are {', '.join(names_in(Study))}"
         owner = "a fleet" if asked.startswith("fleet.") else "a study"
-        raise StudyError("study/unknown-key", f"{owner} has no key {asked}; {nearest}")
+        raise StudyError("study/unknown-key", renamed_key(wanted) or f"{owner} has no key {asked}; {nearest}")
     return "\n\n".join(map(_explanation, matches))
 
 

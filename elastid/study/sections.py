@@ -89,7 +89,7 @@ class Study:
     report: Annotated[ReportSpec, Key("Figures of the report.", "only for other formats of figures.")] = ReportSpec()
     friction: Annotated[FrictionSpec | None, Key("Identification of the joints' friction from passes and loops, in "
         "place of elasticity from responses.", "give it for a study of friction, whose stages are design, measure, "
-        "levels, friction, follow and report.")] = None
+        "constant_velocity, friction, follow and report.")] = None
     filter: Annotated[FilterSpec | None, Key("Kalman filter that follows friction over the motions of a study of "
         "friction.", "{} makes the stage follow run with the defaults; its keys are for other numbers than F_c, f and "
         "an offset, and for an axis that drifts faster.")] = None
@@ -154,7 +154,9 @@ class Study:
 
     def fitted(self, responses: Iterable[Response]) -> tuple[Response, ...]:
         """The responses that the fit sees: those of configurations that are not left out for validation."""
-        return tuple(response for response in responses if response.configuration.name not in self.validation.left_out)
+        return tuple(
+            response for response in responses if response.configuration.name not in self.validation.configurations
+        )
 
     @property
     def seeded_fit(self) -> FitSpec:

@@ -16,14 +16,14 @@ from elastid.use.draws import DrawnRobots
 
 
 def write_draws(folder: Path, draws: DrawnRobots, name: str) -> tuple[tuple[Path, ...], str]:
-    """draws.csv, robots/*.yml and mujoco/*.xml; the table and folders, and why there is no MJCF, where there is none.
+    """samples.csv, robots/*.yml and mujoco/*.xml; the table and folders, and why there is no MJCF, where there is none.
 
     The robot files are YAML in its JSON form, which is written and read a hundred times as fast.
     """
     digits = len(str(len(draws.robots)))
     names = [f"{i:0{digits}d}" for i in range(1, len(draws.robots) + 1)]
     rows = ([number, *values] for number, values in zip(names, draws.values.tolist(), strict=True))
-    write_rows(folder / "draws.csv", [["draw", *draws.names], *rows])
+    write_rows(folder / "samples.csv", [["sample", *draws.names], *rows])
     robots, engine = folder / "robots", folder / "mujoco"
     robots.mkdir(parents=True, exist_ok=True)
     head = f"# Robot of study {name}, draw "
@@ -39,11 +39,11 @@ def write_draws(folder: Path, draws: DrawnRobots, name: str) -> tuple[tuple[Path
         )
         first = mjcf(start, rods)
     except StudyError as refused:
-        return (folder / "draws.csv", robots), str(refused)
+        return (folder / "samples.csv", robots), str(refused)
     engine.mkdir(exist_ok=True)
     for number, robot in zip(names, draws.robots, strict=True):
         root = first if robot is start else mjcf(robot, rods)
         ET.indent(root)
         text = ET.tostring(root, encoding="unicode")
         (engine / f"robot_{number}.xml").write_text(f"{text}\n", encoding="utf-8")
-    return (folder / "draws.csv", robots, engine), ""
+    return (folder / "samples.csv", robots, engine), ""

@@ -27,7 +27,8 @@ def c_row(values: Iterable[float]) -> str:
 class KnownNumber:
     """A number of the model in SI with its std and 95 % interval, NaN where it was held or tied.
 
-    name: of the number in the model.  by_noise, by_file: the parts of std, NaN where the robot's file is exact.
+    name: of the number in the model.  std_noise, std_prior, std_systematic: contributions to std; NaN: exact robot
+    model.
     words: its interval, or why there is none.
     """
 
@@ -38,14 +39,15 @@ class KnownNumber:
     std: float = math.nan
     low: float = math.nan
     high: float = math.nan
-    by_noise: float = math.nan
-    by_file: float = math.nan
+    std_noise: float = math.nan
+    std_prior: float = math.nan
+    std_systematic: float = math.nan
 
     @property
     def row(self) -> dict[str, float]:
         """The columns of a table of numbers, as all files name them."""
-        names = ("value", "std", "lower_95", "upper_95", "std_by_noise", "std_by_file")
-        numbers = (self.value, self.std, self.low, self.high, self.by_noise, self.by_file)
+        names = ("value", "std", "lower_95", "upper_95", "std_noise", "std_prior", "std_systematic")
+        numbers = (self.value, self.std, self.low, self.high, self.std_noise, self.std_prior, self.std_systematic)
         return dict(zip(names, numbers, strict=True))
 
 
@@ -76,10 +78,10 @@ def _known(result: Result, parameter: Parameter) -> KnownNumber:
         return KnownNumber(name, unit, value, words)
     std, (low, high) = result.std[parameter.name], result.interval(parameter.name)
     words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"
-    if parameter.tolerated:
+    if parameter.is_nuisance:
         return KnownNumber(name, unit, value, f"within its tolerance, {words}", std, low, high)
     if not result.has_tolerances:
         return KnownNumber(name, unit, value, words, std, low, high)
-    parts = result.std_by_noise[parameter.name], result.std_by_file[parameter.name]
-    words = "{} (noise {:.3g}, file {:.3g})".format(words, *parts)
+    parts = [part[parameter.name] for part in result.std_parts.values()]
+    words = "{} (noise {:.3g}, prior {:.3g}, systematic {:.3g})".format(words, *parts)
     return KnownNumber(name, unit, value, words, std, low, high, *parts)

@@ -119,7 +119,7 @@ def answers(
     robot = family.model.robot_at(family.theta)
     return {name: np.array(value) for name, value in results.items()} | {
         "axes": axes, "chatter_hz": chatter_hz, "magnitude": magnitude,
-        "share": np.nan_to_num(shares),
+        "compliance_fraction": np.nan_to_num(shares),
         "magnitude_std": np.linalg.norm((along.conj() * moved).real / magnitude, axis=0),
         "position": frame_poses(robot, point.q[None, : len(robot.joints)], family.frame).position[0],
     }  # fmt: skip
@@ -192,7 +192,7 @@ class WorkspaceMap:
     position: FloatArray = labelled("origin of the frame", "m", "posture axis")
     axes: FloatArray = labelled("directions of principal compliances, the softest first", "", "posture axis rank")
     springs: tuple[str, ...]
-    share: FloatArray = labelled("part of each spring in the softest compliance", "", "posture springs")
+    compliance_fraction: FloatArray = labelled("part of each spring in the softest compliance", "", "posture springs")
     chatter_hz: FloatArray = labelled("line of the most negative real part", "", "posture")
     curve_hz: FloatArray = labelled("lines of the curves")
     magnitude: FloatArray = labelled("dynamic compliance along the softest direction", "m/N", "posture curve_hz")
@@ -218,7 +218,11 @@ class WorkspaceMap:
     @property
     def limiting_springs(self) -> tuple[str, ...]:
         """The spring with the largest part in the softest direction of each posture."""
-        return tuple(self.springs[i] for i in np.argmax(self.share, axis=1)) if self.springs else ("",) * len(self)
+        return (
+            tuple(self.springs[i] for i in np.argmax(self.compliance_fraction, axis=1))
+            if self.springs
+            else ("",) * len(self)
+        )
 
 
 def map_workspace(
@@ -247,7 +251,7 @@ def map_workspace(
             rests[i] = True
     if not rests.any():
         raise StudyError(
-            "robot/no-rest",
+            "robot/no-equilibrium",
             f"robot {family.robot.name} finds no rest in any of the {len(angles)} postures; they may be outside the "
             "reach of its loops, or its springs too soft for its weight",
         )

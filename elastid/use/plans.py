@@ -144,7 +144,7 @@ class CommandedRobot:
                 return q
             motors = motors + step
         raise StudyError(
-            "robot/no-rest",
+            "robot/no-equilibrium",
             f"no posture of the motors brings frame {self.frame} at rest to where it is "
             f"without deflection at {', '.join(f'{angle:.4g}' for angle in angles)} rad; the posture is near a "
             "singular one, choose another",
@@ -303,7 +303,7 @@ def margin_of(commanded: CommandedRobot, move: Move) -> float:
     m, halves = commanded.model, [0.0]
     for angles in move.ends:
         linear = linearise(m, Configuration("end", angles), m.theta, m.inputs, "position")
-        held = modes(acted_on(linear, Ports.at_frames(linear, ()), "held", None), linear.theta_ref)
+        held = modes(acted_on(linear, Ports.at_frames(linear, ()), "locked", None), linear.theta_ref)
         halves += (0.5 / held.freq_hz[:1]).tolist()
     return float(np.clip(max(halves), 0.02, 0.3))
 

@@ -107,7 +107,7 @@ class TwinLoop:
             if robot is not None:
                 advice = (
                     "this is a robot drawn from the fit, whose intervals hold robots that no loop moves: fix or leave "
-                    "out what is at a bound or hardly known, or give --draws 0"
+                    "out what is at a bound or hardly known, or give --samples 0"
                 )
             raise DataError("experiment/diverged", f"{error}; {advice}") from error
         return moved.q, moved.u
@@ -147,7 +147,7 @@ class TunedMove(References):
     planned: FloatArray = labelled("error of the tool as planned", "m", "time_s")
     limits: FloatArray = labelled("largest velocity, acceleration, jerk, torque", "", "kind joints")
     outcomes: tuple[Outcome, ...]
-    draws: int
+    samples: int
     most: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
     advice: str = ""
 
@@ -230,7 +230,7 @@ class _Asked:
             units=tuple(joint.unit for joint in joints), judge=given.judge_name, bandwidth_hz=given.bandwidth_hz,
             duration=self.move.duration, margin_s=self.margin_s, target=target, planned=error,
             limits=np.array([getattr(limits, kind) for kind in KINDS]),
-            outcomes=self._outcomes(r, target, drawn), draws=len(given.draws), most=most, advice=advice,
+            outcomes=self._outcomes(r, target, drawn), samples=len(given.draws), most=most, advice=advice,
         )  # fmt: skip
 
     def _path(self, time_s: FloatArray) -> FloatArray:

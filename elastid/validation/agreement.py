@@ -108,7 +108,7 @@ class Agreement:
     """
 
     configuration: str
-    left_out: bool
+    is_validation: bool
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
     lines: IntArray = labelled("lines judged for magnitude and phase", "", "outputs inputs")
@@ -190,7 +190,7 @@ class Validation:
         """The verdict, and the agreement of each configuration."""
         rows = [
             (
-                a.configuration, "left out" if a.left_out else "fitted", f"{a.overall_rms_log_db:.2g}",
+                a.configuration, "left out" if a.is_validation else "fitted", f"{a.overall_rms_log_db:.2g}",
                 f"{a.overall_phase_rms_deg:.2g}", f"{a.overall_rms_sigma:.3g}",
             )
             for a in self.configurations
@@ -219,7 +219,7 @@ def validate(
 def agreement(
     measured: Response,
     modelled: Response,
-    left_out: bool = False,
+    is_validation: bool = False,
     shifts: ComplexArray | None = None,
 ) -> Agreement:
     """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
@@ -242,7 +242,7 @@ def agreement(
     ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
     return Agreement(
         configuration=measured.configuration.name,
-        left_out=left_out,
+        is_validation=is_validation,
         outputs=measured.outputs,
         inputs=measured.inputs,
         lines=judged.sum(axis=0),
@@ -275,7 +275,7 @@ def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
 
 
 def _verdict(agreements: Sequence[Agreement]) -> str:
-    fitted, left_out = ([a for a in agreements if a.left_out is is_out] for is_out in (False, True))
+    fitted, left_out = ([a for a in agreements if a.is_validation is is_out] for is_out in (False, True))
     judged = left_out or fitted
     db, deg = _over(judged)
     if math.isnan(db):
@@ -295,7 +295,7 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
     else:
         sentence = (
             f"On the fitted configurations the model is {sentence}; its error on others is unknown, because "
-            "validation.left_out names none"
+            "validation.configurations names none"
         )
     return sentence + _noise_clause(judged) + "."
 

@@ -57,7 +57,7 @@ Elastic: TypeAlias = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Refit:
-    """How a fit without some configurations ended.  cost, n_free and dof: of the fit; left_out: by configuration.
+    """How a fit without some configurations ended.  cost, n_free and dof: of the fit; folds: by configuration.
 
     status: that of the fit, or `failed`, with the reason as message.
     """
@@ -67,7 +67,7 @@ class Refit:
     n_free: int
     cost: float
     dof: int
-    left_out: dict[str, Fold]
+    folds: dict[str, Fold]
 
 
 @frozen_value
@@ -292,13 +292,13 @@ def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:
     weights = weigh(measured, spec)
     used = weights.used
     error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]
-    off = agreement(measured, modelled, left_out=True)
+    off = agreement(measured, modelled, is_validation=True)
     misfit = float(np.mean(error**2)) if error.size else math.nan
     return Fold(off.configuration, misfit, off.overall_rms_log_db, off.overall_phase_rms_deg)
 
 
 def _compared(name: str, refits: Sequence[Refit], criterion: float, configurations: Sequence[str]) -> ComparedModel:
-    full, scores = refits[0], {c: score for run in refits[1:] for c, score in run.left_out.items()}
+    full, scores = refits[0], {c: score for run in refits[1:] for c, score in run.folds.items()}
     by_configuration = [scores.get(c, Fold()) for c in configurations] if len(refits) > 1 else []
     notes = [f"fit to all: {full.message}"] if full.status == "failed" else []
     failed = [run for run in refits[1:] if run.status == "failed"]

@@ -14,7 +14,7 @@ class ValidationSpec:
     """Configurations, or logs of friction, by which the model is judged."""
 
     # fmt: off
-    left_out: Annotated[tuple[str, ...], Key("Configurations that are not fitted; in a study of friction logs of "
+    configurations: Annotated[tuple[str, ...], Key("Configurations that are not fitted; in a study of friction logs of "
         "motions, by the names of their files without extension.", "one where there are five or more, and not the most "
         "extreme one, which the others cannot predict; none leaves residual tests on fitted data alone.",
         distinct=True)] = ()

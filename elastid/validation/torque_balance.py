@@ -51,15 +51,15 @@ MIN_POWER_SHARE = 1e-4
 class BandBalance:
     """The torque between two frequencies in Hz: power, its share of all; share of each part in it; what is left.
 
-    left_without_friction: by the model without its friction.
+    unexplained_without_friction: by the model without its friction.
     """
 
     low_hz: float
     high_hz: float
     power: float
-    shares: tuple[float, ...]
-    left: float
-    left_without_friction: float
+    fractions: tuple[float, ...]
+    unexplained_fraction: float
+    unexplained_without_friction: float
 
 
 @frozen_value
@@ -68,8 +68,8 @@ class TorqueBalance:
 
     place: of its motor or joint.  log: name of the record.  unit: of the torque.  rate_hz: of the samples; without a
     known rate frequencies are in units of it.  parts: names; torques (n_p, n): of each.  measured (n,).
-    shares: of each part in the mean square of the torque.  left: of it by the whole model, and left_without_friction by
-    the model without its friction.  bands: the same by octave, upwards.
+    fractions: of each part in the mean square of the torque.  unexplained_fraction: of it by the whole model.
+    unexplained_without_friction: by the model without its friction.  bands: the same by octave, upwards.
     """
 
     place: str
@@ -79,26 +79,28 @@ class TorqueBalance:
     parts: tuple[str, ...]
     measured: FloatArray = labelled("torque as measured, link side", "{unit}", "sample")
     torques: FloatArray = labelled("torque of each part of the model", "{unit}", "parts sample")
-    shares: tuple[float, ...]
-    left: float
-    left_without_friction: float
+    fractions: tuple[float, ...]
+    unexplained_fraction: float
+    unexplained_without_friction: float
     bands: tuple[BandBalance, ...]
     rate_is_known: bool = True
 
     @property
     def worst(self) -> BandBalance:
         """The octave of which the model leaves most, of those with power."""
-        return max((band for band in self.bands if band.power >= MIN_POWER_SHARE), key=lambda band: band.left)
+        return max(
+            (band for band in self.bands if band.power >= MIN_POWER_SHARE), key=lambda band: band.unexplained_fraction
+        )
 
     @property
     def words(self) -> str:
         """Shares of the parts in a sentence."""
-        shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(self.parts, self.shares, strict=True))
+        shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(self.parts, self.fractions, strict=True))
         worst, unit = self.worst, "Hz" if self.rate_is_known else "of the sampling rate"
         return (
-            f"{self.place}, {self.log}: of the mean square of the torque {shares}; {self.left:.1%} is left "
-            f"(without friction {self.left_without_friction:.1%}), most from {worst.low_hz:.3g} to "
-            f"{worst.high_hz:.3g} {unit}: {worst.left:.0%} of the {worst.power:.2%} of the power there."
+            f"{self.place}, {self.log}: of the mean square of the torque {shares}; {self.unexplained_fraction:.1%} is "
+            f"unexplained (without friction {self.unexplained_without_friction:.1%}), most from {worst.low_hz:.3g} to "
+            f"{worst.high_hz:.3g} {unit}: {worst.unexplained_fraction:.0%} of the {worst.power:.2%} of the power there."
         )
 
     @property

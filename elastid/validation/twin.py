@@ -71,13 +71,13 @@ class TwinSignal:
 class TwinRun:
     """The twin moved along one log.
 
-    held_hz: bandwidth of the loop about the logged motion, 0 under the controller's reference.  seconds: of the log
-    that were simulated.  lost: why there is no result; empty where there is.
+    tracking_bandwidth_hz: of the loop about the logged motion, 0 under the controller's reference.  seconds: simulated
+    duration of the log.  lost: why there is no result; empty where there is.
     """
 
     log: str
     drive: Drive
-    held_hz: float
+    tracking_bandwidth_hz: float
     seconds: float
     rate_hz: float
     signals: tuple[TwinSignal, ...] = ()
@@ -93,7 +93,8 @@ class TwinRun:
         driven = f"driven by its {_DRIVES[self.drive]}"
         if self.lost:
             return f"Simulated forwards on {self.log}, {driven}, the twin is lost: {self.lost}."
-        held = f", held on the log by a loop of {self.held_hz:.2g} Hz" if self.held_hz else ""
+        held_hz = self.tracking_bandwidth_hz
+        held = f", held on the log by a loop of {held_hz:.2g} Hz" if held_hz else ""
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
         parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
         return (

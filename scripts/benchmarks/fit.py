@@ -135,7 +135,7 @@ def assemble(n_configurations: int, n_lines: int, full: bool = True) -> tuple[El
 
 def assembled(robot: Robot, responses: Sequence[Response]) -> tuple[ElasticFit, FloatArray]:
     """The fit of responses, and a start some 20 % off in every parameter."""
-    spec = FitSpec(parameters={name: ParameterSpec() for name in IDENTIFIED}, weights=WeightSpec(floor=0.0))
+    spec = FitSpec(parameters={name: ParameterSpec() for name in IDENTIFIED}, weights=WeightSpec(model_error=0.0))
     parameters = choose(spec, robot)
     fit = Assembly.of(responses, robot, spec, parameters).at(parameters.x, "complex")
     return fit, parameters.x + 0.2 * np.random.default_rng(1).standard_normal(len(parameters.x))
@@ -265,7 +265,7 @@ def fit_times(
 def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
     """The fit with INERTIAS free, too, linearised once, and at every x; evaluated once, so that all is prepared."""
     robot, names = build_robot(), (*IDENTIFIED, *INERTIAS)
-    spec = FitSpec(parameters={name: ParameterSpec() for name in names}, weights=WeightSpec(floor=0.0))
+    spec = FitSpec(parameters={name: ParameterSpec() for name in names}, weights=WeightSpec(model_error=0.0))
     parameters, responses = choose(spec, robot), measured(robot, Q, np.linspace(2.0, 100.0, F))
     assembly = Assembly.of(responses, robot, spec, parameters)
     fit = assembly.at(parameters.x, "complex")

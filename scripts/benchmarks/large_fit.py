@@ -53,7 +53,7 @@ def fit(path: Path, jobs: int) -> None:
     """The fit of a file, and what it took, as JSON."""
     spec = FitSpec(
         parameters={name: ParameterSpec() for name in IDENTIFIED}, starts=2, seed=1, profile=(),
-        weights=WeightSpec(floor=0.01),
+        weights=WeightSpec(model_error=0.01),
     )  # fmt: skip
     sent, send = [0], Connection.send_bytes
 
@@ -73,7 +73,7 @@ def fit(path: Path, jobs: int) -> None:
             "wall_s": time.perf_counter() - wall,
             "sent_mb": sent[0] / 1e6,
             "status": result.status,
-            "hits": result.hits,
+            "converged_starts": result.n_converged_starts,
             "V_over_expected": result.cost / result.cost_expected,
             "sha256": sha256(result.x.tobytes() + result.covariance.tobytes()).hexdigest()[:16],
         }

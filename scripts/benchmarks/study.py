@@ -46,7 +46,7 @@ experiment:
     noise: {torque_std: 5, encoder_counts: 1048576}
     compiled: true
 fit: {starts: STARTS, parameters: {"k_*": {}, "d_*": {}, "fm_*": {}}}
-validation: {left_out: [c1]}
+validation: {configurations: [c1]}
 """
 # Postures are drawn about the middle, within these angles to either side, in degrees.
 MIDDLE, REACH = (0, -80, 90, 0, 30, 0), (60, 30, 40, 80, 70, 90)

@@ -45,7 +45,7 @@ readings = [
 responses = measured(robot, truth, postures, np.linspace(2.0, 60.0, 40), noise=0.005, of_largest=True)
 known = {each.configuration.name: each.configuration for each in responses}
 tests = [LoadTest(c, frame="hook", force=f, along=axis, deflection=y, std=5e-6) for c, f, axis, y in readings]
-spec = FitSpec(starts=1, weights=WeightSpec(floor=0.0))
+spec = FitSpec(starts=1, weights=WeightSpec(model_error=0.0))
 parameters = ei.choose(robot, "k_*", **{"d_*": {"prior": {"std": 0.2}}})
 alone = identify(responses, robot, spec, parameters=parameters)
 both = identify(responses, robot, spec, parameters=parameters, loads=placed_tests(tests, known))

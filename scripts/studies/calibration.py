@@ -59,7 +59,7 @@ class DataSets:
     def __call__(self, number: int) -> FloatArray:
         """One data set; NaN where its fit did not converge."""
         rng = np.random.default_rng([self.seed, number])
-        spec = replace(self.plant.spec, weights=WeightSpec(floor=self.floor))
+        spec = replace(self.plant.spec, weights=WeightSpec(model_error=self.floor))
         data = self.rig.drawn(rng, _truth(self.rig, self.wrong, rng))
         assembly = self.rig.assembly(data, spec)
         x = self.plant.parameters.x

@@ -243,11 +243,11 @@ def true_of(kind: Kind) -> dict[str, str]:
     """Alarms that are true of a kind, and why."""
     true: dict[str, str] = {}
     if kind.step:
-        true |= dict.fromkeys(("frf/periods-left-out", "frf/transient-left-out"), "the period with the step differs")
+        true |= dict.fromkeys(("frf/periods-discarded", "frf/transient-discarded"), "the period with the step differs")
     if kind.carrier and kind.axes > 1 and not kind.has_reference:
-        true["frf/lines-left-out"] = "at the line of a carrier that no reference shows the inputs move together"
+        true["frf/lines-discarded"] = "at the line of a carrier that no reference shows the inputs move together"
     if kind.coulomb:
-        true["nonlinear/friction-taken-out"] = "there is friction"
+        true["nonlinear/friction-compensated"] = "there is friction"
     if kind.is_simulated and kind.axes > 1 and kind.realisations == 1 and kind.carrier:
         distorted = ("fit/likely-cause", "status-misfit", "excess-of-cost")
         true |= dict.fromkeys(distorted, "one realisation does not show how a carrier through postures distorts")
@@ -286,7 +286,7 @@ def _codes(notes: Iterable[Note]) -> dict[str, str]:
     return {
         note.code: str(note)
         for note in notes
-        if note.severity == "warning" or note.code == "nonlinear/friction-taken-out"
+        if note.severity == "warning" or note.code == "nonlinear/friction-compensated"
     }
 
 

@@ -104,7 +104,7 @@ def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
     """Errors of k and d without and with the effects, their std, and the effects: kind, level, std, scale, its std."""
     response = estimate(measured, SPEC, LINES)
     wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
-    spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0), starts=1)
+    spec = FitSpec(parameters=wanted, weights=WeightSpec(model_error=0.0), starts=1)
     linear = identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
     began = time.process_time()
     found = find_gear_effects([measured], [response], linear, robot(gear))

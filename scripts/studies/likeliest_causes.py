@@ -99,7 +99,7 @@ def judged(number: int, seed: int) -> Row:
     if first is None or not any(note.code == "fit/likely-cause" for note in result.notes):
         text, family = _other(result), injection.right[0].partition("_")[0] if injection.right else ""
         is_stated = bool(family) and any(
-            note.code == "fit/held-as-exact" and f"{family}_" in note.text for note in result.notes
+            note.code == "fit/fixed-values" and f"{family}_" in note.text for note in result.notes
         )
         verdict = (
             "none" if result.status != "converged" else "within" if off <= SILENT else "stated" if is_stated else "none"
@@ -119,7 +119,7 @@ def judged(number: int, seed: int) -> Row:
 
 def _other(result: Result) -> str:
     """The first note on causes that V does not rank."""
-    codes = ("fit/unlike-responses", "fit/unlike-responses", "fit/unlike-responses", "fit/frequency-unit")
+    codes = ("fit/inconsistent-responses", "fit/frequency-unit")
     return next((f"{note.code}: {str(note)[:90]}" for note in result.notes if note.code in codes), "")
 
 

@@ -112,7 +112,7 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
     free = {"k_*": ParameterSpec(), "d_*": ParameterSpec(), "fm_*": ParameterSpec()}
     if case == "missing":
         free |= {f"{kind}_2x": ParameterSpec(fixed=True) for kind in "kd"}
-    spec = FitSpec(parameters=free, starts=1, seed=seed, weights=WeightSpec(floor=0.0))
+    spec = FitSpec(parameters=free, starts=1, seed=seed, weights=WeightSpec(model_error=0.0))
     # What would explain a misfit widens its intervals, and is looked for by `identify` alone.
     fit = identify if case in MISFITS else fit_parameters
     result = fit(measured(true, rng), given, spec)

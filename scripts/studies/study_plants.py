@@ -59,7 +59,7 @@ def three_mass() -> Plant:
     gear = Body("gear", joints=(on_gear,), inertia=J * a_g)
     arm = Body("arm", "gear", joints=(on_arm,), inertia=J * (1 - a_m - a_g))
     robot = Robot("three masses", (gear, arm), gravity=(0.0, 0.0, 0.0))
-    spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()}, weights=WeightSpec(floor=0.0))
+    spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()}, weights=WeightSpec(model_error=0.0))
     return Plant("three-mass", robot, (Configuration("c1", (0.0,)),), np.arange(1, 40.01, 0.2), spec, "velocity")
 
 
@@ -69,7 +69,7 @@ def of_study(path: Path, name: str, lines: int = 80) -> Plant:
     configurations = tuple(Configuration(key, angles) for key, angles in study.experiment.configurations.items())
     excitation = study.excitation
     low, high = excitation.band_hz if excitation is not None else (1.0, 60.0)
-    spec = replace(study.fit, weights=WeightSpec(floor=0.0), criterion="complex")
+    spec = replace(study.fit, weights=WeightSpec(model_error=0.0), criterion="complex")
     return Plant(name, study.robot, configurations, np.linspace(low, high, lines), spec, model=study.model)
 
 
@@ -84,7 +84,7 @@ def six_axes(lines: int = 40) -> Plant:
     angles = np.random.default_rng(0).uniform(-1.2, 1.2, (6, 6))
     configurations = tuple(Configuration(f"c{i + 1}", tuple(row)) for i, row in enumerate(angles.tolist()))
     wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
-    spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0))
+    spec = FitSpec(parameters=wanted, weights=WeightSpec(model_error=0.0))
     return Plant("six-axis", robot, configurations, np.linspace(3, 60, lines), spec)
 
 

@@ -171,9 +171,9 @@ def test_a_fleet_follows_what_was_found_at_the_gears(tmp_path: Path) -> None:
     rows = {row["parameter"]: row for row in rows_of(tmp_path, member)}
     assert rows.keys() == {"k_1", "Fb_1", "H_1"}
     assert (rows["H_1"]["value"], rows["H_1"]["high"]) == (0.0, 3.3)
-    assert rows["H_1"]["std_repeated"] == pytest.approx(2.0, rel=0.01)
+    assert rows["H_1"]["std_noise"] == pytest.approx(2.0, rel=0.01)
     assert rows["k_1"]["value"] == 2e5
-    assert (rows["Fb_1"]["low"], rows["Fb_1"]["std_repeated"]) == (19.8, 0.1)
+    assert (rows["Fb_1"]["low"], rows["Fb_1"]["std_noise"]) == (19.8, 0.1)
     assert MEANINGS["Fb", True] == "running torque behind the gear grows"
 
 
@@ -182,7 +182,7 @@ def test_lost_motion_that_opens_after_it_was_not_seen_is_named() -> None:
     days, bound = ("2026-01-01", "2026-07-01", "2027-01-01"), {"low": 0.0, "high": 1e-5}
     rows = [
         {"robot": robot, "date": day, "status": "converged", "parameter": name, "unit": "rad", "value": value,
-         "std": 6e-6, "std_repeated": 6e-6, **bound}
+         "std": 6e-6, "std_noise": 6e-6, **bound}
         for robot in ("a", "b", "c")
         for day, lost in zip(days, (0.0, 9e-5, 1.6e-4), strict=True)
         for name, value in (("lost_1", lost if robot == "b" else 0.0), ("lost_2", 0.0))

@@ -43,12 +43,12 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
     """Coulomb and viscous friction within 2 %; six speeds there and back in one log."""
     write(tmp_path, trapezoids(SPEEDS))
     study = write_study(tmp_path, thermometer=THERMOMETER_LINE)
-    (joint,) = read_friction_result(run(study, "measure", "levels", "friction").path("friction")).joints
+    (joint,) = read_friction_result(run(study, "measure", "constant_velocity", "friction").path("friction")).joints
     numbers = {number.name: number for number in joint.numbers}
     assert numbers["Fc_m1"].value == pytest.approx(COULOMB, rel=0.02)
     assert numbers["f_m1"].value == pytest.approx(VISCOUS, rel=0.02)
-    assert joint.levels is not None
-    assert joint.levels.n_levels == len(SPEEDS)
+    assert joint.constant_velocity is not None
+    assert joint.constant_velocity.n_levels == len(SPEEDS)
     assert "warning" not in capsys.readouterr().err
 
 
@@ -56,7 +56,7 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
     ("keys", "words"),
     [
         ({"constant": ""}, "experiment.recorded.channels[0].quantity: a current needs torque_constant (N*m/A)"),
-        ({"passes": "{count: 9}"}, "friction.passes: speeds, count and window are of passes that are still to be made"),
+        ({"constant_velocity": "{count: 9}"}, "friction.constant_velocity: speeds, count and window are of"),
         ({"thermometer": CONTROLLER}, "controller: no channel has role reference, so that the motion that"),
         (
             {"thermometer": REFERENCE + CONTROLLER.replace("30", "[30, 40]")},

@@ -79,7 +79,7 @@ def test_every_effect_has_its_place() -> None:
     assert joint.friction == Friction(12.0)
     assert joint.spring.cubic == 3e9
     assert joint.gear.load == 0.02
-    (error,), (ripple,) = joint.gear.error, joint.gear.ripple
+    (error,), (ripple,) = joint.gear.transmission_error, joint.gear.ripple
     assert (error.amplitude, error.order) == (pytest.approx(5e-5), 2.0)
     assert error.phase == pytest.approx(np.arctan2(-4.0, 3.0))
     assert (ripple.amplitude, ripple.phase) == (2.0, pytest.approx(np.pi / 2))

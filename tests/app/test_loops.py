@@ -16,7 +16,7 @@ from elastid.study import load
 def test_a_fitted_study_gets_loops(fitted_arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """All files agree, and the pasted section is a controller of a study."""
     run = fitted_arm.parent / "run"
-    assert command("loops", fitted_arm, "--draws", "12", "--delay", "1") == 0
+    assert command("loops", fitted_arm, "--samples", "12", "--delay", "1") == 0
     loops = read_loops(run / "loops.h5")
     assert loops.today is not None
     assert np.mean(loops.designed.drawn_peaks_db <= 6.0) >= 0.95

@@ -32,7 +32,7 @@ def command(name: str, folder: Path, run: Path, *words: str | Path) -> int:
 def test_the_impulse_of_a_move_is_that_of_viscous_friction(folder: Path) -> None:
     """The integral of u = J q_m'' + f_m q_m' + I q_l'' from rest to rest is f_m times the way."""
     (folder / "move.csv").write_text("1 deg\n0\n20\n")
-    words = ("--path", folder / "move.csv", "--time", "0.5", "--draws", "2")
+    words = ("--path", folder / "move.csv", "--time", "0.5", "--samples", "2")
     assert command("tune", folder, folder / "run", *words) == 0
     with (folder / "run" / "tune.csv").open(encoding="utf-8") as file:
         t, position, torque = np.array(
@@ -63,8 +63,8 @@ def test_the_frequencies_of_a_map_are_those_of_the_load_on_its_spring(folder: Pa
 
 
 def test_draws_scatter_about_the_fit(folder: Path) -> None:
-    assert command("export", folder, folder / "run", "--to", "draws", "--count", "9") == 0
-    robots = [load_robot(path) for path in (folder / "run" / "export" / "draws" / "robots").iterdir()]
+    assert command("export", folder, folder / "run", "--to", "samples", "--count", "9") == 0
+    robots = [load_robot(path) for path in (folder / "run" / "export" / "samples" / "robots").iterdir()]
     result = read_fit(folder / "run" / "fit.h5")
     z = (np.array([robot.parameters()["k_1"][0] for robot in robots]) - result.values["k_1"]) / result.std["k_1"]
     assert len(z) == 9
@@ -77,7 +77,7 @@ def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder: Pat
     run = folder / "run"
     assert command("predict", folder, tmp_path, "--with", run, "--set", "seed=5") == 0
     prediction = json.loads((tmp_path / "prediction.json").read_text(encoding="utf-8"))
-    assert all(signal["error"] < 1e-2 for each in prediction["twin"] for signal in each["signals"])
+    assert all(signal["error"] < 1e-2 for each in prediction["simulation"] for signal in each["signals"])
     assert command("predict", folder, run, "--with", run, "--set", "seed=5") == 2
     assert command("predict", folder, tmp_path, "--with", tmp_path) == 2
     assert command("predict", folder, run, "--with", run) == 0

@@ -22,7 +22,7 @@ robot:
   name: axis
   gravity: [0, 0, 0]
   bodies: [{name: arm, joints: [{name: "1", axis: z, motor: {inertia: 6, ratio: 1}}]}]
-friction: {passes: detect}
+friction: {constant_velocity: detect}
 experiment:
   recorded:
     rate_hz: 500
@@ -78,10 +78,10 @@ def test_friction_of_one_log_explains_another_of_its_axis_and_not_one_that_rubs_
         assert command("predict", study, "--with", tmp_path / "first", "--run", folder) == 0
         content = json.loads((folder / "prediction.json").read_text(encoding="utf-8"))
         (torque,) = content["torque"]
-        left[name] = torque["left"]
+        left[name] = torque["unexplained_fraction"]
         assert content["not_predicted"] == {}
-        assert torque["left"] < torque["left_without_friction"]
-        (run,) = content["twin"]
+        assert torque["unexplained_fraction"] < torque["unexplained_without_friction"]
+        (run,) = content["simulation"]
         (angle,) = (signal for signal in run["signals"] if signal["signal"] == "motor angle")
         assert angle["error"] < 0.2
         u = np.loadtxt(study.parent / "log.csv", delimiter=",")[:, 0]
@@ -93,7 +93,7 @@ OTHER = ARM.with_parameters({"m_upper": 3.0, "m_fore": 2.0, "Jm_1": 1e-3})
 TWO_AXES = f"""
 name: arm
 robot:
-{indent(yaml_text(OTHER), "  ")}friction: {{passes: detect}}
+{indent(yaml_text(OTHER), "  ")}friction: {{constant_velocity: detect}}
 experiment:
   recorded:
     rate_hz: 250
@@ -103,7 +103,7 @@ experiment:
       - {{role: y, at: motor 1, channel: column 3, quantity: position}}
       - {{role: y, at: motor 2, channel: column 4, quantity: position}}
     files: [{{path: first.csv}}, {{path: second.csv}}]
-validation: {{left_out: [second]}}
+validation: {{configurations: [second]}}
 """
 
 
@@ -133,15 +133,15 @@ def test_rigid_body_and_friction_of_joints_that_moved_together_explain_other_log
     words = [word for log in logs for word in ("--log", log)]
     assert command("predict", study, "--with", run, *words, "--run", tmp_path / "other", "--jobs", "1") == 0
     prediction = json.loads((tmp_path / "other" / "prediction.json").read_text(encoding="utf-8"))
-    left = {(row["log"], row["place"]): row for row in (*summary["left_out"]["torque"], *prediction["torque"])}
+    left = {(row["log"], row["place"]): row for row in (*summary["validation"]["torque"], *prediction["torque"])}
     assert len(left) == 6
     for (log, _), row in left.items():
-        assert set(row["shares"]) == {"rigid body", "viscous friction", "dry friction"}
-        assert row["left"] < row["left_without_friction"]
+        assert set(row["fractions"]) == {"rigid body", "viscous friction", "dry friction"}
+        assert row["unexplained_fraction"] < row["unexplained_without_friction"]
         if log == "sprung":
-            assert row["left"] > 5e-3
+            assert row["unexplained_fraction"] > 5e-3
         else:
-            assert row["left"] < 1e-3
+            assert row["unexplained_fraction"] < 1e-3
     assert (tmp_path / "other" / "prediction.png").is_file()
     assert command("export", study, "--to", "csv", "--run", run) == 0
     table = (run / "export" / "csv" / "base_parameters.csv").read_text(encoding="utf-8").splitlines()

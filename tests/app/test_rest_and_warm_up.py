@@ -28,8 +28,8 @@ experiment:
       - {role: u, at: motor 1, channel: torque}
       - {role: y, at: motor 1, channel: angle, quantity: position}
     files:
-      - {path: small.csv, purpose: at_rest, period: 2 s}
-      - {path: large.csv, purpose: at_rest, period: 2 s}
+      - {path: small.csv, purpose: presliding_test, period: 2 s}
+      - {path: large.csv, purpose: presliding_test, period: 2 s}
 """
 
 
@@ -78,6 +78,6 @@ def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
     assert joint.thermal is not None
     assert joint.thermal.h == pytest.approx(warm_rig.OUTER, rel=0.05)
     assert joint.thermal.shares[1] < 0
-    assert joint.levels is not None
+    assert joint.constant_velocity is not None
     assert {"Tc1_m1", "Tc2_m1", "h_m1"} <= {number.name for number in joint.numbers}
     assert (tmp_path / "run" / "report.html").is_file()

@@ -67,7 +67,7 @@ def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         ([], []),
         (["report.formats=[png]"], ["report"]),
         (["compare.folds=2"], ["report"]),
-        (["validation.left_out=[b]"], ALL),  # the plan's forecast
+        (["validation.configurations=[b]"], ALL),  # the plan's forecast
         (["fit.starts=3"], ["fit", "validate", "report"]),
         (["estimator.outlier_sigma=7"], ["estimate", "fit", "validate", "report"]),
         (["experiment.simulated.noise.angle_std=1e-5"], ALL),
@@ -238,7 +238,7 @@ def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monke
         return inner(responses, *arguments, **options)
 
     monkeypatch.setattr(fitting, "identified", spy)
-    run = run_of(copy / "study.yml", copy / "run", "validation.left_out=[b]")
+    run = run_of(copy / "study.yml", copy / "run", "validation.configurations=[b]")
     run_all(run)
     assert seen == ["a"]
     summary = json.loads((copy / "run" / "summary.json").read_text())
@@ -249,7 +249,7 @@ def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
     """A mass without gravity moves nothing: FitError names it, and nothing of before is passed off as of this one."""
     run = run_of(copy / "study.yml", copy / "run", "fit.parameters.m_load.start=1")
     (copy / "run" / "figures" / "mine.png").touch()
-    with refused("fit/undetermined"):
+    with refused("fit/not-identifiable"):
         run_all(run)
     summary = json.loads((copy / "run" / "summary.json").read_text())
     assert summary["status"] == "failed"

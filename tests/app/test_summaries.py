@@ -42,8 +42,8 @@ def test_the_summary_has_levels_shapes_and_what_they_explain() -> None:
     assert first["coulomb"] == pytest.approx(4.5 / 50)
     assert second["coulomb"] is None
     assert first["shapes"] == [
-        {"kind": "sign", "threshold": 0.0, "level": LEVELS[0], "std": pytest.approx(STDS[0])},
-        {"kind": "stop", "threshold": THRESHOLD, "level": LEVELS[1], "std": pytest.approx(STDS[1])},
+        {"kind": "sign", "threshold": 0.0, "torque": LEVELS[0], "std": pytest.approx(STDS[0])},
+        {"kind": "stop", "threshold": THRESHOLD, "torque": LEVELS[1], "std": pytest.approx(STDS[1])},
     ]
     assert (first["before"], first["after"]) == ({"c1": 0.41, "c2": 0.43}, {"c1": 0.11, "c2": 0.13})
-    assert (second["taken_out"], second["F_c"], second["shapes"]) == (False, None, [])
+    assert (second["compensated"], second["F_c"], second["shapes"]) == (False, None, [])

@@ -19,7 +19,7 @@ def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.Capture
     """All files are there and agree; the same bytes again."""
     study = fitted_arm
     run, path = study.parent / "run", study.parent / "move.csv"
-    words = ("--path", path, "--time", "0.9", "--draws", "3")
+    words = ("--path", path, "--time", "0.9", "--samples", "3")
     assert command("tune", study, *words) == 0
     files = {"move.c", "move.h", "trajectory.yaml", "move.mat", "load_move.m"}
     files |= {"robot_with_move_fmi2.fmu", "robot_with_move_fmi3.fmu"}
@@ -49,7 +49,7 @@ def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm: Path
     import fmpy.validation
 
     run = study.parent / "run"
-    assert command("tune", study, "--path", study.parent / "move.csv", "--time", "0.9", "--draws", "0") == 0
+    assert command("tune", study, "--path", study.parent / "move.csv", "--time", "0.9", "--samples", "0") == 0
     assert "draws" not in (study.parent / "run" / "tune.html").read_text("utf-8")
     unit, tuned = str(run / "tune" / f"robot_with_move_fmi{version}.fmu"), read_tune(run / "tune.h5")
     assert fmpy.validation.validate_fmu(unit) == []

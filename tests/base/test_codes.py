@@ -1,12 +1,15 @@
-"""Codes of errors and notes: one table, all of it used, and nothing beside it."""
+"""Codes of errors and notes: one table, all of it used, and nothing beside it; names that changed are answered."""
 
 import ast
 from pathlib import Path
 
 import pytest
+from plants.refusals import refused
 
 import elastid
-from elastid.base.errors import CODES, StudyError
+from elastid.app import cli
+from elastid.base.codes import codes, renamed_names
+from elastid.study.loading import load
 from elastid.study.reference import explain
 
 PACKAGE = Path(elastid.__file__).parent
@@ -19,16 +22,39 @@ def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in CODED:
                 code = node.args[0] if node.args else None
-                assert not isinstance(code, ast.Constant) or code.value in CODES, f"{file}:{node.lineno}"
+                assert not isinstance(code, ast.Constant) or code.value in codes(), f"{file}:{node.lineno}"
             if isinstance(node, ast.Constant) and file.name != "codes.py":
                 constants.add(node.value)
-    assert set(CODES) <= constants
-    assert len(CODES) <= 150
-    assert all(CODES[code] in explain(code) for code in CODES)
+    assert set(codes()) <= constants
+    assert len(codes()) <= 150
+    for code, (meaning, remedy) in codes().items():
+        assert meaning
+        assert remedy
+        assert explain(code).splitlines()[1:] == [f"  {meaning}", f"  {remedy}"]
 
 
 def test_an_unknown_code_is_refused_with_the_nearest() -> None:
-    with pytest.raises(StudyError) as refused:
+    with refused("study/unknown-key", holds="records/clock"):
         explain("records/clok")
-    assert refused.value.code == "study/unknown-key"
-    assert "records/clock" in refused.value.text
+
+
+@pytest.mark.parametrize(("old", "new"), renamed_names().items())
+def test_explain_answers_an_old_name_with_one_that_exists(old: str, new: str) -> None:
+    if not {".", "/"} & set(old):
+        return
+    with refused("study/unknown-key", holds=new):
+        explain(old)
+    assert explain(new if "/" in new else f"{old.partition('.')[0]}.{new}")
+
+
+@pytest.mark.parametrize("override", ["fit.weights.floor=0.1", "friction.passes=detect", "tool={motors: held}"])
+def test_a_study_with_an_old_name_is_told_the_new_one(override: str, tmp_path: Path) -> None:
+    assert cli.run_command(["new", str(tmp_path / "arm")]) == 0
+    with refused("study/invalid", holds="renamed to "):
+        load(tmp_path / "arm" / "study.yml", (override,))
+
+
+@pytest.mark.parametrize("words", ["run x levels", "export x --to draws", "loops x --draws 2"])
+def test_an_old_word_on_the_command_line_is_told_the_new_one(words: str, capsys) -> None:
+    assert cli.run_command(words.split()) == 2
+    assert "renamed to" in capsys.readouterr().err

@@ -27,7 +27,7 @@ def test_slopes_suffice_for_a_nearly_linear_function_and_draws_serve_another() -
     assert narrow.by == "linearisation"
     np.testing.assert_allclose(narrow.std, 0.01, rtol=1e-3)
     wide = propagate(np.exp, x, np.array([[1.0]]))
-    assert wide.by == "draws"
+    assert wide.by == "samples"
     assert 1.3 < wide.std[0] < 4.0
 
 

@@ -16,7 +16,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.result import FrictionResult, identify_friction
-from elastid.friction_study.spec import FrictionSpec, LawSpec, PassesSpec
+from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LawSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import net_record
 from elastid.record import FrictionRecords
@@ -26,7 +26,7 @@ from elastid.simulation.spec import ControllerSpec
 
 AUTO = EstimatorSpec(friction="auto")
 LIMITS = Limits((-1.5, 1.5), velocity=2.0, torque=2000.0, acceleration=10.0)
-PASSES = PassesSpec((0.05, 1.2), count=6, spacing="logarithmic", repeat=1, window=(-0.8, 0.8))
+PASSES = ConstantVelocitySpec((0.05, 1.2), count=6, spacing="logarithmic", repeat=1, window=(-0.8, 0.8))
 # Standard deviations of a difference that one in a hundred exceeds.
 FAR = 2.6
 
@@ -39,7 +39,8 @@ def limited(machine: Robot) -> Robot:
 @pytest.fixture(scope="module")
 def passes() -> FrictionResult:
     """Of the robot of `dry_friction`, both axes, 3 min of the robot."""
-    machine, spec = limited(robot()), FrictionSpec(rate_hz=500.0, passes=PASSES, law=LawSpec(directions="no"))
+    machine, law = limited(robot()), LawSpec(directions="no")
+    spec = FrictionSpec(rate_hz=500.0, constant_velocity=PASSES, law=law)
     noise = NoiseSpec(torque_std=0.3, angle_std=1e-7)
     simulated = SimulatedSpec(noise=noise, controller=ControllerSpec(3.0), substeps=4)
     experiment = ExperimentSpec({"a": (0.0, 0.2)}, simulated=simulated)

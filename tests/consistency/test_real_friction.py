@@ -19,6 +19,8 @@ from elastid.study import load_robot
 
 ROOT = Path(__file__).parents[2]
 
+STAGES = ("measure", "constant_velocity", "friction", "follow")
+
 
 def run(name: str, folder: Path, code: int = 0) -> dict[str, Any]:
     """`elastid run` of a shipped study, which ends with that exit code, and the summary it leaves."""
@@ -35,7 +37,7 @@ def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(t
     assert summary["motions"]["1"]["misfit"] == ""
     assert not any(name.startswith(("Fs", "vs")) for name in summary["parameters"])
     # Simulated forwards: under the log's force, and under its reference through its controller.
-    under_force, followed = ({s["signal"]: s for s in run["signals"]} for run in summary["twin"])
+    under_force, followed = ({s["signal"]: s for s in run["signals"]} for run in summary["simulation"])
     assert under_force["motor angle"]["error"] == pytest.approx(0.0042, abs=0.0005)
     assert followed["torque"]["error"] == pytest.approx(0.034, abs=0.003)
     assert load_robot(tmp_path / "run" / "identified_robot.yml").driven[0].motor.viscous > 0  # type: ignore[union-attr]
@@ -50,10 +52,7 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
     That law ends near the 171.5 and 248.5 N s/m of a filter whose friction switches with the direction, +- 2.6 and 2.1.
     """
     study = with_records(ROOT / "configs" / "real" / "emps_follow.yml")
-    assert (
-        cli.run_command(["run", str(study), "measure", "levels", "friction", "follow", "--run", str(tmp_path), "-q"])
-        == 0
-    )
+    assert cli.run_command(["run", str(study), *STAGES, "--run", str(tmp_path), "-q"]) == 0
     (found,) = read_filter(tmp_path / "filter.h5")
     assert found.filtered.viscous == pytest.approx(202.9, abs=0.5)
     regression = {"Fc": 20.5, "f+": 166.1, "f-": 238.6}
@@ -104,10 +103,10 @@ def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Pat
     (body,) = summary["rigid_bodies"]  # columns that are rounding have no number of 1e17 kg*m
     assert max(abs(each["value"]) for each in body["base_parameters"].values()) < 1e5
     torque = {each["place"]: each for each in summary["torque"]}
-    rigid = [torque[f"joint {joint}"]["shares"]["rigid body"] for joint in range(1, 7)]
+    rigid = [torque[f"joint {joint}"]["fractions"]["rigid body"] for joint in range(1, 7)]
     assert rigid == pytest.approx([0.293, 0.819, 0.910, 0.078, 0.738, 0.087], abs=0.01)
-    assert all(each["left"] < 0.05 < each["left_without_friction"] for each in torque.values())
-    (twin,) = summary["twin"]
+    assert all(each["unexplained_fraction"] < 0.05 < each["unexplained_without_friction"] for each in torque.values())
+    (twin,) = summary["simulation"]
     assert twin["driven_by"] == "torque"
     errors = {(s["signal"], s["place"]): s["error"] for s in twin["signals"]}
     motors = [errors["motor angle", f"motor {joint}"] for joint in range(1, 7)]
@@ -116,7 +115,7 @@ def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Pat
     # Friction that reverses at once: above 5 Hz the model without it leaves less of axis 4.
     top = torque["joint 4"]["bands"][-1]
     assert top["low_hz"] == 5
-    assert top["left"] > 2 * top["left_without_friction"]
+    assert top["unexplained_fraction"] > 2 * top["unexplained_without_friction"]
 
 
 def test_two_records_of_the_axis_agree_within_their_intervals() -> None:

@@ -87,15 +87,15 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
         assert pair[0] == pytest.approx(pair[1], rel=0.01)
         assert pair[1] == pytest.approx(1.0, rel=0.03)
     (torque,) = json.loads((tmp_path / "validation.json").read_text())["torque"]
-    assert torque["shares"]["rigid body"] + torque["shares"]["elasticity"] == pytest.approx(1.02, abs=0.02)
-    assert torque["left"] < 0.015
-    assert torque["left_without_friction"] == pytest.approx(0.097, abs=0.02)
+    assert torque["fractions"]["rigid body"] + torque["fractions"]["elasticity"] == pytest.approx(1.02, abs=0.02)
+    assert torque["unexplained_fraction"] < 0.015
+    assert torque["unexplained_without_friction"] == pytest.approx(0.097, abs=0.02)
 
 
 @pytest.mark.slow
 def test_the_bench_is_a_misfit_where_its_error_is_not_declared(tmp_path: Path) -> None:
     """Residuals 48 times the noise: exit code 3 and a whole report, and the intervals by blocks hold the stiffness."""
-    options = ("--set", "fit.weights.floor=0.01", "--set", "fit.starts=4")
+    options = ("--set", "fit.weights.model_error=0.01", "--set", "fit.starts=4")
     assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 3
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["status"] == "misfit"
@@ -190,7 +190,7 @@ def fitted(angles, free: Sequence[str] = FREE) -> Result:
         responses.append(replace(exact, G=exact.G + level * (noise[0] + 1j * noise[1]), total=total))
     start = robot.with_parameters({name: 1.4 * dict(robot.parameters())[name][0] for name in free})
     parameters = {name: ParameterSpec() for name in free}
-    weights = WeightSpec(floor=0.01)  # of noise alone a single posture would know more
+    weights = WeightSpec(model_error=0.01)  # of noise alone a single posture would know more
     return identify(responses, start, FitSpec(parameters=parameters, starts=1, weights=weights), model=EXACT)
 
 

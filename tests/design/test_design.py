@@ -60,7 +60,7 @@ PROBLEM = DesignProblem(
     robot=TWO,
     excitation=MultisineSpec(500.0, 1.0, (3.0, 60.0), (5.0, 2.0)),
     experiment=ExperimentSpec(ramp=0.0, simulated=SimulatedSpec(noise=NOISE)),
-    fit=FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()}, starts=1, weights=WeightSpec(floor=1e-3)),
+    fit=FitSpec(parameters=dict.fromkeys(("k_*", "d_*"), ParameterSpec()), starts=1, weights=WeightSpec(1e-3)),
     quantity="acceleration",
     seed=1,
     design=DesignSpec(count=3, candidates=CandidateSpec(random=60)),
@@ -103,7 +103,8 @@ def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() 
     problem = replace(PROBLEM, robot=robot, design=None, experiment=experiment, fit=fit)
     designed = design(problem)
     forecast, ratios = designed.forecast, []
-    assert np.all(np.hypot(forecast.std_by_noise, forecast.std_by_file) <= forecast.std * (1 + 1e-9))
+    parts = (forecast.std_noise, forecast.std_prior, forecast.std_systematic)
+    np.testing.assert_allclose(np.linalg.norm(parts, axis=0), forecast.std)
     for seed in range(3):
         rng, relative = np.random.default_rng(seed), {"m_": 0.03, "Jm": 0.05, "I_": 0.1}
         numbers = [(name, value) for name, (value, _) in TWO.parameters().items() if name[:2] in relative]
@@ -112,8 +113,8 @@ def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() 
         off = replace(problem, experiment=experiment.with_truth(truth))
         result = fit_parameters(_measured(off, designed.plan, seed), robot, fit)
         assert result.status == "converged"
-        names = zip(forecast.std, forecast.std_by_noise, forecast.parameters, strict=True)
-        ratios.append([(std / result.std[n], noise / result.std_by_noise[n]) for std, noise, n in names])
+        names = zip(forecast.std, forecast.std_noise, forecast.parameters, strict=True)
+        ratios.append([(std / result.std[n], noise / result.std_noise[n]) for std, noise, n in names])
     ratio = np.median(ratios, axis=0)
     assert np.all((ratio[:, 0] > 0.8) & (ratio[:, 0] < 1.25)), ratio
     assert np.all((ratio[[0, 2], 1] > 0.8) & (ratio[[0, 2], 1] < 1.25)), ratio
@@ -123,11 +124,11 @@ def test_an_exact_file_has_no_part_in_the_forecast() -> None:
     """The table then has no columns for it."""
     forecast = design(GIVEN).forecast
     assert not len(forecast.parts)
-    np.testing.assert_array_equal(forecast.std_by_noise, forecast.std)
-    assert not forecast.std_by_file.any()
-    assert "by file" not in forecast_table(forecast)[0]
+    np.testing.assert_array_equal(forecast.std_noise, forecast.std)
+    assert not forecast.std_prior.any()
+    assert "std_prior" not in forecast_table(forecast)[0]
     within = design(replace(GIVEN, robot=replace(TWO, tolerances=Tolerances()))).forecast
-    assert forecast_table(within)[0][3:5] == ["by noise", "by file"]
+    assert forecast_table(within)[0][3:5] == ["std_noise", "std_prior"]
     assert len({len(row) for row in forecast_table(within)}) == 1
 
 
@@ -173,7 +174,7 @@ def test_candidates_that_tip_over_are_no_choice() -> None:
     problem = replace(_with(count=1, candidates=CandidateSpec(given=up | down)), robot=hanging)
     assert [c.name for c in design(problem).plan.configurations] == ["down"]
     problem = replace(_with(count=1, candidates=CandidateSpec(given=up)), robot=hanging)
-    with refused("robot/no-rest"):
+    with refused("robot/no-equilibrium"):
         design(replace(problem, experiment=replace(problem.experiment, configurations=down)))
 
 
@@ -216,7 +217,7 @@ def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     seen = dict(zip(forecasted.parameters, np.isfinite(forecasted.std), strict=True))
     assert seen == {"k_2": True, "I_upper": False, "m_upper": False}
     # I changes by dI, m by dm: dI / I * 0.1 + dm / m * 5 * 0.2^2 = 0, so that the ratio is -2.
-    assert [note.code for note in forecasted.notes if note.code == "fit/undetermined"] == ["fit/undetermined"]
+    assert [note.code for note in forecasted.notes if note.code == "fit/not-identifiable"] == ["fit/not-identifiable"]
 
 
 UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()})
@@ -236,7 +237,7 @@ UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()
         ),
         (_with(parameters=("k_9",)), "design/goal"),
         (_with(parameters=("c_*",)), "design/goal"),
-        (replace(_with(parameters=("c_*",)), fit=UNSEEN), "fit/undetermined"),
+        (replace(_with(parameters=("c_*",)), fit=UNSEEN), "fit/not-identifiable"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_designed_is_refused_with_what_would_fit(problem: DesignProblem, code: str) -> None:
@@ -269,7 +270,7 @@ def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(coulomb: 
     plan, robot = make_plan(GIVEN.excitation, GIVEN.experiment, TWO, 0), _rough(GIVEN, coulomb).robot
     places = ["motor 1", "motor 2"][2 - motors :]
     assert [(note.code, note.place) for note in sticking(plan, robot, None)] == [
-        ("design/sticking-motor", place) for place in places
+        ("design/motor-sticks", place) for place in places
     ]
     assert not sticking(plan, robot, CarrierSpec(amplitude=0.1))
 

@@ -15,7 +15,8 @@ from plants.refusals import refused
 from elastid.design.friction import StribeckGuess, _information, axis_of, default_window, guess_friction, optimal_speeds
 from elastid.experiment.plan.friction import pass_reference
 from elastid.experiment.specs.simulated import ControllerSpec
-from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
+from elastid.friction_study import spec
+from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LoadSpec, WarmUpSpec
 from elastid.record import Configuration
 from elastid.robot import Joint, Limits
 from elastid.robot.simplified import without_friction
@@ -44,17 +45,18 @@ def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() 
 def test_loads_loops_and_rest_come_after_each_other() -> None:
     """Amplitudes are parts of break-away and of Coulomb friction; a payload takes torque and so acceleration."""
     loads = (LoadSpec("empty"), LoadSpec("full", payload=10.0))
-    plan = planned(FrictionSpec(loads=loads, presliding=PreslidingSpec(), at_rest=AtRestSpec(), warm_up=None))
-    assert [m.load for m in plan.motions if m.purpose == "passes"].count("full") == 26
-    (loops,) = (motion.torque for motion in plan.motions if motion.purpose == "loops")
+    still = {"presliding_loops": spec.PreslidingLoopsSpec(), "presliding_test": spec.PreslidingTestSpec()}
+    plan = planned(FrictionSpec(loads=loads, **still))
+    assert [m.load for m in plan.motions if m.purpose == "constant_velocity"].count("full") == 26
+    (loops,) = (motion.torque for motion in plan.motions if motion.purpose == "presliding_loops")
     assert loops is not None
     assert np.abs(loops).max() == pytest.approx(0.95 * 34.0)
-    peaks = [np.abs(m.torque).max() for m in plan.motions if m.purpose == "at_rest" and m.torque is not None]
+    peaks = [np.abs(m.torque).max() for m in plan.motions if m.purpose == "presliding_test" and m.torque is not None]
     assert peaks == pytest.approx([1.25, 1.25, 2.5, 2.5])
     starts, lengths = zip(*((m.start_s, 0 if m.torque is None else len(m.torque)) for m in plan.motions), strict=True)
     assert np.all(np.diff(starts) >= np.array(lengths[:-1]) / plan.rate_hz)
-    moved = planned(FrictionSpec(at_rest=AtRestSpec()), axis(replace(LIMITS, angle=(-1.0, 2.0))))
-    at_rest = [m.configuration.angles[0] for m in moved.motions if m.purpose == "at_rest"]
+    moved = planned(FrictionSpec(presliding_test=spec.PreslidingTestSpec()), axis(replace(LIMITS, angle=(-1.0, 2.0))))
+    at_rest = [m.configuration.angles[0] for m in moved.motions if m.purpose == "presliding_test"]
     assert at_rest == pytest.approx(4 * [np.mean(moved.designs[0].limits.window)])
 
 
@@ -93,8 +95,8 @@ REFUSED: list[tuple[dict[str, Any], Limits, float, str]] = [
 def test_what_cannot_be_done_is_refused_by_name(
     passes: dict[str, Any], limits: Limits, bandwidth_hz: float, place: str
 ) -> None:
-    with refused("friction/plan", place=f"friction.passes{place}"):
-        planned(FrictionSpec(passes=PassesSpec(**passes)), axis(limits), bandwidth_hz)
+    with refused("friction/plan", place=f"friction.constant_velocity{place}"):
+        planned(FrictionSpec(constant_velocity=ConstantVelocitySpec(**passes)), axis(limits), bandwidth_hz)
 
 
 # Axis 2 of a large robot at 40 degC, in parts of its rating (LiTH-ISY-R-2948).
@@ -118,7 +120,8 @@ def test_ramps_take_the_torque_that_gravity_and_friction_leave(torque: float, ba
     """Of 90 % of any limit; the loop lags by break-away to both sides, and windows without limits have their size."""
     robot = axis(replace(LIMITS, torque=torque, acceleration=np.inf))
     (joint,) = robot.driven
-    found = axis_of(robot, joint, Configuration("up", np.zeros(1)), PassesSpec(), ControllerSpec(bandwidth_hz))
+    runs, controller = ConstantVelocitySpec(), ControllerSpec(bandwidth_hz)
+    found = axis_of(robot, joint, Configuration("up", np.zeros(1)), runs, controller)
     room = 0.9 * torque - found.holding - found.guess.stiction
     taken = max(0.2 * room, room - found.guess.viscous * LIMITS.velocity)
     assert found.inertia * found.limits.acceleration == pytest.approx(taken)

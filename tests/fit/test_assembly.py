@@ -66,7 +66,7 @@ def test_cubic_stiffness_is_found_from_postures_with_different_preload(seed: int
     for name in ("k_1", "k3_1", "k_2", "k3_2"):
         low, high = result.interval(name)
         assert high / low < 1.05
-    assert result.model_error < 1.1
+    assert result.inflation_factor < 1.1
 
 
 def test_a_fit_names_the_joint_that_rests_inside_its_gap() -> None:
@@ -83,7 +83,7 @@ def test_a_search_that_ends_where_the_robot_tips_over_comes_back_to_where_it_sta
     """Springs a thousand times softer than those of the file carry neither link; the end says so, and is none."""
     robot, spec = (
         arm(Spring(3e5, 500), Spring(1.8e5, 250)),
-        FitSpec(parameters={"k_*": ParameterSpec()}, weights=WeightSpec(floor=0.0)),
+        FitSpec(parameters={"k_*": ParameterSpec()}, weights=WeightSpec(model_error=0.0)),
     )
     data = measure(robot, POSTURES[:2], seed=0)
     assembly = Assembly.of(data, robot, spec, choose(spec, robot, [G.configuration.name for G in data]))
@@ -133,7 +133,7 @@ def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     assert result.status == "converged"
     assert set(result.parameters.free_names) == {*TRUTH, "d_1", "d_2"}
     assert max(deviation(result, name, truth) for name, truth in TRUTH.items()) < 3.5
-    assert not {"fit/responses", "fit/unlike-responses"} & {note.code for note in result.notes}
+    assert not {"fit/responses", "fit/inconsistent-responses"} & {note.code for note in result.notes}
     place = result.parameters.index("k_1")
     assert result.parameters.expand(result.x, "b3")[place] == result.values["k_1@B"]
     # A third robot of the type, of which nothing was fitted: the mean of those that were.
@@ -147,9 +147,9 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     data = both(0)
     own = ComparedVariant("own", data_sheet_arm.arm(), SPEC, EXACT)
     fold = refit(data, (own, ("b3",)))
-    assert fold.left_out["b3"].misfit < 1.2
+    assert fold.folds["b3"].misfit < 1.2
     without = refit(data, (own, ROBOTS["B"]))
-    assert without.left_out["b1"].misfit > 10
+    assert without.folds["b1"].misfit > 10
 
 
 def test_robots_must_be_named_once_and_at_all() -> None:

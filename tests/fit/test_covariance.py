@@ -69,7 +69,7 @@ def test_a_floor_is_one_error_of_each_element_and_octave() -> None:
     response = measured(model, noise_of(model))
 
     def fitted(G: FloatArray, floor: float) -> tuple[ElasticFit, Weights]:
-        weights = weigh(response, FitSpec(weights=WeightSpec(floor=floor)))
+        weights = weigh(response, FitSpec(weights=WeightSpec(model_error=floor)))
         return elastic_fit([replace(response, G=G)], [model], [weights], parameters(), "complex"), weights
 
     covariances, expected = [], np.zeros((4, 4))
@@ -151,7 +151,7 @@ def test_bootstraps_scatter_as_the_covariance_says(criterion, is_known):
     response = measured(model, noise_of(model), np.random.default_rng(1))
     end, sure = estimate(response, model, criterion=criterion)
     fit = fit_of(response, model, criterion=criterion)
-    floored = replace(response, noise=None), FitSpec(weights=WeightSpec(floor=0.05))
+    floored = replace(response, noise=None), FitSpec(weights=WeightSpec(model_error=0.05))
     draws = bootstrap(fit, [weigh(*(response, NO_FLOOR) if is_known else floored)], end.x, 60, seed=4)
     ratio = draws.std(axis=0) / np.sqrt(np.diag(sure.covariance))
     assert np.all((ratio > 0.65) & (ratio < 1.35)), ratio

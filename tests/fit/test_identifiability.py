@@ -47,10 +47,10 @@ def test_the_gain_of_a_sensor_is_found_where_the_inertias_are_known() -> None:
     result = identify(responses, started_elsewhere(arm(), 1.5), spec_of(named))
     assert result.status == "converged"
     assert deviations(result, robot).max() < 3.5
-    assert result.model_error < 1.05
+    assert result.inflation_factor < 1.05
     assert result.values[READING] == pytest.approx(1.3, rel=0.01)
     assert result.values[TORQUE] == pytest.approx(0.9, rel=0.01)
-    assert fit_parameters(responses, arm(), spec_of({})).model_error > 3
+    assert fit_parameters(responses, arm(), spec_of({})).inflation_factor > 3
 
 
 def test_the_fitted_model_reads_as_the_channels_do() -> None:
@@ -98,7 +98,9 @@ def twice(robot: Robot, configurations: tuple[tuple[float, ...], ...], seed: int
     """Responses of the robot with its payload, and of a robot that has none."""
     rng = np.random.default_rng(seed)
     loaded, empty = (measure(each, configurations, rng) for each in (robot, replace(robot, payload=None)))
-    postures = [replace(each.configuration, name=f"empty {each.configuration.name}", carries=False) for each in empty]
+    postures = [
+        replace(at, name=f"empty {at.name}", has_payload=False) for at in (each.configuration for each in empty)
+    ]
     return loaded + [replace(each, configuration=posture) for each, posture in zip(empty, postures, strict=True)]
 
 

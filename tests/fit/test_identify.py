@@ -48,8 +48,8 @@ def test_elastic_parameters_are_recovered_from_a_factor_two_off(identified):
     for name in ("k_1", "k_2", "k_1x", "k_2z"):
         assert identified.values[name] == pytest.approx(truth[name][0], rel=0.03)
     assert identified["k_1"].value == identified["k_?"]["k_1"].value == identified.values["k_1"]
-    assert identified.hits >= 2
-    assert identified.model_error < 1.05
+    assert identified.n_converged_starts >= 2
+    assert identified.inflation_factor < 1.05
 
 
 def test_damping_beside_distortion_that_no_motor_explains_is_not_believed(noisy):
@@ -62,7 +62,7 @@ def test_damping_beside_distortion_that_no_motor_explains_is_not_believed(noisy)
 
 def test_without_a_floor_of_the_study_it_is_what_the_residuals_show(noisy, identified):
     """None for noise alone, 0.4 % for errors of that size, and at most 1 %."""
-    assert identified.floor == 0
+    assert identified.model_error == 0
     rng, exact = np.random.default_rng(3), measure(arm())
     spec = FitSpec(starts=1, profile=(), parameters={"k_1": ParameterSpec(), "k_2": ParameterSpec()})
 
@@ -70,7 +70,7 @@ def test_without_a_floor_of_the_study_it_is_what_the_residuals_show(noisy, ident
         wrong = (1 + error * rng.standard_normal(each.G.shape) for each in exact)
         known = [Covariance((1e-3 * np.abs(each.G)) ** 2 + 1e-30, np.inf) for each in exact]
         data = [replace(G, G=G.G * w, noise=C) for G, w, C in zip(exact, wrong, known, strict=True)]
-        return fit_parameters(data, arm(), spec).floor
+        return fit_parameters(data, arm(), spec).model_error
 
     assert 0.003 < floor_of_error(0.004) < 0.005
     assert floor_of_error(0.05) == 0.01
@@ -130,9 +130,9 @@ def test_a_prior_that_the_data_contradict_is_named(off: float, is_said: bool):
 def test_masks_that_leave_nothing_or_name_nothing_are_refused():
     """No line in the band; one line for three parameters."""
     (response,) = measure(pendulum(), [(0.0,)])
-    with refused("fit/undetermined"):
+    with refused("fit/not-identifiable"):
         identify([response], pendulum(), FitSpec(band_hz=(2.5, 3.5)))
-    with refused("fit/undetermined", place="nothing is left to fit"):
+    with refused("fit/not-identifiable", place="nothing is left to fit"):
         identify([response], pendulum(), FitSpec(band_hz=(200.0, 300.0)))
 
 
@@ -145,7 +145,7 @@ def test_without_a_measured_variance_the_residuals_set_the_intervals():
     spec = FitSpec(parameters={"k_1": ParameterSpec(), "d_1": ParameterSpec()}, starts=2)
     result = identify([bare], pendulum(), spec)
     known = replace(bare, noise=Covariance(2e-6 * np.abs(response.G) ** 2, np.inf))
-    reference = identify([known], pendulum(), replace(spec, weights=WeightSpec(floor=0.0)))
+    reference = identify([known], pendulum(), replace(spec, weights=WeightSpec(model_error=0.0)))
     assert 0.8 < result.std["k_1"] / reference.std["k_1"] < 3
     assert deviations(result, pendulum()).max() < 3
     assert (result.notes[0].code, result.notes[0].place) == ("fit/weights", "configuration c1")
@@ -167,7 +167,7 @@ def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor
     (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(7), outputs=("motor 1", "joint 1"))
     response = replace(response, freq_hz=factor * response.freq_hz)
     result = identify([response], started_elsewhere(pendulum(), 1.5), FitSpec(starts=10, start_factor=60.0, seed=1))
-    assert result.model_error < 2
+    assert result.inflation_factor < 2
     assert (result.notes[0].code, result.notes[0].place) == ("fit/frequency-unit", "k_1")
 
 
@@ -180,7 +180,7 @@ def test_six_axes_are_found_from_every_start_in_few_evaluations() -> None:
     robot = load_robot(ROBOTS / "kr300_twelve_springs.yml")
     rng = np.random.default_rng(0)
     responses = measure(robot, rng.uniform(-1.2, 1.2, (5, 6)).tolist(), rng)
-    result = identify(responses, robot, FitSpec(starts=6, seed=1, profile=(), weights=WeightSpec(floor=0.0)))
+    result = identify(responses, robot, FitSpec(starts=6, seed=1, profile=(), weights=WeightSpec(model_error=0.0)))
     assert len(result.x) == 30
-    assert result.hits == 6
+    assert result.n_converged_starts == 6
     assert max(end.iterations + 3 for end in result.starts) <= 25

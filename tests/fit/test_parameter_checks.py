@@ -74,7 +74,7 @@ def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed: int) -> None:
     result = identify(measure(truth, POSTURES, seed), start, FitSpec(starts=2, parameters=OF_ARM, seed=seed))
     assert result.status == "converged"
     assert deviations(result, truth).max() < 3.5
-    assert result.model_error < 1.1
+    assert result.inflation_factor < 1.1
     for name in ("pj_1b_z", "pc1_coil_x"):
         low, high = result.interval(name)
         assert high - low < 0.025
@@ -112,18 +112,18 @@ def fit_of_two(robot: Robot, wanted: dict[str, ParameterSpec], spec: ModelSpec =
 def test_what_nothing_depends_on_is_named() -> None:
     """Along the axis of a joint, and across the plane in which all that moves lies."""
     robot = replace(bending_arm(), compensators=())
-    with refused("fit/undetermined", holds=("p_root_x, pj_1b_y: ", "2 frequency responses")):
+    with refused("fit/not-identifiable", holds=("p_root_x, pj_1b_y: ", "2 frequency responses")):
         fit_of_two(robot, {"k_1": ParameterSpec(), "pj_1b_y": ParameterSpec(), "p_root_x": ParameterSpec()})
-    with refused("fit/undetermined", holds="p2_rod_y: "):
+    with refused("fit/not-identifiable", holds="p2_rod_y: "):
         fit_of_two(LINKAGE, {"p2_rod_y": ParameterSpec()})
 
 
 @pytest.mark.parametrize(
     ("name", "asked", "code", "place"),
     [
-        ("l_rod", ParameterSpec(start=0.4), "robot/no-rest", "configuration"),
+        ("l_rod", ParameterSpec(start=0.4), "robot/no-equilibrium", "configuration"),
         ("l_rod", ParameterSpec(start=-1.0), "fit/parameters", "fit.parameters"),
-        ("p1_rod_x", ParameterSpec(start=-2.0, bounds=(-3.0, 0.0)), "robot/no-rest", "configuration"),
+        ("p1_rod_x", ParameterSpec(start=-2.0, bounds=(-3.0, 0.0)), "robot/no-equilibrium", "configuration"),
     ],
 )
 def test_a_robot_that_cannot_stand_at_its_start_is_named(name, asked, code, place):

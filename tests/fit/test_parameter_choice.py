@@ -121,7 +121,7 @@ def test_friction_of_its_own_for_each_temperature_is_found_in_one_fit():
     spec = FitSpec(
         parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(), "fm_1": ParameterSpec(per=per)},
         starts=4,
-        weights=WeightSpec(floor=0.0),
+        weights=WeightSpec(model_error=0.0),
     )
     result = identify(data, bench(5e-3), spec)
     assert result.parameters.free_names == ("k_1", "d_1", "k_2", "d_2", "fm_1@cold", "fm_1@warm")
@@ -132,8 +132,8 @@ def test_friction_of_its_own_for_each_temperature_is_found_in_one_fit():
     assert result.parameters.expand(result.x, "c3")[place] == result.values["fm_1@warm"]
     # What informs the friction of the cold is where it is cold.
     cold = result.parameters.free_names.index("fm_1@cold")
-    assert result.share[:2, cold].sum() > 0.9
-    np.testing.assert_allclose(result.share.sum(axis=0), 1.0)
+    assert result.information_fraction[:2, cold].sum() > 0.9
+    np.testing.assert_allclose(result.information_fraction.sum(axis=0), 1.0)
 
 
 def test_one_ratio_damps_all_springs():
@@ -211,12 +211,12 @@ def test_a_configuration_of_another_robot_is_named(data):
     """The same axes, but twice as soft: the fit cannot follow both, and says which one stands apart."""
     foreign = measure(bench(k=60.0), "c4", np.random.default_rng(3))
     result = fit_parameters([*data, foreign], bench(), FitSpec(starts=1))
-    assert ("fit/unlike-responses", "configuration c4") in [(note.code, note.place) for note in result.notes]
+    assert ("fit/inconsistent-responses", "configuration c4") in [(note.code, note.place) for note in result.notes]
 
 
 def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):
     """Asked for by pattern; the intervals are about those of the covariance, NaN where not asked for."""
-    spec = FitSpec(starts=2, profile=("k_*",), bootstrap=40, weights=WeightSpec(floor=0.0))
+    spec = FitSpec(starts=2, profile=("k_*",), bootstrap=40, weights=WeightSpec(model_error=0.0))
     result = identify(data[:1], bench(), replace(spec, seed=1))
     for i, name in enumerate(result.parameters.free_names):
         low, high = result.interval(name)
@@ -234,7 +234,7 @@ def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
     """A damper that the data hardly see: an interval that is not symmetric in the logarithm."""
     rng = np.random.default_rng(0)
     noisy = [measure(bench(), name, rng, relative=0.4) for name in ("c1", "c2")]
-    spec = FitSpec(starts=2, weights=WeightSpec(floor=0.0))
+    spec = FitSpec(starts=2, weights=WeightSpec(model_error=0.0))
     result = identify(noisy, bench(), replace(spec, seed=1))
     names = result.parameters.free_names
     profiled = [name for name, row in zip(names, result.profile95, strict=True) if not np.isnan(row).any()]
@@ -278,12 +278,12 @@ def test_a_mass_its_place_and_its_inertia_are_found_together_from_many_starts():
     free = ("m_arm", "c_arm_x", "I_arm_xx", "I_arm_yy", "I_arm_zz", "k_1", "k_x")
     truth = bodied(inertia=(0.02, 0.03, 0.04, 0.0, 0.0, 0.0))
     start = replace(truth, bodies=(replace(truth.bodies[0], mass=3.0, center_of_mass=(0.09, 0.03, 0.02)),))
-    spec = FitSpec(parameters={name: ParameterSpec() for name in free}, starts=4, weights=WeightSpec(floor=0.0))
+    spec = FitSpec(parameters={name: ParameterSpec() for name in free}, starts=4, weights=WeightSpec(model_error=0.0))
     for seed in range(2):
         result = identify([of_body(truth, np.random.default_rng(seed))], start, replace(spec, seed=seed))
         x = np.array([p.to_x(truth.parameters()[p.name][0]) for p in result.parameters.free])
         assert result.status == "converged"
-        assert result.hits >= 3
+        assert result.n_converged_starts >= 3
         assert np.all(np.abs(result.x - x) < 4 * np.sqrt(np.diag(result.covariance)))
 
 

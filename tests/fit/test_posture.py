@@ -50,7 +50,7 @@ def test_standard_deviations_are_those_of_the_parameters() -> None:
     assert stiff.by == "linearisation"
 
 
-@pytest.mark.parametrize("motors", ["held", "free", "controlled"])
+@pytest.mark.parametrize("motors", ["locked", "free", "controlled"])
 @pytest.mark.parametrize("name", ["scara", *(pytest.param(name, marks=pytest.mark.slow) for name in LINKAGES)])
 def test_a_response_is_that_of_its_state_space_to_rounding(name: str, motors: str) -> None:
     """Serial and with loops, a sliding joint, an integral in the controller."""

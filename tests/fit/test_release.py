@@ -29,23 +29,23 @@ def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
     assert (result.status, held.status) == ("converged", "misfit")
     truth = {"k_1": 3e4, "k_2": 2e4, "d_1": 60.0, "d_2": 40.0}
     for name in STIFF:
-        std, noise, file = result.std[name], result.std_by_noise[name], result.std_by_file[name]
+        std, parts = result.std[name], [part[name] for part in result.std_parts.values()]
         assert abs(result.values[name] - truth[name]) < 3 * std
-        assert math.hypot(noise, file) <= std * (1 + 1e-9)
-        assert 0 < noise < std
+        assert math.hypot(*parts) == pytest.approx(std, rel=1e-9)
+        assert 0 < parts[0] < std
     assert not held.has_tolerances
-    assert set(result.std_by_noise) == {"k_1", "k_2", "d_1", "d_2", "fm_1", "fm_2"}
+    assert set(result.std_noise) == {"k_1", "k_2", "d_1", "d_2", "fm_1", "fm_2"}
 
 
 def test_four_times_the_data_halve_the_part_of_noise_and_leave_that_of_the_file() -> None:
     """With a torque constant known to 5 %, in one posture; much noise, little, which leaves the file, half of that."""
-    robot, spec = arm(Tolerances(torque_constant=0.05)), replace(SPEC, starts=1, weights=WeightSpec(floor=0.0))
+    robot, spec = arm(Tolerances(torque_constant=0.05)), replace(SPEC, starts=1, weights=WeightSpec(model_error=0.0))
     data = (measure(arm(), np.random.default_rng(5), noise)[:1] for noise in (1e-4, 1e-6, 5e-7))
     much, few, many = (fit_parameters(responses, robot, spec) for responses in data)
     for name in STIFF:
-        assert many.std_by_noise[name] == pytest.approx(few.std_by_noise[name] / 2, rel=0.1)
-        assert [few.std_by_file[name], many.std_by_file[name]] == pytest.approx([much.std_by_file[name]] * 2, rel=0.1)
-        assert few.std[name] == pytest.approx(few.std_by_file[name], rel=0.01)
+        assert many.std_noise[name] == pytest.approx(few.std_noise[name] / 2, rel=0.1)
+        assert [few.std_prior[name], many.std_prior[name]] == pytest.approx([much.std_prior[name]] * 2, rel=0.1)
+        assert few.std[name] == pytest.approx(few.std_prior[name], rel=0.01)
 
 
 def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None:
@@ -58,8 +58,8 @@ def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None
         assert values == pytest.approx([values[2]] * 3, rel=1e-6)
         by_ratio = np.sqrt(np.square(stds) - stds[2] ** 2) / values[2]
         assert by_ratio == pytest.approx([0.006, 0.003, 0.0], rel=0.15, abs=1e-6)
-        assert results[0].std_by_noise[name] == pytest.approx(results[2].std_by_noise[name], rel=0.05)
-        assert results[0].std_by_file[name] > 0.9 * 0.006 * values[2]
+        assert results[0].std_noise[name] == pytest.approx(results[2].std_noise[name], rel=0.05)
+        assert results[0].std_prior[name] > 0.9 * 0.006 * values[2]
 
 
 @pytest.mark.slow

@@ -154,7 +154,7 @@ def test_lines_of_motors_above_the_excitation_hold_the_controller_and_are_left_o
     spec = EstimatorSpec(method=method, quantity="velocity", resolution_hz=1.0)
     response = estimate([record], spec)
     assert response.freq_hz[-1] < 60
-    assert "frf/lines-left-out" in [note.code for note in response.notes]
+    assert "frf/lines-discarded" in [note.code for note in response.notes]
     np.testing.assert_allclose(np.abs(response.G[5:, 0, 0]), 0.5, atol=0.05)
     for other, own in ((replace(record, inputs=("shaker",)), spec), (record, replace(spec, band_hz=(1.0, 95.0)))):
         every = estimate([other], own)

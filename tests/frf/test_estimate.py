@@ -161,7 +161,7 @@ def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     records = _experiments(_plant(len(lines), 2, 2), lines, 2, rng, P=8, noise=(1e-3, 1e-3))
     response = estimate(records, replace(ALL_PERIODS, lines="full", band_hz=(9.0, 116.0)))
     np.testing.assert_allclose(response.freq_hz, lines * RATE / 256)
-    assert response.notes[0].code == "frf/lines-left-out"
+    assert response.notes[0].code == "frf/lines-discarded"
 
 
 def test_records_that_do_not_fit_together_are_refused_by_name() -> None:
@@ -225,7 +225,7 @@ ABSURD: dict[str, Change] = {
 @pytest.mark.parametrize("change", NO_INPUT.values(), ids=NO_INPUT)
 def test_inputs_that_tell_nothing_are_refused(change: Change, method: str) -> None:
     """By mean over realisations, pooled, and local methods alike; the message names the inputs."""
-    with refused("frf/inputs-together", "frf/lines"):
+    with refused("frf/inputs-not-separable", "frf/lines"):
         estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)  # type: ignore[arg-type]
 
 
@@ -241,10 +241,10 @@ def test_sizes_beyond_any_sensor_are_refused_with_their_channel(change: Change, 
 def test_an_output_that_does_not_move_is_named(value: float) -> None:
     records = [replace(r, y=_with(1, value)(r.y)) for r in _records()]
     response = estimate(records, EstimatorSpec(method="arithmetic"), LINES)
-    (note,) = [note for note in response.notes if note.code == "frf/barely-excited"]
+    (note,) = [note for note in response.notes if note.code == "frf/low-signal-to-noise"]
     assert "joint 2" in note.text
     assert np.abs(response.G[:, 1]).max() < 1e-9
-    assert "frf/barely-excited" not in [n.code for n in estimate(_records(), EstimatorSpec(), LINES).notes]
+    assert "frf/low-signal-to-noise" not in [n.code for n in estimate(_records(), EstimatorSpec(), LINES).notes]
 
 
 RATE_HZ, N, PERIODS = 500.0, 1000, 3

@@ -133,7 +133,7 @@ def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs() -> None:
     assert "errors_in_variables" in auto.notes[0].text
     injected = [replace(record, r=record.u) for record in records]
     assert "joint" in estimate(injected, replace(ALL_PERIODS, method="auto"), lines).notes[0].text
-    with refused("frf/inputs-together", place="configuration c, realisation 0"):
+    with refused("frf/inputs-not-separable", place="configuration c, realisation 0"):
         estimate(records, replace(ALL_PERIODS, method="arithmetic"), lines)
 
 
@@ -191,7 +191,7 @@ ONE = (
     "experiment={configurations: {bent: [0.5, 0.9]}, realisations: 1, experiments: 1}",
     "experiment.simulated={truth: {k_1: 36e3, k_2: 12e3}, noise: {torque_std: 0.1, angle_std: 1e-6}}",
     "estimator={method: local_rational}",
-    'fit={starts: 2, weights: {floor: 1e-6}, parameters: {"k_*": {}, "d_*": {}}}',
+    'fit={starts: 2, weights: {model_error: 1e-6}, parameters: {"k_*": {}, "d_*": {}}}',
 )
 
 

@@ -122,7 +122,7 @@ def test_the_error_has_the_variance_that_is_stated(window: str) -> None:
 def test_inputs_in_proportion_are_refused_and_a_narrow_resonance_is_reported() -> None:
     """One signal on both inputs; a segment shorter than the decay of a resonance."""
     record = noise_record(3000, 0)
-    with refused("frf/inputs-together", place="configuration c"):
+    with refused("frf/inputs-not-separable", place="configuration c"):
         estimate([replace(record, u=record.u[:, [0, 0]])], H1)
     rng = np.random.default_rng(0)
     u = rng.normal(size=(20_000, 1))

@@ -35,7 +35,7 @@ def record(name: str, peak: float, seed: int, noise: float, count: float) -> Fri
     u = multisine(peak, rng)
     q = moved(u + noise * rng.standard_normal(len(u)))
     return FrictionRecord(
-        name, "1", "at_rest", RATE, np.round(q / count) * count if count else q, u, resolution=count,
+        name, "1", "presliding_test", RATE, np.round(q / count) * count if count else q, u, resolution=count,
         period_samples=PERIOD, hold="zero-order",
     )  # fmt: skip
 
@@ -87,7 +87,7 @@ def test_bristles_of_a_rigid_joint_are_found_with_its_inertia(inertia: float, si
     torques = [multisine(peak, np.random.default_rng(r)) for peak in (0.05, 0.1) for r in range(2)]
     records = [
         FrictionRecord(
-            f"{i}", "1", "at_rest", RATE, lfilter(b.ravel(), a, u), u, period_samples=PERIOD, hold="zero-order"
+            f"{i}", "1", "presliding_test", RATE, lfilter(b.ravel(), a, u), u, period_samples=PERIOD, hold="zero-order"
         )
         for i, u in enumerate(torques)
     ]
@@ -136,7 +136,7 @@ def minor_loops() -> FloatArray:
 
 
 def loops(q: FloatArray, torque: FloatArray, counts: float = 0.0) -> FrictionRecord:
-    return FrictionRecord("loops", "1", "loops", RATE_PRESLIDING, q, torque, resolution=counts)
+    return FrictionRecord("loops", "1", "presliding_loops", RATE_PRESLIDING, q, torque, resolution=counts)
 
 
 def log(seed: int, counts: float = COUNT_PRESLIDING) -> FrictionRecord:
@@ -182,5 +182,5 @@ def test_the_robot_file_has_the_same_shares_and_stiffness() -> None:
 
 
 def test_loops_of_a_few_counts_are_refused() -> None:
-    with refused("friction/presliding", place="loops of joint 1"):
+    with refused("friction/presliding-loops", place="loops of joint 1"):
         fit_presliding(replace(log(0), resolution=5e-3), None)

@@ -114,8 +114,8 @@ def codes(found: FollowedFriction) -> set[str]:
 def test_constant_speed_says_what_it_cannot_know() -> None:
     """Coulomb friction and an offset are distinguished by reversals."""
     constant = followed(simulate(np.concatenate([np.linspace(0, 40, 500), np.full(6500, 40.0)]), 4))
-    assert "filter/not-excited" in codes(constant)
-    assert not {"filter/not-excited", "filter/inconsistent"} & codes(followed(simulate(rich(7), 4)))
+    assert "filter/not-observable" in codes(constant)
+    assert not {"filter/not-observable", "filter/inconsistent"} & codes(followed(simulate(rich(7), 4)))
 
 
 def test_a_filter_that_has_lost_the_log_says_so() -> None:
@@ -154,12 +154,12 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     one = np.ones(1)
     levels = Levels("motor 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one)
     shared = {"inertia": (2.0, 0.01), "gravity.cos": (3.0, 0.03), "gravity.sin": (4.0, 0.04)}
-    identified = JointFriction("1", False, levels=replace(levels, shared=shared))
+    identified = JointFriction("1", False, constant_velocity=replace(levels, shared=shared))
     rigid = FollowedJoint(motor_inertia=2.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
     known = with_tolerances(rigid, identified).tolerances
     assert known["inertia"] == pytest.approx(0.005)
     assert known["gravity"] == pytest.approx(0.01)
-    useless = JointFriction("1", False, levels=replace(levels, shared={"inertia": (2.0, 4.0)}))
+    useless = JointFriction("1", False, constant_velocity=replace(levels, shared={"inertia": (2.0, 4.0)}))
     assert with_tolerances(rigid, useless).tolerances["inertia"] == 0.5
 
 

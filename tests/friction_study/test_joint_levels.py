@@ -106,7 +106,7 @@ def identified_run_down(folder: Path, starts: tuple[float, ...], seed: int = 0, 
         angle = np.round((angle + 2e-5 * rng.standard_normal(len(angle))) * COUNTS / (2 * np.pi)) * 2 * np.pi / COUNTS
         rows = "\n".join(f"{drive},{x:.9g}" for x in angle)
         (folder / f"{i}.csv").write_text(f"torque,angle\n{rows}\n")
-    files = tuple(FileSpec(f"{i}.csv", purpose="run_down") for i in range(len(starts)))
+    files = tuple(FileSpec(f"{i}.csv", purpose="coast_down") for i in range(len(starts)))
     measured = read_spindle(folder, *files)
     levels = find_joint_levels(SPINDLE, SPINDLE.driven, measured)
     return identify_friction(SPINDLE, levels, measured, FrictionSpec())
@@ -148,7 +148,7 @@ def test_a_motion_one_way_names_the_run_down(tmp_path: Path) -> None:
     identified_run_down(tmp_path, (40.0,), drive=-1.0)
     with refused("records/values"):
         read_spindle(tmp_path, FileSpec("0.csv"))
-    measured = read_spindle(tmp_path, FileSpec("0.csv", purpose="run_down"))
+    measured = read_spindle(tmp_path, FileSpec("0.csv", purpose="coast_down"))
     as_motion = replace(measured, records=tuple(replace(record, purpose="motion") for record in measured.records))
-    with refused("friction/no-record", holds="run_down"):
+    with refused("friction/no-record", holds="coast_down"):
         find_joint_levels(SPINDLE, SPINDLE.driven, as_motion)

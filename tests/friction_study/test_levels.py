@@ -21,7 +21,7 @@ from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels, Pass, find_levels, passes_of
 from elastid.friction_study.result import FrictionResult, JointLevels, identify_friction, numbers_of_law, true_numbers
-from elastid.friction_study.spec import AtRestSpec, FilterSpec, LawSpec, PassesSpec, PreslidingSpec, WarmUpSpec
+from elastid.friction_study.spec import FilterSpec, LawSpec, PreslidingTestSpec, WarmUpSpec
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Body, Friction, Joint, LoadDependence, Motor, Robot, TemperatureDependence
 from elastid.robot.friction_numbers import friction_numbers
@@ -39,11 +39,7 @@ def level(v: FloatArray) -> FloatArray:
 
 
 def passes(
-    seed: int,
-    speeds: Sequence[float] = SPEEDS,
-    noise: float = 0.05,
-    memory: float = 0.0,
-    uneven: float = 0.0,
+    seed: int, speeds: Sequence[float] = SPEEDS, noise: float = 0.05, memory: float = 0.0, uneven: float = 0.0
 ) -> list[Pass]:
     """There and back over 1 rad of the joint (at most 10 s), still settling; noise correlated over memory s."""
     rng, rate, found = np.random.default_rng(seed), 250.0, []
@@ -104,10 +100,10 @@ def test_slopes_of_two_directions_are_no_offset() -> None:
 @pytest.mark.parametrize(
     ("wrong", "code"),
     [
-        (lambda all_: [one for one in all_ if one.direction > 0], "friction/levels"),
+        (lambda all_: [one for one in all_ if one.direction > 0], "friction/constant-velocity"),
         (
             lambda all_: [replace(one, velocity=one.velocity * np.cos(np.arange(len(one.velocity)))) for one in all_],
-            "friction/passes",
+            "friction/constant-velocity-runs",
         ),
     ],
 )
@@ -118,13 +114,13 @@ def test_passes_that_tell_nothing_are_refused(wrong, code: str) -> None:  # type
 
 def test_a_level_below_gravity_and_noise_does_not_count() -> None:
     """Noise of five times the friction, 10 s a pass."""
-    with refused("friction/levels"):
+    with refused("friction/constant-velocity"):
         find_levels(passes(0, SPEEDS[-2:], noise=30.0), True)
 
 
 # Growth of Coulomb friction with the load, Nm per Nm.
 BY_LOAD = 0.04
-SMALL = ("friction.rate_hz=250", "friction.passes.count=5", "friction.passes.repeat=1")
+SMALL = ("friction.rate_hz=250", "friction.constant_velocity.count=5", "friction.constant_velocity.repeat=1")
 
 
 def loaded(record: FrictionRecord, load: float) -> FrictionRecord:
@@ -228,20 +224,13 @@ def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> 
     ("section", "right", "wrong"),
     [
         (FilterSpec(), {"states": ("f+", "f-")}, {"states": ("f", "f+")}),
-        (LawSpec(), {"elements": 1}, {"elements": 0}),
-        (PassesSpec((0.1, 1.0)), {"count": 5}, {"count": 4}),
-        (PassesSpec((0.1, 1.0)), {"window": (-1.0, 1.0)}, {"window": (1.0, -1.0)}),
-        (PassesSpec((0.1, 1.0)), {"speeds": (0.5, 1.0)}, {"speeds": (1.0, 0.5)}),
-        (PreslidingSpec(), {"torque": (0.1, 0.9)}, {"torque": (0.9, 0.1)}),
-        (PreslidingSpec(), {"loops": 3}, {"loops": 2}),
-        (AtRestSpec(), {"torque": (0.9,)}, {"torque": (0.05, 1.0)}),
-        (AtRestSpec(), {"band_hz": (5.0, 50.0)}, {"torque": ()}),
-        (AtRestSpec(), {"torque": (0.05,)}, {"band_hz": (50.0, 5.0)}),
+        (PreslidingTestSpec(), {"torque": (0.9,)}, {"torque": (0.05, 1.0)}),
+        (PreslidingTestSpec(), {"torque": (0.05,)}, {"torque": ()}),
         (WarmUpSpec(1.0), {"time": 601.0, "test_every": 600.0}, {"time": 600.0, "test_every": 600.0}),
     ],
 )
 def test_a_section_is_what_can_be(section: Any, right: dict[str, Any], wrong: dict[str, Any]) -> None:
-    """Ranges that rise, parts of the Coulomb torque, tests within the warm-up, states of one way or of both."""
+    """Parts of the Coulomb torque, tests within the warm-up, states of one way or of both."""
     replace(section, **right)
     with pytest.raises(ValueError):  # noqa: PT011
         replace(section, **wrong)

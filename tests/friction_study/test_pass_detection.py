@@ -46,7 +46,7 @@ def test_a_motion_without_plateaus_has_no_passes() -> None:
 @pytest.mark.parametrize("position", [trapezoids((0.5,), travel=0.05), trapezoids((0.5,))[: round(2.1 * RATE)]])
 def test_a_log_without_its_pass_is_refused(position: FloatArray) -> None:
     """Too short a way, and no way back."""
-    with refused("friction/passes", holds="0.5 rad/s"):
+    with refused("friction/constant-velocity-runs", holds="0.5 rad/s"):
         detect_passes(record(position, speed=0.5), True)
 
 
@@ -103,8 +103,9 @@ def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts() -> None:
     rate = 100.0
     t = np.arange(200) / rate
     one = FrictionRecord(
-        "a", "elbow", "passes", rate, t**3 / 3, np.zeros(200), velocity=t**2, there=(50, 150), torque_delay_s=5e-3
-    )
+        "a", "elbow", "constant_velocity", rate, t**3 / 3, np.zeros(200), velocity=t**2, there=(50, 150),
+        torque_delay_s=5e-3,
+    )  # fmt: skip
     (held,), (read,) = passes_of(one), passes_of(replace(one, torque_delay_s=0.0))
     (short,) = passes_of(replace(one, there=(100, 110)))
     assert len(short.position) == 8  # a tenth at each end may hold its ramps

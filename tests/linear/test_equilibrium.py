@@ -69,7 +69,7 @@ def test_joint_without_spring_hangs_down():
 def test_spring_too_soft_for_its_load_is_refused():
     """An upright pendulum with k < m g l tips over."""
     model = serial(pendulum(k=0.5 * M * G * L))
-    with refused("robot/no-rest", place="configuration up"):
+    with refused("robot/no-equilibrium", place="configuration up"):
         equilibrium(model, model.theta, Configuration("up", (0.0,)))
 
 
@@ -86,7 +86,7 @@ def test_not_finite_parameter_is_refused():
     model = serial(pendulum(k=5e3))
     theta = model.theta.copy()
     theta[0] = np.nan
-    with refused("robot/no-rest", place="configuration c"):
+    with refused("robot/no-equilibrium", place="configuration c"):
         equilibrium(model, theta, Configuration("c", (0.1,)))
 
 
@@ -96,7 +96,7 @@ def test_a_joint_that_moves_no_inertia_is_named() -> None:
     upper = Body("arm", joints=(Joint("1", "y", Spring(1e3), Motor(1e-3, 50)),), mass=1.0, inertia=0.1)
     robot = Robot("light", (upper, Body("hand", "arm", joints=(joint,))))
     model = serial(robot)
-    with refused("robot/no-rest", place="configuration home"):
+    with refused("robot/no-equilibrium", place="configuration home"):
         equilibrium(model, model.theta, Configuration("home", np.zeros(1)))
 
 

@@ -40,7 +40,7 @@ def outside(motors: Motors, loop: JointLoop | None = None) -> tuple[np.ndarray, 
         D[n:, n:] += np.diag(loop.kd)
         K[n:, n:] += np.diag(loop.kp + loop.kd * loop.ki)
         drift[n:, n:] = np.diag(loop.kp * loop.ki)
-    size = n if motors == "held" else len(M)
+    size = n if motors == "locked" else len(M)
     Jv, _, R = robot.jacobian(rest, n - 1, np.array(TOOL))
     J = np.zeros((3, size))
     J[:, :n] = R.T @ Jv
@@ -56,7 +56,7 @@ def tapped(outputs: tuple[str, ...], motors: Motors = "free", loop: JointLoop | 
     )
 
 
-@pytest.mark.parametrize("motors", ["held", "free", "controlled"])
+@pytest.mark.parametrize("motors", ["locked", "free", "controlled"])
 def test_a_tapped_robot_is_that_of_equations_of_its_own(motors: Motors) -> None:
     """To 1e-9 of the largest element: tool by force, and motor by force where these turn; a delay is no part of it."""
     loop = (
@@ -65,7 +65,7 @@ def test_a_tapped_robot_is_that_of_equations_of_its_own(motors: Motors) -> None:
     linearisation = Linearisation.of_robot(arm())
     theta = np.append(linearisation.model.theta, 2e-3)
     at_tool, at_motors = outside(motors, loop)
-    expected = [(MOTIONS, at_tool)] + [(("motor 1", "motor 2"), at_motors)] * (motors != "held")
+    expected = [(MOTIONS, at_tool)] + [(("motor 1", "motor 2"), at_motors)] * (motors != "locked")
     for outputs, G in expected:
         model = linear_model(linearisation, tapped(outputs, motors, loop), theta)
         found = frequency_response(model, theta, LINES)

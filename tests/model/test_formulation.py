@@ -32,7 +32,7 @@ def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
         ),
     )
     model = serial(wrist)
-    with refused("robot/no-rest", place="configuration straight"):
+    with refused("robot/no-equilibrium", place="configuration straight"):
         equilibrium(model, model.theta, Configuration("straight", [0.3, 0.0, 0.2]))
     bent = equilibrium(model, model.theta, Configuration("bent", [0.3, 0.8, 0.2]))
     np.testing.assert_allclose(bent.q[:3], [0.3, 0.8, 0.2], atol=1e-9)

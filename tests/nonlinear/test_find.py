@@ -52,7 +52,7 @@ def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(sign
     result = find_friction([tuple(spoilt)], AUTO, lines)
     assert result.shapes == ()
     (note,) = result.notes
-    assert note.code == "nonlinear/friction-left"
+    assert note.code == "nonlinear/friction-not-compensated"
 
 
 def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
@@ -109,7 +109,7 @@ def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval()
     (one, _), lines = measured()
     (_, other), _ = measured((COULOMB[0] / 2, COULOMB[1]))
     result = find_friction((one, other), AUTO, lines)
-    (note,) = [note for note in result.notes if note.code == "nonlinear/friction-differs"]
+    (note,) = [note for note in result.notes if note.code == "nonlinear/friction-varies"]
     assert note.text.startswith("motor 1")
     level, std = result.sliding_level("motor 1")
     assert COULOMB[0] / 2 < level < COULOMB[0]

@@ -114,12 +114,12 @@ FRICTION = FrictionTakenOut(
     places=("motor 1", "motor 2"),
     place_units=("N*m", "N*m"),
     shapes=(Shape("motor 1", "sign"), Shape("motor 1", "stop", 0.1), Shape("motor 1", "stribeck", 0.1)),
-    levels=np.array([2.0, 3.0, 7.0]),
+    coulomb_torque=np.array([2.0, 3.0, 7.0]),
     covariance=np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 1.0]]),
     configurations=("a",),
     before=np.ones((1, 2)),
     after=np.ones((1, 2)),
-    kept_share=np.ones(2),
+    residual_power_ratio=np.ones(2),
     accelerance=np.zeros(2),
 )
 
@@ -146,17 +146,7 @@ FINE = np.arange(PERIODS * N * CELLS + 1) / (RATE * CELLS)
 def record_of(y: np.ndarray) -> Record:
     configuration = Configuration("c", np.zeros(1))
     return Record(
-        "c",
-        configuration,
-        0,
-        0,
-        RATE,
-        N,
-        ("motor 1",),
-        ("motor 1",),
-        ("position",),
-        0 * y[:, None],
-        y[:, None],
+        "c", configuration, 0, 0, RATE, N, ("motor 1",), ("motor 1",), ("position",), 0 * y[:, None], y[:, None]
     )
 
 

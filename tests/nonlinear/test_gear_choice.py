@@ -160,7 +160,7 @@ def test_friction_on_both_sides_is_found_on_a_parallel_linkage() -> None:
     measured = tuple(rig.measure(each) for each in rig.experiments)
     response = estimate(measured, SPEC, LINES)
     free = {key: ParameterSpec() for key in ("k_*", "d_*", "fm_*")}
-    linear = identify([response], arm, FitSpec(parameters=free, weights=WeightSpec(floor=0.0), starts=1))
+    linear = identify([response], arm, FitSpec(parameters=free, weights=WeightSpec(model_error=0.0), starts=1))
     found = find_gear_effects([measured], [response], linear, arm)
     numbers, true = linear.parameters.as_dict(found.x), arm.parameters()
     for joint in ("2", "3"):

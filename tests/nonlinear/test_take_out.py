@@ -26,7 +26,7 @@ from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 COULOMB, AUTO = EstimatorSpec(friction="coulomb"), EstimatorSpec(friction="auto")
-UNEXPLAINED = "nonlinear/unexplained"
+UNEXPLAINED = "nonlinear/unexplained-distortion"
 E = np.array([[1.0, 0.0], [-0.4, 1.0]])
 
 
@@ -39,10 +39,10 @@ def found() -> FrictionTakenOut:
 def test_the_errors_of_the_levels_are_what_the_response_changes_by(found: FrictionTakenOut) -> None:
     """With the friction of motor 1 off by its standard deviation, at every line to 5 % of the largest."""
     (records, _), lines = measured()
-    error = 0.01 * found.levels * np.array([shape.place == "motor 1" for shape in found.shapes])
+    error = 0.01 * found.coulomb_torque * np.array([shape.place == "motor 1" for shape in found.shapes])
     sole = replace(found, covariance=np.outer(error, error))
     response = estimate_without_friction(records, sole, COULOMB, lines)
-    off = replace(sole, levels=sole.levels + error)
+    off = replace(sole, coulomb_torque=sole.coulomb_torque + error)
     change = estimate(list(net_records(records, off)), COULOMB, lines).G - response.G
     sign = np.sign(np.vdot(response.bias[2, 0], change).real)
     np.testing.assert_allclose(sign * response.bias[2, 0], change, atol=0.05 * np.abs(change).max())
@@ -224,6 +224,6 @@ def test_reversals_under_noise_are_found_by_the_torque_above_the_excited_lines()
 def test_friction_of_level_0_leaves_the_torque() -> None:
     """And the motion, to the last bit."""
     record, _ = simulated()
-    net = net_record(record, replace(friction_of(1 / J), levels=np.zeros(1)))
+    net = net_record(record, replace(friction_of(1 / J), coulomb_torque=np.zeros(1)))
     np.testing.assert_array_equal(net.u, record.u)
     np.testing.assert_array_equal(net.y, record.y)

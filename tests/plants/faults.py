@@ -30,7 +30,7 @@ RATE_HZ = 1000.0
 NOISE, ADDED, DOF = 0.005, 1e-4, 8.0
 SPRINGS = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
 # One search from the springs of the file, which are the true ones; weights by the noise alone.
-SPEC = FitSpec(parameters=SPRINGS, starts=1, start_factor=1.0, seed=1, profile=(), weights=WeightSpec(floor=0.0))
+SPEC = FitSpec(parameters=SPRINGS, starts=1, start_factor=1.0, seed=1, profile=(), weights=WeightSpec(model_error=0.0))
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def logs(*files: FileSpec, channels: tuple[ChannelSpec, ...] = CHANNELS, **chang
 STUDY = """
 name: axis
 robot: robot.yml
-friction: {{passes: {passes}, law: {{temperature: {temperature}}}, loads: [{{name: empty}}]}}
+friction: {{constant_velocity: {constant_velocity}, law: {{temperature: {temperature}}}, loads: [{{name: empty}}]}}
 experiment:
   recorded:
     rate_hz: {rate_hz:g}
@@ -97,7 +97,7 @@ def write_study(
     """The path of a study of logs, in the folder, with its robot."""
     defaults = {
         "temperature": "auto",
-        "passes": "detect",
+        "constant_velocity": "detect",
         "constant": "torque_constant: 0.5 N*m/A, ",
         "torque_side": "motor",
         "angle_side": "motor",

@@ -43,7 +43,7 @@ def records(loaded: LoadedStudy, seed: int = 0) -> tuple[FrictionPlan, FrictionR
         torque = torque + INERTIA * path.acceleration + NOISE * rng.standard_normal(len(v))
         found.append(
             FrictionRecord(
-                motion.name, motion.joint, "passes", plan.rate_hz, path.position, torque, path.velocity,
+                motion.name, motion.joint, "constant_velocity", plan.rate_hz, path.position, torque, path.velocity,
                 there=path.there, back=path.back, speed=motion.planned.speed, start_s=motion.start_s,
                 configuration=motion.configuration, is_reference=motion.planned.is_reference,
                 place=f"motion {motion.name}",

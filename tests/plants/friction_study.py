@@ -57,7 +57,7 @@ def friction_result() -> FrictionResult:
         ThermalModel(np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20),
         numbers=(number("Fc_melbow", "F_c", 9.02, 0.03, 9.0), number("f_melbow", "f", 6.3, 0.1, 6.0)),
         held=(Held("stribeck", "no speed below nu_s / 3"), Held("quadratic", "not asked for")),
-        notes=(Note("friction/passes", "it sticks", "pass 1"),),
+        notes=(Note("friction/constant-velocity-runs", "it sticks", "pass 1"),),
     )  # fmt: skip
     lift = JointFriction("<lift>", True, motion=motion(), numbers=(number("Fc_mlift", "F_c", 20.1, 0.2, None),))
     return FrictionResult((elbow, lift), (Note("a-note", "a note on the study"),), "partly", "2 joints are identified.")

@@ -26,7 +26,7 @@ def linear_fit(gear: Gear, measured: Sequence[Record]) -> tuple[Response, Result
     """The response, and the fit of a linear model from numbers a quarter off."""
     response = estimate(measured, SPEC, LINES)
     wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
-    spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0), starts=1)
+    spec = FitSpec(parameters=wanted, weights=WeightSpec(model_error=0.0), starts=1)
     return response, identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
 
 

@@ -55,4 +55,4 @@ def tapped(where: Configuration, freq_hz: FloatArray, noise: float, rng: np.rand
     G, covariance = drawn(G, noise * np.abs(G), rng)
     inputs, outputs = (tuple(f"{place} {axis}" for axis in "xz") for place in ("force tool", "frame tool"))
     known = covariance if noise else None
-    return Response(freq_hz, G, inputs, outputs, "acceleration", where, noise=known, motors="held")
+    return Response(freq_hz, G, inputs, outputs, "acceleration", where, noise=known, motors="locked")

@@ -79,7 +79,7 @@ def fit_result():
         status="at_bound",
         message="The fit ended with d_1 at its lower bound.",
         starts=tuple(LocalOptimum(PARAMETERS.x, x, cost, 20, cost < 1000, "") for cost in costs),
-        hits=3,
+        n_converged_starts=3,
         at_bound=np.arange(4) == 2,
         singular_values=np.array([2.0, 1.0, 0.5, 0.01]),
         criterion="complex",

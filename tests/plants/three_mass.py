@@ -23,7 +23,7 @@ TRUTH = {"k_g": 20.59269827430799, "d_g": 0.06241814047290, "k_a": 20.2307206097
 FREQ = np.arange(1, 40.01, 0.2)
 DEFLECTION = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
 ACROSS_GEAR, ACROSS_ARM = (np.outer(e, e) for e in DEFLECTION)
-NO_FLOOR = FitSpec(weights=WeightSpec(floor=0.0))
+NO_FLOOR = FitSpec(weights=WeightSpec(model_error=0.0))
 
 
 def plant(outputs: tuple[int, ...] = (0,), inputs: tuple[int, ...] = (0,)) -> LinearModel:

@@ -45,7 +45,7 @@ def test_spikes_of_the_torque_are_taken_out(tmp_path: Path) -> None:
     write_log(tmp_path / "log.csv", Q, spoilt)
     (record,) = read(tmp_path, FileSpec("log.csv"))
     assert np.abs(record.torque - U).max() < 2.0
-    assert [note.code for note in record.notes] == ["records/repaired"]
+    assert [note.code for note in record.notes] == ["records/corrected"]
     write_log(tmp_path / "clean.csv", Q, U)
     assert read(tmp_path, FileSpec("clean.csv"))[0].notes == ()
 

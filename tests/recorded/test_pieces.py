@@ -138,7 +138,7 @@ def test_a_large_record_has_the_same_response(
     request.getfixturevalue("large")
     monkeypatch.setattr(experiment_blocks, "_MAX_COMPARED_VALUES", 4000)
     found = estimate(one_input, spec)
-    for code in ("frf/transient-left-out", "frf/periods-left-out"):
+    for code in ("frf/transient-discarded", "frf/periods-discarded"):
         assert (
             [note.code for note in found.notes].count(code) == [note.code for note in expected.notes].count(code) == 1
         )

@@ -91,10 +91,10 @@ def test_logs_of_two_amplitudes_are_configurations_of_one_posture(tmp_path: Path
     """The level of a file makes a response of its own, at the same angles."""
     write_csv(tmp_path, log)
     rig = RecordedRig(
-        ROBOT, study_of("log.csv", files=(FileSpec("log.csv", "home"), FileSpec("log.csv", "home", level=2))), tmp_path
+        ROBOT, study_of("log.csv", files=[FileSpec("log.csv", "home", amplitude=i) for i in (1, 2)]), tmp_path
     )
     first, second = (rig.measure(experiment) for experiment in rig.experiments)
-    assert (first.configuration.name, second.configuration.name) == ("home", "home level 2")
+    assert (first.configuration.name, second.configuration.name) == ("home", "home amplitude 2")
     np.testing.assert_array_equal(second.configuration.angles, first.configuration.angles)
     np.testing.assert_array_equal(second.u, first.u)
 

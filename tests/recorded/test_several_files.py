@@ -126,12 +126,12 @@ def test_a_local_method_takes_each_log_as_a_repeat(tmp_path: Path) -> None:
 def test_another_excitation_is_refused_with_both_files(tmp_path: Path) -> None:
     """Of other phases, in a third of its power where two periods show the noise, or of another period."""
     third = np.tile(0.82 * multisine() + 0.57 * multisine(7), 2)[:, None] * [1.0, 0.3]
-    with refused("records/disagree", holds="log_1.csv"):
+    with refused("records/inconsistent", holds="log_1.csv"):
         record_of(tmp_path, [run(2 * N, 1), third])
-    with refused("records/disagree", holds="log_1.csv"):
+    with refused("records/inconsistent", holds="log_1.csv"):
         record_of(tmp_path, [run(4 * N, 1), np.tile(multisine(7), 4)[:, None] * [1.0, 0.3]])
     other = np.tile(multisine(3)[: N - 20], 4)[:, None] * [1.0, 0.3]
-    with refused("records/disagree", holds=("240", "220", "100")):
+    with refused("records/inconsistent", holds=("240", "220", "100")):
         record_of(tmp_path, [run(4 * N, 1), other], period_samples=None, period="find")
 
 
@@ -155,7 +155,7 @@ def test_an_excitation_of_another_size_is_refused_from_a_tenth_on(gain: float, u
     """In any unit: friction that warms up changes torques by a few per cent."""
     template = record_of(tmp_path, [run(4 * N, 1)])
     first, second = (replace(template, u=size * unit * template.u) for size in (1.0, gain))
-    with refused("records/disagree") if abs(gain - 1) > 0.1 else nullcontext():
+    with refused("records/inconsistent") if abs(gain - 1) > 0.1 else nullcontext():
         joined_periods([first, second], ["a.csv", "b.csv"])
 
 

@@ -50,8 +50,8 @@ def sheets() -> GearResult:
     numbers = (
         GearNumber("k_1", "stiffness at zero torque", "stiffness", "N*m/rad", 2e5, 200.0, linear=2.1e5),
         GearNumber("e1_1", "transmission error, once a motor turn", "error", "rad", 2e-5, 1e-6, order=1.0, phase=0.5),
-        GearNumber("H_1", "hysteresis, torque to either side", "torque", "N*m", bound=0.3, rated_share=0.001),
-        GearNumber("Fc_m1", "running torque before the gear", "torque", "N*m", 0.1, 0.1, rated_share=0.0003),
+        GearNumber("H_1", "hysteresis, torque to either side", "torque", "N*m", bound=0.3, rated_fraction=0.001),
+        GearNumber("Fc_m1", "running torque before the gear", "torque", "N*m", 0.1, 0.1, rated_fraction=0.0003),
     )
     torque = 300 * np.concatenate([np.linspace(-1, 1, 100), np.linspace(1, -1, 100)])
     sheet = GearSheet("1", numbers, 300.0, torque, torque / 2e5, np.full(200, 1e-7))

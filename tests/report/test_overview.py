@@ -67,7 +67,7 @@ def test_the_page_of_responses_answers_its_three_questions_by_the_modes():
 def test_the_answer_says_how_exact_what_was_held_must_be():
     """Of a measured robot: up to 5 % of a torque constant shows in no residual; a simulated one is its file."""
     held = "the intervals take as exact ...; up to 5 % of gain_u_* shows in no residual: measure them as exactly"
-    result = replace(fit_result(), status="converged", notes=(Note("fit/held-as-exact", held),), indices=())
+    result = replace(fit_result(), status="converged", notes=(Note("fit/fixed-values", held),), indices=())
     rows = [replace(row, truth=None) for row in rows_of(result)]
     assert numbers_of(numbers_answer(result, rows)) == [5]
     assert numbers_answer(result, [replace(rows[0], truth=1.0), *rows[1:]]) == "Yes."
@@ -77,14 +77,14 @@ def test_the_answer_says_how_exact_what_was_held_must_be():
 def settled(**changes) -> Result:
     """A fit that converged; two lines of information say that c2 has the most."""
     share = np.array([[0.3, 0.3, 0.25, 0.3], [0.7, 0.7, 0.75, 0.7]])
-    given = {"status": "converged", "cost": 200.0, "configurations": ("c1", "c2"), "share": share}
+    given = {"status": "converged", "cost": 200.0, "configurations": ("c1", "c2"), "information_fraction": share}
     return replace(fit_result(), **given | changes)
 
 
 def index(*members: str, share: float = 0.5, is_log: bool = True) -> ModificationIndex:
     n = len(members) or 1
     name, numbers = "+".join(members) or "a reading", (np.full(n, 25.0), ("kg",) * n, (is_log,) * n, np.full(n, 0.1))
-    return ModificationIndex(name, "group", members, *numbers, share=share, place=1)
+    return ModificationIndex(name, "group", members, *numbers, explained_fraction=share, place=1)
 
 
 PRIOR, SEARCH = "--set 'fit.parameters.mass={prior: {std: 0.05}}'", "elastid compare STUDY --search"
@@ -133,7 +133,7 @@ def numbers_of(text: str) -> list[float]:
 @pytest.mark.parametrize(("repeated", "of_data"), [((), 1.0), ((1.0, 1.0, 0.5, 1.0), 0.5)])
 def test_twice_the_time_narrows_the_widest_by_the_share_of_its_configuration(repeated, of_data: float) -> None:
     """sigma' = sigma / sqrt(1 + s), of what the file does not leave."""
-    result = settled(repeated=np.array(repeated))
+    result = settled(averaging_fraction=np.array(repeated))
     rows = rows_of(result)
     low, high = rows[2].interval
     half = 50 * (high - low) / rows[2].estimate
@@ -150,7 +150,7 @@ def test_a_base_is_named_where_it_moves_a_stiffness_by_more_than_its_interval_an
         (0.03, 0.06, std, [6.3]), (0.03, 0.01, std, [3.2]), (0.01, 0.01, std, []), (0.004, 0.0, exact, []),
     ):  # fmt: skip
         part = RigidPart("base", 1e7, np.array([k_1, k_2, 0.0, 0.0]), 1e8)
-        assert numbers_of(numbers_answer(settled(rigid_parts=(part,), covariance=covariance), rows)) == numbers
+        assert numbers_of(numbers_answer(settled(assumed_rigid=(part,), covariance=covariance), rows)) == numbers
 
 
 def test_a_misfit_never_ends_in_numbers_to_be_used():

@@ -57,7 +57,7 @@ def stated(gear: Gear, section: GearSection) -> Robot:
 def test_accelerations_are_those_of_an_outside_plant() -> None:
     """Transmission error, hardening and friction on both sides, at random states."""
     gear = Gear(F_m=20.0, F_l=12.0, k_3=4e9, error=5e-5)
-    model = formulate(stated(gear, GearSection(error=(TransmissionError(5e-5),))))
+    model = formulate(stated(gear, GearSection(transmission_error=(TransmissionError(5e-5),))))
     q, v, u = ca.SX.sym("q", 2), ca.SX.sym("v", 2), ca.SX.sym("u")
     sliding = contacts(model, frictions(model.robot))
     force = ca.DM(model.B) @ u - sliding.torque(v, ca.SX(0, 1), ca.SX(sliding.curves)) - gear_forces(model, q, v)

@@ -27,7 +27,7 @@ def test_every_part_of_a_result_comes_back(tmp_path: Path) -> None:
 def test_records_keep_temperatures_windows_and_warm_ups(tmp_path: Path) -> None:
     """Signals have axes and units for other readers; what is absent stays absent."""
     t = np.arange(100) / 50.0
-    one = FrictionRecord("a/b", "1", "passes", 50.0, np.sin(t), np.cos(t), temperature=np.full(100, np.nan),
+    one = FrictionRecord("a/b", "1", "constant_velocity", 50.0, np.sin(t), np.cos(t), temperature=np.full(100, np.nan),
                          there=(10, 40), back=(50, 90), speed=0.1, notes=(Note("code", "text", "place"),))  # fmt: skip
     slide = FrictionRecord("s", "2", "motion", 50.0, t, t, velocity=np.ones(100), slides=True)
     log = WarmUpLog("1", np.arange(4.0), np.ones(3), np.full(4, np.nan), 0.5, 20.0, 21.0)

@@ -15,12 +15,12 @@ from elastid.validation.comparison import ComparedModel, Comparison
 
 
 def test_readers_of_hdf5_alone_find_the_parts_of_each_deviation(tmp_path):
-    """One number that was asked for, whose variance is by noise to 0.64 and by the file to 0.36."""
+    """One parameter: 0.64 of the variance by noise, 0.27 by the prior, 0.09 systematic."""
     fit = some_fit()
     asked, *doubted = fit.parameters.free
-    moved = tuple(replace(p, tolerated=True) if p in doubted else p for p in fit.parameters)
+    moved = tuple(replace(p, is_nuisance=True) if p in doubted else p for p in fit.parameters)
     covariance, first = 1e-4 * (0.4 * np.eye(4) + 0.6), np.eye(4)[0]
-    shares = {"repeated": 1 - 0.36 * first, "lasting": 0.36 * first}
+    shares = {"averaging_fraction": 1 - 0.36 * first, "persistent_fraction": 0.27 * first}
     write_fit(
         tmp_path / "fit.h5", replace(fit, parameters=type(fit.parameters)(moved), covariance=covariance, **shares)
     )
@@ -28,8 +28,8 @@ def test_readers_of_hdf5_alone_find_the_parts_of_each_deviation(tmp_path):
         table = {name: column[0] for name, column in file["numbers"].items()}
     std = 0.01 * (fit.values[asked.name] if asked.log else 1.0)
     assert table["name"].decode() == asked.name
-    parts = [table[name] for name in ("std", "std_by_noise", "std_by_file")]
-    assert parts == pytest.approx([std, 0.8 * std, 0.6 * std])
+    parts = [table[name] for name in ("std", "std_noise", "std_prior", "std_systematic")]
+    assert parts == pytest.approx([std, 0.8 * std, 0.27**0.5 * std, 0.3 * std])
 
 
 PAIRS = np.array([[1.0, math.inf], [math.nan, math.nan], [2.0, 3.0], [-math.inf, 0.0]])
@@ -54,8 +54,8 @@ FULL = replace(
     profile95=PAIRS,
     bootstrap95=2 * PAIRS,
     configurations=("b", "a"),
-    share=np.array([[0.25, 0.5, 0.0, 1.0], [0.75, 0.5, 1.0, 0.0]]),
-    informing_hz=3 * PAIRS,
+    information_fraction=np.array([[0.25, 0.5, 0.0, 1.0], [0.75, 0.5, 1.0, 0.0]]),
+    information_band_hz=3 * PAIRS,
     linear=(LINEAR, replace(LINEAR, chain=(), hold=None, slopes={})),
 )
 

@@ -39,7 +39,7 @@ def test_a_good_study_is_read_in_si(tiny: Path) -> None:
     assert study.experiment.simulated.truth == {"k_1": 60.0}
     assert study.experiment.configurations["b"] == (pytest.approx(math.radians(30)),)
     assert study.robot.driven[0].limits.angle == pytest.approx((-math.pi / 2, math.pi / 2))
-    assert study.validation.left_out == ()
+    assert study.validation.configurations == ()
 
 
 def test_true_inertias_are_possible_together_or_not_at_all() -> None:
@@ -72,7 +72,7 @@ WRONG = [
     ("    k_1: {}", "    k_1: {tie: {to: d_l}}", "fit.parameters.k_1.tie.to"),
     ("    k_1: {}", "    '*_1': {start: 1}", "fit.parameters.*_1.start"),
     ("    k_1: {}", "    delay: {start: 1 m}", "fit.parameters.delay.start"),
-    ("report:", "validation: {left_out: [c]}\nreport:", "validation.left_out[0]"),
+    ("report:", "validation: {configurations: [c]}\nreport:", "validation.configurations[0]"),
     ("  starts: 2", "  weights: {factors: [{factor: 0, input: motor 2}]}", "fit.weights.factors[0].input"),
     ("    k_1: {}", "    k_1: {tie: {to: d_1}, bounds: [1, 100]}", "fit.parameters.k_1"),
     ("  starts: 2", "  profile: [k_1, d_l]", "fit.profile[1]"),
@@ -260,8 +260,8 @@ def test_a_simulated_rig_is_its_file_unless_its_truth_changes_a_number_that_the_
 
 def test_a_posture_is_left_out_at_all_its_amplitudes(tiny: Path) -> None:
     """`left_out` names postures; wrong amplitudes are refused where they stand."""
-    two = ("excitation.torque_rms=[[0.1], [0.05]]", "validation.left_out=[b]")
-    assert load(tiny, two).study.validation.left_out == ("b", "b level 2")
-    assert load(tiny, two[1:]).study.validation.left_out == ("b",)
-    (line,) = errors(tiny, "experiment.configurations={a: [0], b level 2: [0.1]}")
-    assert "`level` and a number end the names of amplitudes; rename it" in line
+    two = ("excitation.torque_rms=[[0.1], [0.05]]", "validation.configurations=[b]")
+    assert load(tiny, two).study.validation.configurations == ("b", "b amplitude 2")
+    assert load(tiny, two[1:]).study.validation.configurations == ("b",)
+    (line,) = errors(tiny, "experiment.configurations={a: [0], b amplitude 2: [0.1]}")
+    assert "`amplitude` and a number end the names of amplitudes; rename it" in line

@@ -9,7 +9,8 @@ import pytest
 from plants.refusals import refused
 
 from elastid.app import cli
-from elastid.base.errors import CODES
+from elastid.base.codes import codes
+from elastid.base.section import Key
 from elastid.study import load, make_schema
 from elastid.study.reference import describe, explain, keys_below, keys_of, list_keys, list_sections, names_in, overview
 from elastid.study.sections import FleetSpec, MemberSpec, Study
@@ -24,6 +25,20 @@ def test_a_field_without_a_text_is_refused() -> None:
     """A section whose key lacks its text has no reference."""
     with pytest.raises(AttributeError):
         list(keys_of(make_dataclass("Section", [("width", float)])))
+
+
+@pytest.mark.parametrize("bound", """
+Gear.load -0.1; TransmissionError.amplitude 0; GearRipple.order 0; Hysteresis.deflection 0; Friction.coulomb -1
+LuGre.stiffness -1; LuGre.damping -1; MaxwellSlip.attraction 0; Motor.inertia 0; Motor.viscous -1; Spring.stiffness 0
+Spring.damping -1; Rod.length 0; Chain.torque_damping 0; Body.mass -1; GasSpring.column 0; GasSpring.kappa 0.9
+CoilSpring.rest_length -1; ModalSpec.max_order 1; ModalSpec.exponential 0; ModalSpec.poles_hz -5; LawSpec.elements 0
+ConstantVelocitySpec.count 4; PreslidingLoopsSpec.loops 2; GearsSpec.orders 0
+""".strip().replace("\n", "; ").split("; "))  # fmt: skip
+def test_a_number_below_the_bound_of_its_key_is_refused(bound: str) -> None:
+    path, _, value = bound.partition(" ")
+    key = next(mark for mark in KEYS[*path.split(".")].annotation.__metadata__ if isinstance(mark, Key))
+    with pytest.raises(ValueError, match=r"^it must be "):
+        key.checked(float(value))
 
 
 def test_the_schema_shows_the_texts() -> None:
@@ -49,7 +64,7 @@ def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
         words = " ".join(explain(path.replace("<name>", "k_1")).split())
         parts = (path, key.text, describe(key.annotation), key.advice, *names_in(key.annotation))
         assert all(" ".join(part.split()) in words for part in parts)
-    assert CODES["study/yaml"] in explain("study/yaml")
+    assert codes()["study/yaml"].remedy in explain("study/yaml")
     assert explain("experiment.recorded.files[0].samples") == explain("files.samples").split("\n\n")[0]
     assert explain("fit.criterion") in explain("criterion").split("\n\n")
     assert explain("fit.parameters.k_1") == explain("fit.parameters")

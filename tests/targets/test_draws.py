@@ -17,11 +17,11 @@ def test_table_and_robot_files_hold_the_same_numbers(tmp_path: Path) -> None:
     """Each row is the robot of its number, read back in full; MJCF beside it has its stiffnesses."""
     draws = draw_robots(result(), 12, seed=3)
     paths, refused = write_draws(tmp_path, draws, "arm")
-    assert [path.name for path in paths] == ["draws.csv", "robots", "mujoco"]
+    assert [path.name for path in paths] == ["samples.csv", "robots", "mujoco"]
     assert refused == ""
-    with (tmp_path / "draws.csv").open() as file:
+    with (tmp_path / "samples.csv").open() as file:
         head, *rows = list(csv.reader(file))
-    assert head == ["draw", *draws.names]
+    assert head == ["sample", *draws.names]
     assert [row[0] for row in rows] == [f"{i:02d}" for i in range(1, 13)]
     for row, robot in zip(rows, draws.robots, strict=True):
         loaded = load_robot(tmp_path / "robots" / f"robot_{row[0]}.yml")

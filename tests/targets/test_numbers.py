@@ -23,23 +23,25 @@ EXACT = fitted_model("bench")
 
 
 def of_a_data_sheet() -> FittedRobot:
-    """Its last number within a tolerance; of the variance 0.64 by noise, 0.36 by the file."""
+    """Its last number within a tolerance; of the variance 0.64 by noise, 0.27 by the prior, 0.09 systematic."""
     result, free = EXACT.result, EXACT.result.parameters.free_names
-    parameters = (replace(p, tolerated=p.name == free[-1]) for p in result.parameters)
-    asked_first = Parameters(tuple(sorted(parameters, key=lambda p: p.tolerated)))
+    parameters = (replace(p, is_nuisance=p.name == free[-1]) for p in result.parameters)
+    asked_first = Parameters(tuple(sorted(parameters, key=lambda p: p.is_nuisance)))
     one = np.ones(len(free))
-    parts = {"repeated": 0.64 * one, "lasting": 0.36 * one}
+    parts = {"averaging_fraction": 0.64 * one, "persistent_fraction": 0.27 * one}
     return replace(EXACT, result=replace(result, parameters=asked_first, **parts))
 
 
 @pytest.mark.parametrize("model", [EXACT, of_a_data_sheet()], ids=["exact", "tolerated"])
 def test_every_export_has_the_numbers_of_the_fit(model: FittedRobot, tmp_path: Path) -> None:
-    """Value, std and interval, and of an asked number the parts 0.8 and 0.6 of std by noise and by file."""
+    """Value, std and interval, and of an asked number the contributions to std."""
     result, expected = model.result, {}
     for p in model.parameters:
         std = result.std.get(p.name, np.nan)
         low, high = result.interval(p.name) if p.is_free else (np.nan, np.nan)
-        parts = np.multiply(std, (0.8, 0.6) if result.has_tolerances and not p.tolerated else (np.nan, np.nan))
+        parts = np.multiply(
+            std, (0.8, 0.27**0.5, 0.3) if result.has_tolerances and not p.is_nuisance else (np.nan,) * 3
+        )
         expected[p.name] = [result.values[p.name], std, low, high, *parts.tolist()]
     assert [number.name for number in known_numbers(model)] == [*expected]
     write_csv(tmp_path, model)
@@ -49,7 +51,7 @@ def test_every_export_has_the_numbers_of_the_fit(model: FittedRobot, tmp_path: P
         tables = [dict(zip(arrays["parameters"].tolist(), arrays["known"].tolist(), strict=True))]
     tables.append({name: [float(cell or "nan") for cell in cells] for name, _, *cells in rows})
     of_matlab = loadmat(write_matlab(tmp_path, model)[0])["parameters"][:, 0]
-    keys = ("value", "std", "lower_95", "upper_95", "std_by_noise", "std_by_file")
+    keys = ("value", "std", "lower_95", "upper_95", "std_noise", "std_prior", "std_systematic")
     tables.append({row["name"].item(): [row[key].item() for key in keys] for row in of_matlab})
     for table in tables:
         assert [*table] == [*expected]

@@ -48,7 +48,7 @@ def test_a_map_has_the_numbers_of_each_posture_by_itself(name: str) -> None:
         assert workspace["deflection"].value[i] == pytest.approx(np.linalg.norm(stiff.compliance[:3, 2] * 50), rel=1e-8)
         assert workspace["frequency_1"].value[i] == pytest.approx(modes.freq_hz[0], rel=1e-8)
         assert workspace["frequency_1"].std[i] == pytest.approx(modes.freq_std[0], rel=1e-2)
-        assert workspace.share[i].sum() == pytest.approx(1, abs=0.03)  # the rest is gravity's
+        assert workspace.compliance_fraction[i].sum() == pytest.approx(1, abs=0.03)  # the rest is gravity's
     assert np.all(np.diff(workspace["softest_compliance"].value[workspace.softest]) <= 0)
 
 
@@ -121,5 +121,5 @@ def test_where_nothing_rests_the_map_says_why() -> None:
     """A robot of rubber."""
     own = result()
     rubber = replace(own, x=own.x - np.log(4e4))
-    with refused("robot/no-rest", holds="1 postures"):
+    with refused("robot/no-equilibrium", holds="1 postures"):
         map_workspace(rubber, np.array([[-0.2, 0.1]]))

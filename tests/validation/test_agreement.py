@@ -79,7 +79,7 @@ def test_a_configuration_is_judged_as_left_out_where_others_were_fitted():
     fitted, G = response(two_inertias(*BENCH, 0.002)), 1.1 * two_inertias(*BENCH, 0.002)
     both = fitted, replace(response(G), configuration=Configuration("c2", np.zeros(1)))
     none, one = (validate(both, [fitted, fitted], names) for names in ((), ("c2",)))
-    assert [a.left_out for a in (*none.configurations, *one.configurations)] == [False, False, False, True]
+    assert [a.is_validation for a in (*none.configurations, *one.configurations)] == [False, False, False, True]
     assert ("c2" in none.verdict, "c2" in one.verdict) == (False, True)
 
 

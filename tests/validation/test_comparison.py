@@ -172,7 +172,7 @@ def responses(robot: Robot) -> list[Response]:
     return responses_of(robot, postures, np.random.default_rng(0), np.linspace(2, 50, 30), added=1e-3)
 
 
-SPEC = FitSpec(starts=1, parameters={"k_2x": ParameterSpec()}, weights=WeightSpec(floor=0.0))
+SPEC = FitSpec(starts=1, parameters={"k_2x": ParameterSpec()}, weights=WeightSpec(model_error=0.0))
 
 
 def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(robot: Robot, responses: list[Response]) -> None:
@@ -180,21 +180,21 @@ def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(robot: Ro
     scaled = [*responses[:2], replace(responses[2], G=1.1 * responses[2].G)]
     task = (ComparedVariant("own", robot, SPEC, EXACT), ("c",))
     true, off = refit(responses, task), refit(scaled, task)
-    assert (true.status, true.n_free, list(true.left_out)) == ("converged", 1, ["c"])
+    assert (true.status, true.n_free, list(true.folds)) == ("converged", 1, ["c"])
     assert true.cost == off.cost
-    assert true.left_out["c"].misfit == pytest.approx(1, abs=0.2)
-    assert off.left_out["c"].misfit > 5
-    assert off.left_out["c"].rms_log_db == pytest.approx(20 * math.log10(1.1), abs=0.2)
+    assert true.folds["c"].misfit == pytest.approx(1, abs=0.2)
+    assert off.folds["c"].misfit > 5
+    assert off.folds["c"].rms_log_db == pytest.approx(20 * math.log10(1.1), abs=0.2)
 
 
 def test_masks_apply_to_the_configurations_that_they_name(robot: Robot, responses: list[Response]) -> None:
     """Of those fitted and of those left out; where nothing is left to fit, the refit fails with the reason."""
-    low = replace(SPEC, weights=WeightSpec(floor=0.0, factors=(FactorSpec(0.0, ("c",), band_hz=(0.0, 30.0)),)))
+    low = replace(SPEC, weights=WeightSpec(model_error=0.0, factors=(FactorSpec(0.0, ("c",), band_hz=(0.0, 30.0)),)))
     low_lines = (responses[2].freq_hz < 30)[:, None, None]
     spoilt = [*responses[:2], replace(responses[2], G=responses[2].G + 9 * low_lines)]
     found = refit(spoilt, (ComparedVariant("own", robot, low, EXACT), ("c",)))
-    assert found.left_out["c"].misfit == pytest.approx(1, abs=0.3)
-    nothing = replace(SPEC, weights=WeightSpec(floor=0.0, factors=(FactorSpec(0.0, ("a", "b")),)))
+    assert found.folds["c"].misfit == pytest.approx(1, abs=0.3)
+    nothing = replace(SPEC, weights=WeightSpec(model_error=0.0, factors=(FactorSpec(0.0, ("a", "b")),)))
     failed = refit(responses, (ComparedVariant("own", robot, nothing, EXACT), ("c",)))
-    assert (failed.status, failed.n_free, failed.left_out) == ("failed", 0, {})
+    assert (failed.status, failed.n_free, failed.folds) == ("failed", 0, {})
     assert failed.message

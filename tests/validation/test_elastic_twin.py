@@ -59,8 +59,8 @@ def test_parts_of_a_known_joint_have_their_torque() -> None:
     np.testing.assert_allclose(found.torques[0], (J_MOTOR + J_LINK) * periods(Y)[:N, 0], atol=1e-9)
     np.testing.assert_allclose(found.torques[2], VISCOUS_COEFFICIENT * periods(velocity)[:N, 0], atol=1e-9)
     np.testing.assert_allclose(found.torques[3], DRY_SHARE * net.u[:N, 0], atol=1e-9)
-    assert sum(found.shares) == pytest.approx(1.0)
-    assert found.left == pytest.approx(0.0, abs=1e-12)
+    assert sum(found.fractions) == pytest.approx(1.0)
+    assert found.unexplained_fraction == pytest.approx(0.0, abs=1e-12)
     assert elastic_balances(record, net, parts, freq_hz, EstimatorSpec(transient_periods=2)) == ()
 
 
@@ -118,7 +118,7 @@ def test_the_true_twin_is_off_by_the_noise(measured: tuple[SimulatedRig, Record]
     assert errors(run)[TORQUE] < expected
     assert errors(run)[MOTION] < 5 * expected
     assert errors(run)[LINK] < 5 * expected
-    assert run.held_hz == pytest.approx(0.4)
+    assert run.tracking_bandwidth_hz == pytest.approx(0.4)
 
 
 def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(

@@ -18,15 +18,15 @@ from elastid.validation.twin import MOTION, TwinSignal
 def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_part_is_left() -> None:
     """Amplitudes 4, 2 and 1 at 3, 6 and 20 Hz: 16, 4 and 1 of 21; the model lacks the last."""
     (_, middle, fast), found = waves(), balance()
-    assert found.shares == pytest.approx((16 / 21, 4 / 21))
-    assert found.left == pytest.approx(1 / 21)
-    assert found.left_without_friction == pytest.approx(5 / 21)
+    assert found.fractions == pytest.approx((16 / 21, 4 / 21))
+    assert found.unexplained_fraction == pytest.approx(1 / 21)
+    assert found.unexplained_without_friction == pytest.approx(5 / 21)
     bands = {(band.low_hz, band.high_hz): band for band in found.bands}
     assert bands[2.0, 4.0].power == pytest.approx(16 / 21, rel=1e-3)
-    assert bands[4.0, 8.0].left == pytest.approx(0.0, abs=1e-6)
-    assert bands[4.0, 8.0].left_without_friction == pytest.approx(1.0, rel=1e-3)
+    assert bands[4.0, 8.0].unexplained_fraction == pytest.approx(0.0, abs=1e-6)
+    assert bands[4.0, 8.0].unexplained_without_friction == pytest.approx(1.0, rel=1e-3)
     assert found.worst is bands[16.0, 32.0]
-    assert found.worst.left == pytest.approx(1.0, rel=1e-3)
+    assert found.worst.unexplained_fraction == pytest.approx(1.0, rel=1e-3)
     np.testing.assert_allclose(found.residual, fast, atol=1e-12)
     np.testing.assert_allclose(found.part((DRY, VISCOUS)), middle, atol=1e-12)
 
@@ -37,15 +37,15 @@ def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left()
     record = FrictionRecord("log", "1", "motion", 1e3, data["qm"].ravel(), 35.1507 * data["vir"].ravel(), slides=True)
     motion = regress_motion(Motion("joint 1", 1e3, record.position, record.torque, slides=True))
     (found,) = friction_balances([JointFriction("1", True, motion=motion)], FrictionRecords((record,)))
-    assert dict(zip(found.parts, found.shares, strict=True)) == pytest.approx(
+    assert dict(zip(found.parts, found.fractions, strict=True)) == pytest.approx(
         {INERTIA: 0.497, VISCOUS: 0.237, DRY: 0.267}, abs=0.003
     )
     # The regression leaves out what is near a reversal.
-    assert found.left > motion.chosen.relative_error**2
-    assert found.left < 0.001
-    assert found.left_without_friction == pytest.approx(0.502, abs=0.003)
-    assert all(band.shares[0] > 0.97 for band in found.bands if band.low_hz >= 2.5)
-    assert all(band.left < 0.005 for band in found.bands)
+    assert found.unexplained_fraction > motion.chosen.relative_error**2
+    assert found.unexplained_fraction < 0.001
+    assert found.unexplained_without_friction == pytest.approx(0.502, abs=0.003)
+    assert all(band.fractions[0] > 0.97 for band in found.bands if band.low_hz >= 2.5)
+    assert all(band.unexplained_fraction < 0.005 for band in found.bands)
 
 
 def test_the_error_of_a_signal_is_over_the_signal_about_its_mean() -> None:

@@ -36,7 +36,7 @@ def design(study: Study, work: Work) -> Artefacts:
         raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
     problem = DesignProblem(
         *(robot, excitation, study.experiment, study.fit, study.estimator.quantity, study.seed, spec),
-        left_out=study.validation.left_out, model=study.model, friction=study.estimator.friction,
+        left_out=study.validation.configurations, model=study.model, friction=study.estimator.friction,
     )  # fmt: skip
     carrier = study.experiment.as_simulated().carrier
     with work.execution() as execution:
@@ -75,7 +75,7 @@ def design(study: Study, work: Work) -> Artefacts:
 
 def movement_of(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
     """The movement in one configuration; a process builds the equations itself, since they do not pickle."""
-    return reference(plan, carrier, feed_forward_of(model_of(robot.carrying(configuration.carries))), configuration)
+    return reference(plan, carrier, feed_forward_of(model_of(robot.carrying(configuration.has_payload))), configuration)
 
 
 def _write_references(plan: Plan, movements: Sequence[Reference], work: Work, folder: Path, stamp: Stamp) -> None:

@@ -97,7 +97,7 @@ def _artefacts(
         counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
         console.say(f"estimate: {len(responses)} response{'s' * (len(responses) != 1)} (lines: {counts})")
         for note in () if friction is None else friction.notes:
-            if note.code == "nonlinear/friction-taken-out":
+            if note.code == "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")
 
     frf: Write = lambda path, stamp: write_responses(path, responses, stamp, friction)  # noqa: E731

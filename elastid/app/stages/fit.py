@@ -33,7 +33,7 @@ def fit(study: Study, work: Work) -> Artefacts:
 
     An interrupted fit leaves its finished starts in fit.partial, from where the next is resumed.
     """
-    robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.left_out
+    robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.configurations
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
     tests: Sequence[PlacedTest] = ()
     tapped: list[Response] = []

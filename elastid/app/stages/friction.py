@@ -93,9 +93,9 @@ def import_motions(study: Study, work: Work) -> Artefacts:
     return Artefacts(parts, partial(report_count, notes, len(logs.records)))
 
 
-def levels(study: Study, work: Work) -> Artefacts:
-    """levels.h5: friction at each speed, load and temperature, and the regression of each joint's motions."""
-    measured, _ = stored.read_friction_records(work.sources["measure"]).divided(study.validation.left_out)
+def constant_velocity(study: Study, work: Work) -> Artefacts:
+    """constant_velocity.h5: friction torque by speed, load and temperature, and the regression of motions."""
+    measured, _ = stored.read_friction_records(work.sources["measure"]).divided(study.validation.configurations)
     joints = [joint for joint in study.friction_joints if joint.name in measured.joints]
     joint_levels = find_joint_levels(study.as_robot(), joints, measured)
 
@@ -103,15 +103,18 @@ def levels(study: Study, work: Work) -> Artefacts:
         said = [note for record in measured.records for note in record.notes]
         console.notes(note for levels in joint_levels for note in levels.notes if note not in said)
         for levels in joint_levels:
-            console.say(f"levels: joint {levels.joint}: {_level_words(levels)}")
+            console.say(f"constant_velocity: joint {levels.joint}: {_level_words(levels)}")
 
-    return Artefacts({"levels.h5": lambda path, stamp: stored.write_levels(path, joint_levels, stamp)}, report)
+    def write(path: Path, stamp: Stamp) -> None:
+        stored.write_constant_velocity(path, joint_levels, stamp)
+
+    return Artefacts({"constant_velocity.h5": write}, report)
 
 
 def friction(study: Study, work: Work) -> Artefacts:
     """friction.h5, summary.json, identified_robot.yml; without a result a summary with the reason, and FitError."""
-    name, robot, left_out = study.name, study.as_robot(), study.validation.left_out
-    joint_levels = stored.read_levels(work.sources["levels"])
+    name, robot, left_out = study.name, study.as_robot(), study.validation.configurations
+    joint_levels = stored.read_constant_velocity(work.sources["constant_velocity"])
     measured, others = stored.read_friction_records(work.sources["measure"]).divided(left_out)
     simulated, recorded = study.experiment.simulated, study.experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
@@ -153,8 +156,8 @@ def _content(name: str, files: Mapping[str, Path], stamp: Stamp = NO_STAMP) -> F
     """The results of a study by their stages, as far as they are there."""
     plan = stored.read_friction_plan(files["design"]) if "design" in files else None
     filters = stored.read_filter(files["follow"]) if "follow" in files else ()
-    result, twin = stored.read_friction_result(files["friction"]), stored.read_twin(files["friction"])
-    left_out = stored.read_left_out(files["friction"])
+    result, twin = stored.read_friction_result(files["friction"]), stored.read_simulation(files["friction"])
+    left_out = stored.read_validation_logs(files["friction"])
     return FrictionContent(name, result, stamp.study, stamp.shown, plan, filters, twin, left_out)
 
 
@@ -182,8 +185,8 @@ def conclude(run: Run) -> None:
 def _level_words(joint: JointLevels) -> str:
     unit = "m/s" if joint.slides else "rad/s"
     parts = []
-    if joint.levels is not None:
-        curve = joint.levels
+    if joint.constant_velocity is not None:
+        curve = joint.constant_velocity
         parts.append(f"{curve.n_levels} levels from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
     if joint.motion is not None:
         error = joint.motion.chosen.relative_error

@@ -133,8 +133,8 @@ def _number(joint: str, row: GearNumber) -> dict[str, Any]:
     known |= {"interval95": row.interval if row.is_seen else None, "bound95": None if row.is_seen else row.bound}
     if row.order:
         known |= section(row, "order phase phase_std")
-    if math.isfinite(row.rated_share):
-        known["of_rated"] = row.rated_share
+    if math.isfinite(row.rated_fraction):
+        known["of_rated"] = row.rated_fraction
     if row.maker_unit:
         size = row.value if row.is_seen else row.bound
         known |= {"maker_unit": row.maker_unit, "in_maker_unit": size * row.factor}

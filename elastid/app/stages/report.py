@@ -21,7 +21,7 @@ from elastid.report.figures.drawings import Drawing, drawings, drawings_of_respo
 from elastid.report.page.page import EmbeddedFigure, html, html_of_responses, write_page
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_responses, write_modes
-from elastid.store.results import read_comparison, read_fit, read_gears, read_modelled, read_twin, read_validation
+from elastid.store.results import read_comparison, read_fit, read_gears, read_modelled, read_simulation, read_validation
 from elastid.study import Study
 
 
@@ -47,7 +47,7 @@ def report(study: Study, work: Work) -> Artefacts:
         comparison=read_comparison(work.parts.with_name("compare.json"), read_stamp(estimates) or Stamp()),
         dense=dense_models(fitted),
         friction=friction,
-        twin=read_twin(validated),
+        twin=read_simulation(validated),
         contents=contents(robot, simulated is not None, friction, result.parameters.free),
         gears=gears,
         measured_modes=measured_modes(fitted),

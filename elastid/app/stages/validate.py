@@ -54,7 +54,7 @@ def validate(study: Study, work: Work) -> Artefacts:
     records = work.sources.get("measure")
     if records is None and study.experiment.responses is None:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is simulated in time")
-    left_out = study.validation.left_out
+    left_out = study.validation.configurations
     with work.execution() as execution:
         judged, twin = judge(basis, left_out, records, work.console, execution)
     counted = result.tool is not None and not result.tool.disagrees
@@ -69,7 +69,7 @@ def validate(study: Study, work: Work) -> Artefacts:
         console.say(f"validate: {judged.verdict}")
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
-        worst = sorted(twin.balances, key=lambda balance: balance.left)[-1:]
+        worst = sorted(twin.balances, key=lambda balance: balance.unexplained_fraction)[-1:]
         for words in replace(twin, balances=tuple(worst)).words:
             console.detail(f"validate: {words}")
 
@@ -133,7 +133,7 @@ def _balanced(
 def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
     """A simulation along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
-    chosen = next((name for name in basis.study.validation.left_out if name in names), names[0])
+    chosen = next((name for name in basis.study.validation.configurations if name in names), names[0])
     result = with_gears(basis.fitted.result, basis.gears)
     responses = [response for response in basis.fitted.measured if response.configuration.name == chosen]
     if not responses:

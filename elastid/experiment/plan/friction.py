@@ -156,7 +156,7 @@ def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
             "friction/plan",
             f"{limits.place} may move at {limits.velocity:.4g} {limits.unit}/s, and a pass at "
             f"{speed:.4g} is asked for; lower the highest speed, or correct limits.velocity",
-            "friction.passes.speeds",
+            "friction.constant_velocity.speeds",
         )
     # Both ramps of smooth shape cover half of what their time would at full speed.
     ramps, low, high = speed * ramp_time(speed, limits), *limits.window
@@ -171,7 +171,7 @@ def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
             f"a pass of {limits.place} at {speed:.4g} {limits.unit}/s takes {travel:.4g} "
             f"{limits.unit} (ramps {ramps:.3g}, settling {settling:.3g}, steady {speed * plateau_s:.3g}), and the "
             f"window has {high - low:.4g}; widen it, or measure up to {fastest_speed(limits):.3g} {limits.unit}/s",
-            "friction.passes.window",
+            "friction.constant_velocity.window",
         )
     middle = (low + high) / 2
     return PlannedPass(f"{speed:.4g}-{number}", speed, middle - travel / 2, middle + travel / 2, plateau_s)

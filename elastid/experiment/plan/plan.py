@@ -12,7 +12,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, degrees
 from elastid.base.errors import StudyError, index_of
-from elastid.base.names import at_level
+from elastid.base.names import at_amplitude
 from elastid.excitation.grids import line_count_refusal, line_frequencies
 from elastid.excitation.multisine import amplitudes, experiments, relative_amplitudes, synthesise
 from elastid.excitation.spec import MultisineSpec, Signal, planned_lines
@@ -92,7 +92,7 @@ def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
 
     The first of several amplitudes.
     """
-    rms = excitation.levels[0]
+    rms = excitation.amplitudes[0]
     if rms == "limits":
         limits = np.array([joint.limits.torque for joint in robot.driven])
         return np.where(np.isfinite(limits), limits, np.min(limits[np.isfinite(limits)], initial=1e3)) / 100
@@ -230,7 +230,7 @@ def make_plan(
 ) -> Plan:
     """The plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine, or the first.
 
-    With several amplitudes each configuration is measured at every one, under a name of its own (`at_level`).
+    With several amplitudes each configuration is measured at every one, under a name of its own (`at_amplitude`).
 
     chosen: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
     has found, by the configuration's name.  closed_loop: needed where excitation.flat or compress names a quantity
@@ -240,9 +240,12 @@ def make_plan(
     """
     given = [ChosenConfiguration(c, experiment.realisations) for c in experiment.postures.values()]
     everyone = [
-        (level, replace(pick, configuration=replace(pick.configuration, name=at_level(pick.configuration.name, level))))
+        (
+            level,
+            replace(pick, configuration=replace(pick.configuration, name=at_amplitude(pick.configuration.name, level))),
+        )
         for pick in (*given, *chosen)
-        for level in range(1, len(excitation.levels) + 1)
+        for level in range(1, len(excitation.amplitudes) + 1)
     ]
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)
     M, E = max(choice.realisations for _, choice in everyone), experiment.runs(n_u)
@@ -251,7 +254,7 @@ def make_plan(
         draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(choice.realisations)]
         spectrum = (spectra or {}).get(choice.configuration.name)
         every = torque_spectra(
-            excitation.at_level(level), robot, lines.excited, choice.configuration, draws, spectrum,
+            excitation.at_amplitude(level), robot, lines.excited, choice.configuration, draws, spectrum,
             closed_loop,
         )  # fmt: skip
         R[q, : len(draws)] = every[:, :E]

@@ -190,7 +190,7 @@ class SimulatedFrictionRig:
         model, i, rate_hz, seed = run.plant.model, run.index, self.plan.rate_hz, (self.seed, number)
         noise = draw_noise(self.simulated.noise, len(run.path.position), rate_hz, model.n_u, model.inputs, seed)
         trajectory = run.simulated(self.simulated.controller, rate_hz, noise)
-        first = motion.period_samples or 0 if motion.purpose == "at_rest" else 0
+        first = motion.period_samples or 0 if motion.purpose == "presliding_test" else 0
         temperature, planned = self._thermometer(run, number), motion.planned
         return FrictionRecord(
             motion.name,

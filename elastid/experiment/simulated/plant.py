@@ -113,7 +113,7 @@ def true_plant(
     its own, for whose poles a fifth is to spare.  StudyError where the integration steps are too long for the fastest
     pole.
     """
-    robot = true_robot(robot, spec.truth).carrying(start.carries)
+    robot = true_robot(robot, spec.truth).carrying(start.has_payload)
     model = model_of(robot, spec.model)
     point = equilibrium(model, model.theta, start)
     s, fastest = poles(model, contacts(model, frictions(robot)), point.q)

@@ -126,9 +126,9 @@ class ToolSpec:
     responses: Annotated[ResponsesSpec, Key("Files of the responses and their channels: role u at `force tool x`, role "
         "y at `frame tool x` or `accelerometer tool x`.", "one file for each posture that was tapped, in any of the "
         "formats; the postures need not have been measured otherwise.")]
-    motors: Annotated[Motors, Key("Motors while it was measured: `held` by brakes, `free`, or `controlled` by their "
+    motors: Annotated[Motors, Key("Motors while it was measured: `locked` by brakes, `free`, or `controlled` by their "
         "drives with a stiffness and a damping.", "free where drives hold the robot by a soft loop far below the "
-        "lines; controlled where their bandwidth reaches the lines.")] = "held"
+        "lines; controlled where their bandwidth reaches the lines.")] = "locked"
     stiffness: Annotated[tuple[Stiffness, ...], Key("Stiffness with which each controlled drive holds its motor, on "
         "the link side: position gain, and velocity gain over the integral time.", "the drives' gains, in the order of "
         "the motors; a wrong one shows as a contradiction of the motors' responses.")] = ()

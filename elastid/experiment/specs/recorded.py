@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.names import at_level
+from elastid.base.names import at_amplitude
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.channels import ChannelSpec
@@ -69,9 +69,9 @@ class FileSpec:
         "has a start of its own, whose transient is left out.", "count up within a "
         "realisation, as many as motors unless a local method is used; the same numbers for a logger that splits its "
         "logs, or for a repeat.")] = 0
-    level: Annotated[int, Key("Number of the amplitude at which the configuration was measured, from 1.", "2 and so on "
-        "for logs of the same posture with less or more torque: each amplitude is a response of its own, and `gears` "
-        "fits all of them together.", least=1)] = 1
+    amplitude: Annotated[int, Key("Number of the excitation amplitude, from 1.", "2 and so on for logs of the same "
+        "posture with less or more torque. Each amplitude is a response of its own; `gears` fits all of them "
+        "together.", least=1)] = 1
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the samples that are used.", "to cut off "
         "what is before the start, or after a stop; whole periods are found by themselves.")] = None
     also: Annotated[tuple[str, ...], Key("Other logs of the same experiment. One that started at another time must "
@@ -87,12 +87,13 @@ class FileSpec:
         "from that of the others.", "for one file whose clock drifted, instead of its period in s.")] = None
     joint: Annotated[str, Key("Name of the joint that moves (default: every one whose torque and position are logged "
         "and that moves).", "where several joints move and only one is to be identified from this log.")] = ""
-    purpose: Annotated[Literal["motion", "loops", "at_rest", "warm_up", "run_down"], Key("Purpose of the log: passes "
-        "and any other motion; `loops` of growing torque before the joint slides; `at_rest`, a small multisine or "
-        "noise at standstill; `warm_up`, a joint that moves to and fro until it is warm; `run_down`, one that coasts "
-        "one way until it stands, its drive off or its torque known.", "`loops` gives friction before sliding, "
-        "`at_rest` stiffness and damping of the bristles, `warm_up` the time constants of heat, `run_down` friction "
-        "relative to a known inertia, as of a spindle; plateaus are looked for in motions and warm-ups.")] = "motion"
+    purpose: Annotated[Literal["motion", "presliding_loops", "presliding_test", "warm_up", "coast_down"], Key(
+        "Purpose of the log in a friction study: `motion` (constant-velocity runs and any other motion), "
+        "`presliding_loops` (growing torque, no sliding), `presliding_test` (small multisine or noise, zero velocity), "
+        "`warm_up` (motion to and fro until the joint is warm) or `coast_down` (one direction until standstill).",
+        "presliding_loops identify friction before sliding, presliding_test the stiffness and damping of the bristles, "
+        "warm_up the thermal time constants. coast_down identifies friction relative to a known inertia, with drive "
+        "off or its torque known.")] = "motion"
     start: Annotated[Time | None, Key("Time at which the log of a study of friction starts, from the start of the "
         "first one (default: where the one before ends).", "for logs of one warm-up with pauses between them, in "
         "which the joint cools.")] = None
@@ -113,7 +114,7 @@ class FileSpec:
     @property
     def run(self) -> tuple[str, int, int]:
         """Configuration, realisation and experiment; files of one run hold further periods of its excitation."""
-        return at_level(self.configuration, self.level), self.realisation, self.experiment
+        return at_amplitude(self.configuration, self.amplitude), self.realisation, self.experiment
 
     def __post_init__(self) -> None:
         _check_period(self.period, self.period_samples)

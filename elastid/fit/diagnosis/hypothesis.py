@@ -148,7 +148,7 @@ class Hypothesis:
     changes: Changes | None = None
     search: Callable[[list[ModificationIndex], Evidence, Scores], list[ModificationIndex]] | None = None
 
-    def number(self, name: str, value: float, unit: str = "", tolerated: bool = False) -> HeldNumber:
+    def number(self, name: str, value: float, unit: str = "", is_nuisance: bool = False) -> HeldNumber:
         """A held number of its own with the steps that are plausible; a positive quantity of value 0 only grows."""
         size = self.size
         log, limits = size.log and value > 0, (-size.limit, size.limit, size.usual)
@@ -160,7 +160,7 @@ class Hypothesis:
         elif not log and size.log:
             limits = -math.inf, math.inf, math.inf
         return HeldNumber(
-            name, self.family, value, unit or size.unit, log, *limits, tolerated=tolerated, is_stated=self.is_stated
+            name, self.family, value, unit or size.unit, log, *limits, is_nuisance=is_nuisance, is_stated=self.is_stated
         )
 
 
@@ -266,16 +266,16 @@ def against(
     """The index where V (cost) and x (n_x,) are those of a fit with it."""
     drop = scores.cost - cost if math.isfinite(cost) else 0.0
     share = drop / max(scores.cost - scores.noise, drop, 1e-300)
-    return replace(index, drop=drop, share=share, effects=x - evidence.result.x)
+    return replace(index, drop=drop, explained_fraction=share, effects=x - evidence.result.x)
 
 
 def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """A note on each index of the sequence that explains enough, and one where none does."""
     sequence = [index for index in evidence.result.indices if index.place]
-    texts = [_sentence(index, evidence) for index in sequence if index.share >= LIMITS.stated_share]
+    texts = [_sentence(index, evidence) for index in sequence if index.explained_fraction >= LIMITS.stated_share]
     is_alone = not (sequence or evidence.apart) and evidence.result.status == "misfit" and evidence.result.exceeds_noise
-    if is_alone or (sequence and sequence[0].share < LIMITS.reason_share):
-        best = f" more than {_percent(sequence[0].share)}" if sequence else " a part"
+    if is_alone or (sequence and sequence[0].explained_fraction < LIMITS.reason_share):
+        best = f" more than {_percent(sequence[0].explained_fraction)}" if sequence else " a part"
         which = f" ({phrase(sequence[0], evidence)} does)" if sequence else ""
         advice = (
             FREE_MOTORS
@@ -301,13 +301,13 @@ def _sentence(index: ModificationIndex, evidence: Evidence) -> str:
             f"{phrase(index, evidence)}{same} {beyond}, and V would be lower by {index.drop:.0f} with it in the "
             f"file{effect}: {_advice(index, evidence)}"
         )
-    doubt = "" if index.place > 1 or index.share >= LIMITS.certain_share else (
+    doubt = "" if index.place > 1 or index.explained_fraction >= LIMITS.certain_share else (
         "; it is the likeliest of the causes that were tried, but not certain, since "
-        f"{_percent(max(1 - index.share, 0.0))} remain"
+        f"{_percent(max(1 - index.explained_fraction, 0.0))} remain"
     )  # fmt: skip
     return (
         f"{'besides that, ' if index.place > 1 else ''}{phrase(index, evidence)}{same} would explain "
-        f"{_percent(index.share)} of what the residuals have beyond the noise{effect}: "
+        f"{_percent(index.explained_fraction)} of what the residuals have beyond the noise{effect}: "
         f"{_advice(index, evidence)}{doubt}"
     )
 

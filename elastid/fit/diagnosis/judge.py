@@ -109,7 +109,7 @@ def _with_priors(
     r, J = evidence.optimum.fit.static(evidence.optimum.end.x)
     A[:n_x, :n_x] += lines * J.T @ J
     b[:n_x] += lines * J.T @ r
-    shifted = [i for i, p in enumerate(free) if p.tolerated and slope[i] > 0]
+    shifted = [i for i, p in enumerate(free) if p.is_nuisance and slope[i] > 0]
     A, b = np.pad(A, (0, len(shifted))), np.append(b, -pull[shifted])
     numbers = []
     for place, i in zip(range(len(b) - len(shifted), len(b)), shifted, strict=True):
@@ -267,7 +267,7 @@ def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex
             break
         test = test.freed(by_name[linear])
         best = ranked(test, scores, place, 1)[:1]
-        if not best or best[0].share < LIMITS.further_share:
+        if not best or best[0].explained_fraction < LIMITS.further_share:
             break
         before = best[0]
         further.append(before)
@@ -300,7 +300,7 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
             steps=step,
             std=test.std(candidate) * math.sqrt(max(scores.level, 0.0)),
             drop=drop / scores.lines,
-            share=drop / max(scores.excess, drop, 1e-300),
+            explained_fraction=drop / max(scores.excess, drop, 1e-300),
             effects=test.effects(candidate, step),
             alike=tuple(every[j].name for j in sorted(equal, key=lambda j: -drops[j])),
             place=place,
@@ -335,7 +335,7 @@ def occam_factor(S: FloatArray, usual: FloatArray, sizes: FloatArray) -> float:
     return float(log_det + 2 * np.sum(np.log1p(sizes**2)))
 
 
-CONSEQUENCES = ("fit/at-bound", "fit/weakly-determined")  # codes of notes
+CONSEQUENCES = ("fit/at-bound", "fit/weakly-identifiable")  # codes of notes
 
 
 def judge(
@@ -368,7 +368,7 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
     """A judged result with notes on causes, estimate and undetectable errors, besides `notes` of data and search."""
     result, optimum, scores = evidence.result, evidence.optimum, evidence.scores
     if scores is not None and result.status in ("converged", "at_bound"):
-        result = replace(result, rigid_parts=find_rigid_parts(result, scores, scores.held.linearisation.model.robot))
+        result = replace(result, assumed_rigid=find_rigid_parts(result, scores, scores.held.linearisation.model.robot))
     apart, causes = evidence.apart, explanations(evidence)
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)

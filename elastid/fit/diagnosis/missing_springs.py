@@ -56,7 +56,7 @@ def find_missing_springs(
     indices: list[ModificationIndex], evidence: Evidence, scores: Scores
 ) -> list[ModificationIndex]:
     """The indices with springs that the robot lacks, each replacing its linear step, where nothing explains V."""
-    explained = max((index.share for index in indices), default=0.0)
+    explained = max((index.explained_fraction for index in indices), default=0.0)
     if evidence.result.exceeds_noise and explained > LIMITS.certain_share:
         return indices
     candidates = sorted(_promising(evidence, scores), key=lambda spring: -spring.predicted)

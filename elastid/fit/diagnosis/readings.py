@@ -57,7 +57,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     with suppress(ElastidError):  # no robot stands there
         file = thinned(assembly.at(assembly.parameters.x, assembly.spec.criterion))
         # A fit of responses that were read wrongly may have moved the numbers of the file far within their tolerances.
-        starts.append((file, assembly.parameters.x, np.array([not p.tolerated for p in assembly.parameters.free])))
+        starts.append((file, assembly.parameters.x, np.array([not p.is_nuisance for p in assembly.parameters.free])))
     predicted = [  # V of every reading after one step from each start
         (predict(reading, evaluated, problem.prior_slopes, free)[0], reading, (problem, start, free))
         for problem, start, free in starts
@@ -313,7 +313,8 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
         for role, places in zip("yu", _channels(evaluated), strict=True)
         for place in places
     }
-    delays = [row for row in indices if row.name in channels and row.share > LIMITS.stated_share][: LIMITS.followed]
+    delays = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.stated_share]
+    delays = delays[: LIMITS.followed]
     extended = [index for index in indices if index not in delays]
     for delay in delays:
         forms = best_forms(evaluated, prior, free, delay.name, channels[delay.name], float(delay.steps[0]))
@@ -327,5 +328,5 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
             values, drop = delay.values * (late.name == delay.name), share * scores.excess / scores.lines
             changed = replace(delay, name=late.name, members=(late.name,), values=values, steps=np.array([late.time]))
             effects = late.step
-            extended.append(replace(changed, drop=drop, share=share, effects=effects, alike=alike))
+            extended.append(replace(changed, drop=drop, explained_fraction=share, effects=effects, alike=alike))
     return extended

@@ -37,7 +37,7 @@ class HeldNumber:
     """A number that the fit held.  value: SI, in unit.  log: steps are of ln p.
 
     lower, upper: of a plausible step.  usual: how far such a number is commonly off, of the step's unit.
-    tolerated: it moves within the tolerance of the robot's file, and is off by more.  is_stated: of `Hypothesis`.
+    is_nuisance: it moves within the tolerance of the robot's file, and is off by more.  is_stated: of `Hypothesis`.
     """
 
     name: str
@@ -48,7 +48,7 @@ class HeldNumber:
     lower: float
     upper: float
     usual: float
-    tolerated: bool = False
+    is_nuisance: bool = False
     is_stated: bool = True
 
 

@@ -94,7 +94,7 @@ class SecondSource:
 
 def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:
     """The source next to `alone`, any cause still _UNKNOWN; and T with the factor that explains it, else inf."""
-    scale = alone.model_error**2 if alone.exceeds_noise else 1.0
+    scale = alone.inflation_factor**2 if alone.exceeds_noise else 1.0
     dof, T = now.n_residuals, now.least()[0]
     least, by, std = now.least(with_factor=True)
     is_other_size = by**2 > scale * chi_square_limit(1, LIMITS.tail) * std**2
@@ -154,11 +154,11 @@ def _tool_residuals(
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     """Responses at the tool, those of `assembly`, next to `alone`, the fit to the motors' responses."""
-    fit, now = _beside(assembly.with_floor(alone.floor), alone)
+    fit, now = _beside(assembly.with_floor(alone.model_error), alone)
     result, with_factor = agreement(now, alone)
     is_misread = False
     if result.disagrees:
-        others = [(_beside(replace(assembly, responses=read).with_floor(alone.floor), alone)[1], words)
+        others = [(_beside(replace(assembly, responses=read).with_floor(alone.model_error), alone)[1], words)
                   for read, words in _tool_readings(assembly.responses)]  # fmt: skip
         least, reading = min(((trial.least()[0], words) for trial, words in others), key=lambda trial: trial[0])
         is_misread = explains(now, result.chi_square, least)
@@ -203,7 +203,7 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
         if len(stated) == 1 and (held := orders.get(min(stated) - power)):
             yield turned(1.0, power), f"the file holds the {held}, not the {orders[min(stated)]}"
     moves = any(place.startswith("motor ") for G in responses for place in G.outputs)
-    ways: tuple[Literal["held", "free"], ...] = ("free",) if moves else ("held", "free")
+    ways: tuple[Literal["locked", "free"], ...] = ("free",) if moves else ("locked", "free")
     for motors in ways:
         if any(G.motors != motors for G in responses):
             yield tuple(replace(G, motors=motors, loop=None) for G in responses), f"the motors were {motors}"

@@ -211,7 +211,7 @@ def evaluate_held(
     chain, numbers = fitted.jacobian(x, part.configuration), dict(by_name)
     free = np.zeros((chain.shape[1], *G.shape), complex)
     # An entry of an inertia moves with all others by their common factor, and may be off alone, too.
-    tied = {p.name for p in fitted if p.tie is not None and fitted[p.tie.to].tolerated}
+    tied = {p.name for p in fitted if p.tie is not None and fitted[p.tie.to].is_nuisance}
     for name, row in zip(fitted.names, chain, strict=True):
         if name in by_name and np.any(row):
             if name not in tied:
@@ -401,7 +401,7 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
 
 def start_distance(parameters: Parameters, x: FloatArray) -> float:
     """-2 ln of the prior of stiffnesses that end at x (n_x,) about where the study starts them, as `ranking` has it."""
-    asked = (i for i, p in enumerate(parameters.free) if not p.tolerated and p.log and p.stands_for.startswith("k_"))
+    asked = (i for i, p in enumerate(parameters.free) if not p.is_nuisance and p.log and p.stands_for.startswith("k_"))
     return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STEP_STD) ** 2) for i in asked)
 
 

@@ -64,7 +64,7 @@ def bound_notes(result: Result) -> Iterator[Note]:
         side, value = ("lower", parameter.lower) if low else ("upper", parameter.upper)
         advice = (
             "it is a number of the robot's file, and that is far outside its tolerance"
-            if parameter.tolerated
+            if parameter.is_nuisance
             else "widen it if values beyond it are plausible; where it ends at a wider one, too, the responses show "
             "that it is small or large and no more, or the model lacks something that they show"
         )
@@ -79,7 +79,8 @@ def with_status(evidence: Evidence) -> Result:
     """The result with the worst status that applies, and a sentence with the numbers."""
     result, end, unreached = evidence.result, evidence.optimum.end, evidence.uncertainty.unreached
     free = result.parameters.free_names
-    fit = f"{_compared_with_noise(result)}; {result.hits} of {len(result.starts)} starts reached this optimum"
+    starts = f"{result.n_converged_starts} of {len(result.starts)} starts reached this optimum"
+    fit = f"{_compared_with_noise(result)}; {starts}"
     held = f" with {listed(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
 
     def ended(status: Status, message: str) -> Result:
@@ -93,7 +94,7 @@ def with_status(evidence: Evidence) -> Result:
             f"{percent(max(evidence.explained, 0.0))} of them, and another reading of them far more (see the first "
             "warning)",
         )
-    too_large = result.model_error > LIMITS.model_error or not result.noise_is_known
+    too_large = result.inflation_factor > LIMITS.model_error or not result.noise_is_known
     if too_large and evidence.explained < LIMITS.half:
         far = "" if end.converged else f" (and the fit did not converge: {end.message})"
         return ended(
@@ -108,7 +109,7 @@ def with_status(evidence: Evidence) -> Result:
         return ended("ill_conditioned", f"the data do not determine a combination of {listed(free, unreached)}")
     result = replace(result, verdicts=_verdicts(evidence))
     by_blocks, cause = _by_blocks(evidence), evidence.cause
-    if by_blocks and cause is not None and cause.share >= LIMITS.reason_share:
+    if by_blocks and cause is not None and cause.explained_fraction >= LIMITS.reason_share:
         by_blocks += f"; the likeliest cause is {phrase(cause, evidence)}"
     if misfit := by_blocks or _by_held_number(evidence) or next((note.text for note in contradictions(result)), ""):
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}")
@@ -124,7 +125,7 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     index = decisive_index(result, evidence.uncertainty, result.indices)
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
     by_blocks = _shifts(evidence) if _blocks_disagree(evidence) else np.zeros(n)
-    std, file = result.std, result.std_by_file
+    std, file = result.std, result.std_prior
     is_distorted = any(note.code == UNEXPLAINED for G in evidence.assembly.responses for note in G.notes)
     verdicts = []
     for i, parameter in enumerate(result.parameters.asked):
@@ -164,8 +165,8 @@ def _shifts(evidence: Evidence) -> FloatArray:
 
 
 def _decides(evidence: Evidence) -> BoolArray:
-    """True for each parameter asked for (n,) that the status is about: those of fit.wanted, all if it names none."""
-    names, wanted = [p.name for p in evidence.result.parameters.asked], evidence.assembly.spec.wanted
+    """True for each parameter asked for (n,) that the status is about: those of fit.focus, all if it names none."""
+    names, wanted = [p.name for p in evidence.result.parameters.asked], evidence.assembly.spec.focus
     matched = {name for key in wanted for name in matching(key, names)}
     return np.array([name in matched or not matched for name in names])
 
@@ -209,7 +210,7 @@ def decisive_index(
 
 def is_beyond_tolerance(result: Result, indices: Sequence[ModificationIndex]) -> bool:
     """True if the likeliest cause are numbers of the file that the fit has moved beyond their tolerances."""
-    moved = {p.name for p in result.parameters.free if p.tolerated}
+    moved = {p.name for p in result.parameters.free if p.is_nuisance}
     return any(i.place == 1 and i.drop > LIMITS.drop and bool(moved & set(i.members)) for i in indices)
 
 
@@ -270,8 +271,9 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     result = evidence.result
     # What a cause leaves may be chance where V is little above the noise.
     left, by_chance = result.cost - evidence.best.drop, largest_by_chance(result.cost_dof) * result.cost_expected
-    is_explained = evidence.best.share >= LIMITS.explained_share or (evidence.best.drop and left < by_chance)
-    if is_explained or result.model_error <= 1:
+    best = evidence.best
+    is_explained = best.explained_fraction >= LIMITS.explained_share or (best.drop and left < by_chance)
+    if is_explained or result.inflation_factor <= 1:
         return ()
     sums: dict[str, tuple[float, int]] = {}
     for part, cost in zip(evidence.optimum.fit.parts, evidence.uncertainty.costs.tolist(), strict=True):
@@ -282,7 +284,7 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     level = np.sqrt([V / count for V, count in sums.values()])
     others = "those of the other configurations; is it of the same robot, with the same load, at the stated angles?"
     return tuple(
-        Note("fit/unlike-responses", f"its residuals are {ratio:.0f} times {others}", f"configuration {name}")
+        Note("fit/inconsistent-responses", f"its residuals are {ratio:.0f} times {others}", f"configuration {name}")
         for name, ratio in zip(sums, level / float(np.median(level)), strict=True)
         if len(sums) > 2 and ratio > LIMITS.residual_ratio
     )
@@ -298,7 +300,7 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
     # Viscous friction that the file holds is off by the same reading, and no other cause of it.
     is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
-    if not stiff or (evidence.best.share > LIMITS.explained_share and not is_friction):
+    if not stiff or (evidence.best.explained_fraction > LIMITS.explained_share and not is_friction):
         return ()
     change = result.x[stiff] - result.parameters.x[stiff]
     typical = float(np.median(change))
@@ -317,7 +319,7 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     names, values = result.parameters.free_names, result.singular_values
     if unreached.any():
         yield Note(
-            "fit/undetermined",
+            "fit/not-identifiable",
             f"{listed(names, unreached)}: only some combination of them is determined (smallest singular value "
             f"{values[-1]:.1e}, largest {values[0]:.1e}); fix or tie one",
         )
@@ -326,7 +328,7 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
         low, high = result.interval(parameter.name)
         if not high < LIMITS.interval_factor * low:
             # Without the interval: that of the table may be found later, by profile likelihood.
-            yield Note("fit/weakly-determined", f"{parameter.name} is weakly determined: the data barely constrain it")
+            yield Note("fit/weakly-identifiable", f"{parameter.name} is barely constrained by the data")
     # A file that is off moves all alike.
     yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))
 
@@ -335,7 +337,7 @@ def _search(result: Result) -> Iterator[Note]:
     starts = result.starts
     if lost := [start.message for start in starts if not math.isfinite(start.cost)]:
         yield Note("fit/starts", f"{len(lost)} of {len(starts)} starts failed; the first with: {lost[0]}")
-    if result.hits == 1 < len(starts) - len(lost):
+    if result.n_converged_starts == 1 < len(starts) - len(lost):
         yield Note(
             "fit/starts",
             f"only 1 of {len(starts)} starts reached the best optimum, and the next has residuals "

@@ -63,7 +63,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
     test, std = scores.test, np.sqrt(np.diag(result.covariance)[:n])
     for candidate in scores.candidates:
         places, first = candidate.places, test.numbers[candidate.places[0]]
-        is_exact = first.is_stated and not first.tolerated and not math.isinf(first.upper)
+        is_exact = first.is_stated and not first.is_nuisance and not math.isinf(first.upper)
         if candidate.directions.shape[1] > 1 or not is_exact:
             continue
         direction = candidate.directions[:, 0]
@@ -127,7 +127,7 @@ def find_rigid_parts(result: Result, scores: Scores, robot: Robot) -> tuple[Rigi
             changes = min(usual, visible) * slope
             if np.max(np.abs(changes) / limits) > NEGLIGIBLE:
                 parts.append(RigidPart(name, 1 / usual, changes, float(np.max(np.abs(slope) / limits))))
-    return tuple(sorted(parts, key=lambda part: -part.hidden_from / part.stiffness))
+    return tuple(sorted(parts, key=lambda part: -part.detection_limit / part.stiffness))
 
 
 def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
@@ -144,13 +144,13 @@ def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
 
 def find_elastic_base(result: Result) -> tuple[Note, ...]:
     """A sentence on the base that takes most, where it would leave an interval."""
-    base = next((part for part in result.rigid_parts if part.hidden_from > part.stiffness), None)
+    base = next((part for part in result.assumed_rigid if part.detection_limit > part.stiffness), None)
     taken = base.most_moved([parameter.name for parameter in result.parameters.asked]) if base else {}
     if base is None or not taken:
         return ()
     text = (
         f"no response shows what the robot stands on: as stiff as is usual ({base.stiffness:.2g} N*m/rad, {base.name}) "
         f"it takes {', '.join(f'{percent(-change)} from {name}' for name, change in taken.items())}, and is within the "
-        f"intervals from {base.hidden_from:.2g} N*m/rad on; measure it, and give it a spring in the robot's file"
+        f"intervals from {base.detection_limit:.2g} N*m/rad on; measure it, and give it a spring in the robot's file"
     )
-    return (Note("fit/undetectable", text, severity="information"),)
+    return (Note("fit/assumed-rigid", text, severity="information"),)

@@ -39,7 +39,7 @@ class Variant(NamedTuple):
 
 def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """The indices with the best variant, and with a load that was fitted, where nothing explains all."""
-    explained = max((index.share for index in indices), default=0.0)
+    explained = max((index.explained_fraction for index in indices), default=0.0)
     if explained > LIMITS.whole and not any(index.group == SCALE for index in indices):
         return indices
     judged = sorted((_judged(variant, evidence, scores) for variant in _variants(evidence)), key=lambda trial: trial[1])
@@ -50,17 +50,17 @@ def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: 
     if as_stated - least > LIMITS.half * (as_stated - scores.noise):
         equal = tuple(index.name for index, V in judged[1:] if least > LIMITS.equal_drop * V)
         chosen.append(replace(first, alike=equal))
-    if max(explained, *(index.share for index in chosen), 0.0) <= LIMITS.whole:
-        chosen += [index for index in _with_load(evidence, scores) if index.share > LIMITS.half]
-    shares = {index.name: index.share for index in indices}
-    better = {i.name: i for i in chosen if i.share > shares.get(i.name, 0.0)}
+    if max(explained, *(index.explained_fraction for index in chosen), 0.0) <= LIMITS.whole:
+        chosen += [index for index in _with_load(evidence, scores) if index.explained_fraction > LIMITS.half]
+    shares = {index.name: index.explained_fraction for index in indices}
+    better = {i.name: i for i in chosen if i.explained_fraction > shares.get(i.name, 0.0)}
     return [*(index for index in indices if index.name not in better), *better.values()]
 
 
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
     """The index of a variant, and V of all lines at the best optimum that a few steps reach."""
     cost, x, parameters = math.inf, variant.assembly.parameters.x, variant.assembly.parameters
-    asked = np.array([not p.tolerated for p in parameters.free])
+    asked = np.array([not p.is_nuisance for p in parameters.free])
     for start in (parameters.x, np.where(asked, evidence.optimum.end.x, parameters.x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
             fit = thinned(variant.assembly.at(start, variant.assembly.spec.criterion), LIMITS.residuals)
@@ -154,7 +154,7 @@ def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
     """Parameters with tolerances about other numbers."""
 
     def moved(p: Parameter) -> Parameter:
-        if p.name not in numbers or not (p.tolerated or p.tie is not None or not p.free):
+        if p.name not in numbers or not (p.is_nuisance or p.tie is not None or not p.free):
             return p
         value = numbers[p.name]
         if p.tie is not None:
@@ -215,7 +215,7 @@ def _carrying(
     every = {p.name: p for p in (*file, *numbers)}
     in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
     parameters = Parameters((*in_order, *every.values()))
-    asked = {p.name for p in file.free if not p.tolerated}
+    asked = {p.name for p in file.free if not p.is_nuisance}
     x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
     try:
         assembly = Assembly.of(given.responses, robot, given.spec, parameters, given.model, (), given.weights)

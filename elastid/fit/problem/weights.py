@@ -63,8 +63,8 @@ USUAL_FLOOR = 0.01
 
 def floor_of(response: Response, spec: WeightSpec) -> float:
     """The floor that the study gives; without one 0 where all elements have noise, else the usual one."""
-    if spec.floor is not None:
-        return spec.floor
+    if spec.model_error is not None:
+        return spec.model_error
     known = response.uncertainty
     return USUAL_FLOOR if known is None or np.any((known.variance == 0) & (response.G != 0)) else 0.0
 
@@ -135,7 +135,7 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
         raise DataError(
             "fit/weights",
             "no variance is known (that takes two periods or two realisations) and "
-            "fit.weights.floor is 0; set the floor, for example 0.01",
+            "fit.weights.model_error is 0; set it, for example to 0.01",
             f"configuration {where}",
         )
     noise = known if known is not None and known.is_of(response) else smooth_noise(response)
@@ -164,7 +164,7 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
 
 def with_floor(spec: FitSpec, floor: float | None) -> FitSpec:
     """Spec with a floor."""
-    return replace(spec, weights=replace(spec.weights, floor=floor))
+    return replace(spec, weights=replace(spec.weights, model_error=floor))
 
 
 def vec(array: FloatArray | ComplexArray) -> Any:

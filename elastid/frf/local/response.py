@@ -140,7 +140,7 @@ def local_response(
     usable = separates_inputs(fits.chosen, experiments)
     if not usable.any():
         raise DataError(
-            "frf/inputs-together",
+            "frf/inputs-not-separable",
             f"{spec.method} cannot separate the {len(first.inputs)} inputs "
             f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; give "
             "each its own random phases",

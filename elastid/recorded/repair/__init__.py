@@ -31,7 +31,7 @@ class Finding:
 
     def note(self, place: str) -> Note:
         """The finding as a note on a record."""
-        return Note(_CODES.get(self.kind, "records/repaired"), self.text, place)
+        return Note(_CODES.get(self.kind, "records/corrected"), self.text, place)
 
 
 @dataclass(frozen=True)

@@ -154,4 +154,4 @@ def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tup
     text = f"{n_out} of {len(good)} lines are left out: {' and '.join(reasons)}"
     # Analysers begin at 0 Hz, where no motion has an acceleration.
     severity: Severity = "information" if n_out == static else "warning"
-    return (Note("frf/lines-left-out", text, table.path.name, severity=severity),)
+    return (Note("frf/lines-discarded", text, table.path.name, severity=severity),)

@@ -49,7 +49,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         caption = "Start, estimate and 95 % interval of every parameter."
         yield Drawing("parameters", "parameters", caption, partial(fit.forest, rows), on_page=False)
     if content.twin.balances:
-        worst = max(content.twin.balances, key=lambda balance: balance.left)
+        worst = max(content.twin.balances, key=lambda balance: balance.unexplained_fraction)
         caption = f"{worst.place}, {worst.log}: {fit.TORQUE_CAPTION}"
         yield Drawing("torque", "torque", caption, partial(fit.torque_balance_figure, worst), on_page=False)
     yield from friction_drawings(content.friction, content.robot)

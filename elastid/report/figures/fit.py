@@ -117,14 +117,14 @@ def information(forecast: Forecast) -> Figure:
     names, f = forecast.configurations, forecast.freq_hz
     octave = np.floor(np.log2(f / f[0]) + 1e-9).astype(int)
     by_octave, edges = np.zeros((len(names), octave[-1] + 1)), f[0] * 2.0 ** np.arange(octave[-1] + 1)
-    np.add.at(by_octave.T, octave, 100 * forecast.share.mean(axis=2).T)
+    np.add.at(by_octave.T, octave, 100 * forecast.information_fraction.mean(axis=2).T)
 
     def text(value: float) -> str:
         return f"{value:.0f}" if value >= 0.5 else ""
 
     octaves = [f"{edge:.3g}" for edge in edges]
     all_of = Cells(by_octave, names, octaves, (0.0, max(float(by_octave.max()), 1.0)), text)
-    cells = Cells(100 * forecast.share.sum(axis=1), (), forecast.parameters, text=text)
+    cells = Cells(100 * forecast.information_fraction.sum(axis=1), (), forecast.parameters, text=text)
     panels = [
         Panel(x="octave above Hz", title="share of all information in %", cells=all_of),
         Panel(title="share of the information on a parameter in %", cells=cells),
@@ -322,13 +322,14 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
         Curve(np.arange(len(balance.bands)), [100 * max(getattr(band, key), 1e-7) for band in balance.bands], text, ink,
               looks={"marker": "o", "ls": ":"})
         for key, ink, text in (
-            ("left", style.RESIDUAL, "left"), ("left_without_friction", style.WEAK, "left without friction"),
+            ("unexplained_fraction", style.RESIDUAL, "left"),
+            ("unexplained_without_friction", style.WEAK, "left without friction"),
             ("power", style.MEASURED, "share of the torque's power"),
         )
     ]  # fmt: skip
     unit, time = style.pretty_unit(balance.unit), "time in s" if balance.rate_is_known else "time in samples"
     below = Panel(shares, style.frequency_label(balance.rate_is_known), "%", scale="log")
-    title = f"{balance.place}, {balance.log}: {100 * balance.left:.2g} % of the mean square is left"
+    title = f"{balance.place}, {balance.log}: {100 * balance.unexplained_fraction:.2g} % of the mean square is left"
     figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(parts, time, unit)], [below]])
     style.set_names(figure.axes[-1].xaxis, [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in balance.bands])
     return figure
@@ -341,7 +342,7 @@ def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
     label, left = f"octave below {'Hz' if known else 'sampling rates'}", np.full((len(balances), len(edges)), np.nan)
     for i, balance in enumerate(balances):
         for band in (band for band in balance.bands if band.power >= MIN_POWER_SHARE):
-            left[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.left)
+            left[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.unexplained_fraction)
     names, columns = [f"{row.place}, {row.log}" for row in balances], [f"{edge:.3g}" for edge in edges]
     panel = Panel(x=label, title="torque left, % of its rms", cells=Cells(left, names, columns))
     return style.matrix("Torque left by octave", [[panel]])

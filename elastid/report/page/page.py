@@ -241,7 +241,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
     free = set(content.result.parameters.free_names)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
-    left_out = [agreement.configuration for agreement in content.validation.configurations if agreement.left_out]
+    left_out = [agreement.configuration for agreement in content.validation.configurations if agreement.is_validation]
     responses = explorer(content.frf, left_out, content.dense) if content.frf else ""
     modes = mode_viewer(content.modes, rate_is_known)
     scripts = curve_scripts() if responses else (asset("first_screen.js"),)

@@ -32,12 +32,12 @@ def html_of_friction(content: FrictionContent, figures: Collection[EmbeddedFigur
 
 def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...]:
     """The numbers that all passes of a joint share, except friction: name, value, std and unit."""
-    if joint.levels is None:
+    if joint.constant_velocity is None:
         return ()
     torque = "N" if joint.slides else "N*m"
     units = {"inertia": "kg" if joint.slides else "kg*m^2", "slope": "N*s/m" if joint.slides else "N*m*s/rad"}
     rows = []
-    for name, (value, std) in joint.levels.shared.items():
+    for name, (value, std) in joint.constant_velocity.shared.items():
         kind = ".".join(name.split(".")[:2])  # of gravity.cos.full the load is full
         load = name[len(kind) + 1 :]
         if kind in SHARED:

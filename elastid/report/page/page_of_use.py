@@ -41,7 +41,7 @@ def map_data(workspace: WorkspaceMap) -> str:
         "units": [unit for _, unit in units],
         "frame": m.frame, "joints": list(m.joints), "springs": list(m.springs), "is_path": m.is_path,
         "count": len(kept), "angles": packed(angles), "asked": (m.asked[kept] + 1).tolist(),
-        "places": [packed(part) for part in (x, y, np.hypot(x, y), z)], "share": packed(m.share[kept]),
+        "places": [packed(part) for part in (x, y, np.hypot(x, y), z)], "share": packed(m.compliance_fraction[kept]),
         "quantities": quantities, "softest": [place[int(i)] for i in m.softest[:LISTED]],
         "lines": packed(m.curve_hz), "curve": packed(1e6 * m.magnitude[kept]),
         "std": packed(1e6 * m.magnitude_std[kept]),

@@ -52,10 +52,12 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         yield from check_simulated(study, experiment.simulated)
     yield from check_fit(study)
     yield from check_loads(study)
-    configurations, left_out = list(experiment.configurations), study.validation.left_out
-    yield from check_names(("validation", "left_out"), "configuration", left_out, configurations)
+    configurations, left_out = list(experiment.configurations), study.validation.configurations
+    yield from check_names(("validation", "configurations"), "configuration", left_out, configurations)
     if configurations and study.design is None and set(left_out) >= set(configurations):
-        yield Problem(("validation", "left_out"), "every configuration is left out; leave at least one to the fit")
+        yield Problem(
+            ("validation", "configurations"), "every configuration is left out; leave at least one to the fit"
+        )
 
 
 _FRICTION: tuple[Kind, ...] = ("friction", "friction-recorded")
@@ -68,7 +70,7 @@ _FILES = "experiment.recorded.files.*"
 UNUSED: tuple[tuple[tuple[Kind, ...], tuple[str, ...]], ...] = (
     (_FRICTION, ("excitation", "design", "estimator", "model", "fit", "compare", "loads", "tool", "validation.tool",
                  "gears", "modal", "experiment.without_payload", "experiment.responses")),
-    (("friction",), ("validation.left_out", *(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments")),
+    (("friction",), ("validation.configurations", *(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments")),
                      *(f"experiment.simulated.{key}" for key in ("outputs", "carrier")))),
     (("friction-recorded",), ("seed", "friction.rate_hz", "friction.loads.*.configuration",
                               *(f"experiment.recorded.{key}" for key in ("period", "period_samples", "half_wave")),

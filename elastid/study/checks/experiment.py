@@ -39,7 +39,7 @@ def check_configurations(study: Study) -> Iterator[Problem]:
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
         if posture_of(name) != name:
-            yield Problem(path, "`level` and a number end the names of amplitudes; rename it", at_key=True)
+            yield Problem(path, "`amplitude` and a number end the names of amplitudes; rename it", at_key=True)
         if refused := robot.count_refusal(len(angles)):
             yield Problem(path, refused)
             continue
@@ -118,8 +118,8 @@ def check_excitation(study: Study) -> Iterator[Problem]:
     excitation = study.excitation
     if excitation is None or study.experiment.simulated is None:
         return
-    for i, torque_rms in enumerate(excitation.levels):
-        path: KeyPath = ("excitation", "torque_rms", *((i,) if len(excitation.levels) > 1 else ()))
+    for i, torque_rms in enumerate(excitation.amplitudes):
+        path: KeyPath = ("excitation", "torque_rms", *((i,) if len(excitation.amplitudes) > 1 else ()))
         yield from check_units(path, torque_rms, study.as_robot())
     try:
         lines = planned_lines(excitation, study.seed)

@@ -31,9 +31,9 @@ def check_fit(study: Study) -> Iterator[Problem]:
     except StudyError:
         return  # reported where the parameters are checked
     free, profile = [parameter.name for parameter in parameters.free], study.fit.profile
-    for section, keys in (("wanted", study.fit.wanted), ("profile", () if isinstance(profile, str) else profile)):
+    for section, keys in (("focus", study.fit.focus), ("profile", () if isinstance(profile, str) else profile)):
         for i, key in enumerate(keys):
-            if key not in FitSpec().wanted and not matching(key, free):
+            if key not in FitSpec().focus and not matching(key, free):
                 message = f"no identified parameter is called {key}; {did_you_mean(key, free)}"
                 yield Problem(("fit", section, i), message)
     # The start of a body's inertias is one that a body can have.

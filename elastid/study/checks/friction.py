@@ -7,7 +7,7 @@ from pathlib import Path
 
 from elastid.base.errors import did_you_mean
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec
+from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LoadSpec
 from elastid.robot import Joint
 from elastid.study.checks.experiment import check_configurations, check_count, check_simulated
 from elastid.study.checks.names import check_names, unknown
@@ -17,7 +17,7 @@ from elastid.study.sections import Study, joint_called
 from elastid.study.source import KeyPath
 
 _FRICTION: KeyPath = ("friction",)
-_PASSES: KeyPath = ("friction", "passes")
+_PASSES: KeyPath = ("friction", "constant_velocity")
 _RECORDED: KeyPath = ("experiment", "recorded")
 
 
@@ -35,7 +35,7 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
         return
     yield from check_count(study)
     yield from check_configurations(study)
-    if spec.passes == "detect":
+    if spec.constant_velocity == "detect":
         message = "detect is for logs (experiment.recorded), whose passes are there; give speeds, count, window ..."
         yield Problem(_PASSES, message)
     if experiment.simulated is not None:
@@ -97,9 +97,11 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
             "no channel has role reference, so that the motion that the controller was asked for is unknown; add it"
         )
         yield Problem((*_RECORDED, "controller"), message, at_key=True)
-    if isinstance(study.as_friction().passes, PassesSpec):
-        message = "speeds, count and window are of passes that are still to be made; logs have passes: detect"
-        yield Problem(("friction", "passes"), message, at_key=True)
+    if isinstance(study.as_friction().constant_velocity, ConstantVelocitySpec):
+        message = (
+            "speeds, count and window are of passes that are still to be made; logs have constant_velocity: detect"
+        )
+        yield Problem(("friction", "constant_velocity"), message, at_key=True)
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
     known = [c.role == "t" for c in recorded.channels] + [file.temperature is not None for file in recorded.files]
@@ -109,10 +111,10 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
             "no log has a temperature; add a channel of role t, or give files[].temperature",
         )
     pairs = zip(recorded.log_names, recorded.files, strict=True)
-    motions, left_out = [name for name, file in pairs if file.purpose == "motion"], study.validation.left_out
-    yield from check_names(("validation", "left_out"), "log of a motion", left_out, motions)
+    motions, left_out = [name for name, file in pairs if file.purpose == "motion"], study.validation.configurations
+    yield from check_names(("validation", "configurations"), "log of a motion", left_out, motions)
     if set(left_out) >= set(recorded.log_names):
-        yield Problem(("validation", "left_out"), "every log is left out; leave at least one to identify from")
+        yield Problem(("validation", "configurations"), "every log is left out; leave at least one to identify from")
 
 
 def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem]:
@@ -125,7 +127,7 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
     if file.ambient is not None and file.purpose != "warm_up":
         yield Problem((*path, "ambient"), "the room's temperature is that of a warm-up; temperature is the joint's")
     logged = sorted({channel.at for channel in study.experiment.channels if channel.role == "u"})
-    if file.purpose in ("loops", "at_rest") and not file.joint and len(logged) > 1:
+    if file.purpose in ("presliding_loops", "presliding_test") and not file.joint and len(logged) > 1:
         message = (
             f"{', '.join(logged)} are logged, and none moves much; give joint: the one that is excited, alone, since "
             "each joint moves the others through the robot"

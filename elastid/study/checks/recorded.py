@@ -137,7 +137,7 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
                 robot.check_location(channel.at)
             except StudyError as error:
                 yield Problem((*place, "at"), str(error))
-            if tool.motors == "held" and channel.at.startswith("motor "):
+            if tool.motors == "locked" and channel.at.startswith("motor "):
                 yield Problem((*place, "at"), f"{channel.at} does not move while the motors are held; leave it out")
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
             kind = channel.at.partition(" ")[0]

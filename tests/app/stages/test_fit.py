@@ -23,7 +23,7 @@ def test_a_fit_ends_with_the_meaning_of_its_status(
     study: Path, capfd: pytest.CaptureFixture[str], factor: float, status: str, code: int
 ) -> None:
     """In its last line; a misfit is written whole, validated and reported like any fit, and its exit code is 3."""
-    overrides = ("fit.starts=1", "fit.profile=[]", "fit.weights.floor=0")
+    overrides = ("fit.starts=1", "fit.profile=[]", "fit.weights.model_error=0")
     robot = load_robot(study.parent / "robot.yml")
     heavier = robot.with_parameters({"m_fore": factor * robot.parameters()["m_fore"][0]})
     run = measured(study, heavier, *overrides, noise=0.005)

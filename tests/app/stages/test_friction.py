@@ -21,7 +21,7 @@ from elastid.study import load, load_robot
 # Few and short passes: the least that distinguishes Coulomb and viscous friction.
 SMALL = (
     "friction.rate_hz=500",
-    "friction.passes={count: 5, repeat: 1, speeds: [10 deg/s, 60 deg/s], window: [-30 deg, 30 deg]}",
+    "friction.constant_velocity={count: 5, repeat: 1, speeds: [10 deg/s, 60 deg/s], window: [-30 deg, 30 deg]}",
     "friction.law={stribeck: no, directions: no, load: no, temperature: no}",
     "report.formats=[]",
 )
@@ -43,10 +43,10 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """plan, references, records, levels, law, summary, robot and page; nothing is done twice."""
     names = {path.name for path in (finished / "run").iterdir()}
-    assert {"plan.h5", "references", "records.h5", "levels.h5", "friction.h5", "summary.json"} <= names
+    assert {"plan.h5", "references", "records.h5", "constant_velocity.h5", "friction.h5", "summary.json"} <= names
     assert {"identified_robot.yml", "report.html", "run.log"} <= names
     run = run_of(finished, *SMALL)
-    assert list(run.stages) == ["design", "measure", "levels", "friction", "report"]
+    assert list(run.stages) == ["design", "measure", "constant_velocity", "friction", "report"]
     assert all(run.is_current(name) for name in run.stages)
     records = read_friction_records(finished / "run" / "records.h5").records
     assert len(list((finished / "run" / "references").iterdir())) == len(records)
@@ -102,7 +102,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_friction_of_a_log_is_followed(study: Path) -> None:
     """The torque of sliding at the end of a warm-up is within 2 %, drawn, and its filter is exported as C."""
     run = study.parent / "run"
-    stages = ("measure", "levels", "friction", "follow", "report")  # friction falls: a misfit
+    stages = ("measure", "constant_velocity", "friction", "follow", "report")  # friction falls: a misfit
     assert run_command(["run", str(study), *stages, "--png", "--run", str(run), "-q"]) in (0, 3)
     (found,) = read_filter(run / "filter.h5")
     assert 0.6 * VISCOUS < found.filtered.viscous < 1.2 * VISCOUS  # link side, as all of the joint

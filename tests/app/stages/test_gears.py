@@ -100,7 +100,7 @@ def test_the_robot_that_was_found_moves_as_the_log(folder: Path) -> None:
     first = load_robot(folder / "identified_robot.yml").driven[0]
     assert first.gear.error[0].amplitude == pytest.approx(2e-5, rel=0.1)
     assert first.friction.coulomb == pytest.approx(12.0, rel=0.01)
-    runs = json.loads((folder / "validation.json").read_text())["twin"]
+    runs = json.loads((folder / "validation.json").read_text())["simulation"]
     (run,) = runs
     motion = [signal for signal in run["signals"] if signal["signal"] == "motor angle"]
     assert motion
@@ -114,8 +114,8 @@ def test_exports_have_the_effects_that_they_can_carry(folder: Path) -> None:
         assert cli.run_command(["export", str(STUDY), "--run", str(folder), "--to", target]) == 0
     assert "hysteresis" in (folder / "export" / "robot" / "robot.yml").read_text()
     assert (folder / "export" / "mujoco" / "robot.xml").read_text().count("frictionloss") == 4
-    assert cli.run_command(["export", str(STUDY), "--run", str(folder), "--to", "draws", "--count", "2"]) == 0
-    paths = [folder / "export" / "robot" / "robot.yml", folder / "export" / "draws" / "robots" / "robot_1.yml"]
+    assert cli.run_command(["export", str(STUDY), "--run", str(folder), "--to", "samples", "--count", "2"]) == 0
+    paths = [folder / "export" / "robot" / "robot.yml", folder / "export" / "samples" / "robots" / "robot_1.yml"]
     found, drawn = (YAML(typ="safe").load(path)["bodies"][1]["joints"][0]["gear"] for path in paths)
     assert drawn == found
 

@@ -89,9 +89,9 @@ loads:
 """
 TOOL = """\
 validation:
-  left_out: [b]
+  configurations: [b]
   tool:
-    motors: held
+    motors: locked
     responses:
       files: [{path: hammer.csv, configuration: b}]
       channels:
@@ -146,7 +146,7 @@ def test_a_study_with_load_tests_and_a_hammer(tiny: Path) -> None:
     assert loads["cause"] == ""
     predictions = json.loads((folder / "validation.json").read_text())["predictions"]
     keys = [(each["configuration"], each["motors"], each["is_fitted"]) for each in predictions]
-    assert keys == [("b", "held", False), ("a", "controlled", True)]
+    assert keys == [("b", "locked", False), ("a", "controlled", True)]
     assert min(each["inside"] for each in predictions) > 0.9
     at_tool = summary["tool_responses"]
     assert at_tool["cause"] == ""

@@ -29,10 +29,11 @@ def test_validation_json_says_what_validation_h5_holds(validated):
     found = read_validation(validated / "run" / "validation.h5")
     summary_json = json.loads((validated / "run" / "validation.json").read_text())
     assert (summary_json["schema"], summary_json["study"], summary_json["verdict"]) == (1, "tiny", found.verdict)
-    assert [(c["configuration"], c["left_out"]) for c in summary_json["configurations"]] == [("a", False), ("b", False)]
+    rows = summary_json["configurations"]
+    assert [(row["configuration"], row["is_validation"]) for row in rows] == [("a", False), ("b", False)]
     summary = json.loads((validated / "run" / "summary.json").read_text())
     keys = ("configuration", "rms_log_db", "phase_rms_deg", "rms_sigma")
-    assert [{key: c[key] for key in keys} for c in summary_json["configurations"]] == summary["frf_error"]
+    assert [{key: c[key] for key in keys} for c in rows] == summary["frf_error"]
 
 
 @pytest.mark.slow

@@ -75,7 +75,7 @@ def test_a_plan_of_two_amplitudes_has_each_configuration_at_both() -> None:
     excitation = replace(EXCITATION, torque_rms=((20.0, 5.0), (8.0, 1.0)))
     experiment = ExperimentSpec({"a": (0.0, 0.0), "b": (0.1, 0.2)}, 2, simulated=SimulatedSpec(), without_payload=())
     plan = make_plan(excitation, experiment, arm(), 1)
-    assert [c.name for c in plan.configurations] == ["a", "a level 2", "b", "b level 2"]
+    assert [c.name for c in plan.configurations] == ["a", "a amplitude 2", "b", "b amplitude 2"]
     assert plan.configurations[1].angles == pytest.approx(plan.configurations[0].angles)
     rms = np.sqrt(np.sum(np.abs(plan.R) ** 2, axis=3) / 2)
     np.testing.assert_allclose(rms[1] / rms[0], np.broadcast_to([0.4, 0.2], (2, 2, 2)), rtol=1e-12)

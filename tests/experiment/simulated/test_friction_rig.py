@@ -13,14 +13,15 @@ from plants.refusals import refused
 from elastid.experiment.plan.friction import pass_reference
 from elastid.experiment.simulated.friction_rig import heat_of
 from elastid.experiment.specs.simulated import HeatSpec, NoiseSpec, TorqueRippleSpec
+from elastid.friction_study import spec
 from elastid.friction_study.levels import find_levels, passes_of
-from elastid.friction_study.spec import AtRestSpec, FrictionSpec, PassesSpec, PreslidingSpec, WarmUpSpec
+from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, WarmUpSpec
 from elastid.robot import TemperatureDependence
 from elastid.robot.friction_numbers import friction_numbers
 
 # Six passes from 0.02 to 1.2 rad/s: 20 s of the robot.
-PASSES = PassesSpec((0.02, 1.2), count=6, spacing="logarithmic", repeat=1)
-SHORT = FrictionSpec(rate_hz=500.0, passes=PASSES)
+PASSES = ConstantVelocitySpec((0.02, 1.2), count=6, spacing="logarithmic", repeat=1)
+SHORT = FrictionSpec(rate_hz=500.0, constant_velocity=PASSES)
 
 
 def test_levels_of_the_rig_are_those_of_the_law() -> None:
@@ -52,19 +53,19 @@ def test_levels_of_the_rig_are_those_of_the_law() -> None:
 
 def test_loops_stay_stuck_and_the_joint_at_rest_is_a_spring() -> None:
     """Small torques bend the bristles by torque over sigma_0; rest records have whole periods without the first."""
-    spec = FrictionSpec(
+    small = FrictionSpec(
         rate_hz=500.0,
-        passes=PASSES,
-        presliding=PreslidingSpec((0.05, 0.8), 4, 1.0),
-        at_rest=AtRestSpec((0.1,), (5, 40)),
+        constant_velocity=PASSES,
+        presliding_loops=spec.PreslidingLoopsSpec((0.05, 0.8), 4, 1.0),
+        presliding_test=spec.PreslidingTestSpec((0.1,), (5, 40)),
     )
-    simulated = rig(spec, substeps=4)
-    loops = simulated.measure(next(m for m in simulated.plan.motions if m.purpose == "loops"))
+    simulated = rig(small, substeps=4)
+    loops = simulated.measure(next(m for m in simulated.plan.motions if m.purpose == "presliding_loops"))
     first = slice(0, loops.period_samples)
     secant = np.ptp(loops.torque[first]) / np.ptp(loops.position[first])
     assert secant == pytest.approx(friction_numbers(axis())["s0_m1"][0], rel=0.05)
     assert np.ptp(loops.position) < 1e-3
-    motion = next(m for m in simulated.plan.motions if m.purpose == "at_rest")
+    motion = next(m for m in simulated.plan.motions if m.purpose == "presliding_test")
     rest = simulated.measure(motion)
     assert rest.start_s == motion.start_s + 1.0
     assert rest.period_samples == 500
@@ -78,7 +79,7 @@ WARM = replace(LAW, temperature=TemperatureDependence(20.0, viscous=1.0e-3, deca
 def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
     """T rises towards P / h with C / h, P is the work of the motor; the log has both at each test."""
     heat = HeatSpec(conductance=0.5, time_constant=600.0, ambient=20.0, start=22.0, thermometer_std=0.5)
-    spec = FrictionSpec(rate_hz=500.0, passes=PASSES, warm_up=WarmUpSpec(1.0, time=1800.0, test_every=600.0))
+    spec = FrictionSpec(rate_hz=500.0, constant_velocity=PASSES, warm_up=WarmUpSpec(1.0, time=1800.0, test_every=600.0))
     simulated = rig(spec, axis(law=WARM), heat=heat)
     (log,) = simulated.warm_ups()
     time_s, T, power = heat_of(simulated.plan, axis(law=WARM), heat, "1")

@@ -89,7 +89,7 @@ def study(hold: Hold) -> ExperimentSpec:
 
 
 FREE = {name: ParameterSpec() for name in ("k_1", "d_1", "fm_1")}
-SPEC = FitSpec(parameters=FREE, starts=2, start_factor=1.3, seed=1, weights=WeightSpec(floor=0.0), profile=())
+SPEC = FitSpec(parameters=FREE, starts=2, start_factor=1.3, seed=1, weights=WeightSpec(model_error=0.0), profile=())
 
 
 @pytest.mark.parametrize("late", [0.0, 7e-4])
@@ -127,7 +127,7 @@ def test_a_fit_is_exact_with_the_right_hold_and_hints_at_it_with_another(
         if late:
             assert (result.indices[0].group, np.sign(result.indices[0].steps[0])) == ("time", np.sign(late))
         else:
-            assert 0.9 < result.model_error < 1.15
+            assert 0.9 < result.inflation_factor < 1.15
             assert result.values["k_1"] == pytest.approx(100, rel=0.003)
             place = result.parameters.free_names.index("k_1")
             deviations.append((result.x[place] - np.log(100.0)) / np.sqrt(result.covariance[place, place]))

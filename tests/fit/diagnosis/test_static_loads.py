@@ -58,7 +58,7 @@ def fitted_with_force(
     s = 2j * np.pi * F_HZ[:, None, None]
     motion = factor * s ** MOTION_ORDER[held] * LEVER**2 / (1e-3 * s**2 + 0.01 * s + softer * STIFFNESS)  # type: ignore[index]
     motors = read("a", ("motor 1", "motor 1"), two_inertias(F_HZ, 1e-3, 1e-3, STIFFNESS, 0.01, 1e-3)[:, :1])
-    force = read("a at the tool", ("force tool y", "frame tool y"), motion, motors="held", quantity=stated)
+    force = read("a at the tool", ("force tool y", "frame tool y"), motion, motors="locked", quantity=stated)
     return identify([motors, force], robot, FitSpec(parameters={"k_1": ParameterSpec()}, starts=1), loads=loads)
 
 

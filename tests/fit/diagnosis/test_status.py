@@ -35,7 +35,7 @@ def test_one_line_beyond_the_noise_is_no_misfit() -> None:
     spoilt = (replace(first, G=first.G + one * np.sqrt(first.total.variance)), *data[1:])
     result = fit_parameters(spoilt, case.robot, SPEC)
     assert result.exceeds_noise
-    assert result.model_error > 1.5
+    assert result.inflation_factor > 1.5
     assert result.status == "converged"
 
 
@@ -48,7 +48,7 @@ def test_each_number_has_a_verdict_and_the_status_is_that_of_what_is_wanted() ->
     assert result.status == "misfit"
     assert verdicts["k_1"] != verdicts["k_1x"] == "good"
     assert abs(np.log(result.values["k_1x"] / case.stiffness["k_1x"])) < 3 * result.std["k_1x"] / result.values["k_1x"]
-    of_the_link = fit_parameters(data, case.robot, replace(SPEC, wanted=("k_1x",)))
+    of_the_link = fit_parameters(data, case.robot, replace(SPEC, focus=("k_1x",)))
     assert of_the_link.status == "converged"
     case = true_case()
     true = fit_parameters(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
@@ -62,6 +62,6 @@ def test_an_estimate_at_its_bound_says_so():
     assert result.status == "misfit"
     np.testing.assert_array_equal(result.at_bound, [True, False])
     assert "fit/at-bound" in {note.code for note in result.notes}
-    assert result.model_error > 1.5
-    of_file = Parameters(tuple(replace(parameter, tolerated=True) for parameter in result.parameters))
+    assert result.inflation_factor > 1.5
+    of_file = Parameters(tuple(replace(parameter, is_nuisance=True) for parameter in result.parameters))
     assert len([*bound_notes(replace(result, parameters=of_file))]) == 1

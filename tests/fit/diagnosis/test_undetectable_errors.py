@@ -69,7 +69,7 @@ def test_a_pedestal_that_no_response_shows_is_within_the_total_with_a_base() -> 
     assert abs(off) > 5 * result.std["k_1"]
     assert abs(off) < 2 * result.std_with_base["k_1"]
     assert result.std_with_base["k_2"] == pytest.approx(result.std["k_2"], rel=1e-6)
-    (base,) = result.rigid_parts
+    (base,) = result.assumed_rigid
     names = [parameter.name for parameter in result.parameters.asked]
     for name, true, rel in (("k_1", 3e4, 0.1), ("d_1", 60.0, 0.6)):  # the post's inertia damps, too
         stated = float(base.changes[names.index(name)]) * base.stiffness / (120 * 3e4)
@@ -81,8 +81,8 @@ def test_the_stiffness_from_which_on_a_base_is_hidden_is_where_it_moves_by_an_in
     file = arm()
     heavy = file.with_parameters({n: 10 * v for n, (v, _) in file.parameters().items() if n[0] in "mIkdJf"})
     result = identify(measure(heavy, np.random.default_rng(4), 2e-3), heavy, SPEC_OF_BASE)
-    (base,) = result.rigid_parts
+    (base,) = result.assumed_rigid
     assert base.stiffness == STIFFEST_BASE
     k = result.values["k_1"]
-    assert k / base.hidden_from == pytest.approx(1.96 * result.std["k_1"] / k, rel=0.01)
-    assert "fit/undetectable" in {note.code for note in result.notes}
+    assert k / base.detection_limit == pytest.approx(1.96 * result.std["k_1"] / k, rel=0.01)
+    assert "fit/assumed-rigid" in {note.code for note in result.notes}

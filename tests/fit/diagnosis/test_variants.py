@@ -29,7 +29,7 @@ def first_of_demo(change: Callable[[Robot], Robot], seed: int) -> tuple[Modifica
     assert study.robot is not None
     postures, rng, lines = study.experiment.configurations, np.random.default_rng(seed), np.linspace(2, 60, 40)
     responses = responses_of(change(study.robot), postures, rng, lines, 0.005, 0.0, spec=study.model)
-    spec = replace(study.fit, weights=WeightSpec(floor=0.0), criterion="complex", seed=1, starts=2)
+    spec = replace(study.fit, weights=WeightSpec(model_error=0.0), criterion="complex", seed=1, starts=2)
     robot = replace(study.robot, tolerances=Tolerances())
     return identify(responses, robot, spec, model=study.model).indices[0], robot
 
@@ -52,7 +52,7 @@ def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed
 
 def fitted(case: Case, noise: float, floor: float = 0.0) -> Result:
     return fit_parameters(
-        drawn(case, np.random.default_rng(0), noise), case.robot, replace(SPEC, weights=WeightSpec(floor=floor))
+        drawn(case, np.random.default_rng(0), noise), case.robot, replace(SPEC, weights=WeightSpec(model_error=floor))
     )
 
 

@@ -50,7 +50,7 @@ def test_a_floor_far_above_the_residuals_is_held_down():
     """0.05 % of noise contradicts a floor of 5 %: the intervals stay within four times those of the noise."""
     model = plant((0, 2))
     std, rng = 0.01 * noise_of(model), np.random.default_rng(10)
-    _, sure = estimate(measured(model, std, rng), model, FitSpec(weights=WeightSpec(floor=0.05)))
+    _, sure = estimate(measured(model, std, rng), model, FitSpec(weights=WeightSpec(model_error=0.05)))
     assert np.all(np.sqrt(np.diag(sure.covariance)) < 4 * cramer_rao(model, std))
 
 

@@ -16,8 +16,8 @@ from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Covariance, Response
 
-FULL = FitSpec(weights=WeightSpec(floor=0.0, covariance="auto"))
-DIAGONAL = FitSpec(weights=WeightSpec(floor=0.0, covariance="diagonal"))
+FULL = FitSpec(weights=WeightSpec(model_error=0.0, covariance="auto"))
+DIAGONAL = FitSpec(weights=WeightSpec(model_error=0.0, covariance="diagonal"))
 UNEQUAL = FitSpec(weights=replace(DIAGONAL.weights, factors=(FactorSpec(30.0, band_hz=(2.0, 6.0)),)))
 OUTPUTS, INPUTS = (0, 1, 2), (0, 2)
 
@@ -93,7 +93,7 @@ def test_a_singular_covariance_is_named():
     known = replace(response.noise, right=right, variance=np.einsum("faa->fa", right).real[:, :, None] * np.ones(2))
     singular = replace(response, noise=known)
     assert weigh(singular, NO_FLOOR).correlated is None
-    floored = weigh(singular, FitSpec(weights=WeightSpec(floor=0.02, covariance="auto")))
+    floored = weigh(singular, FitSpec(weights=WeightSpec(model_error=0.02, covariance="auto")))
     fit = elastic_fit([singular], [plant(OUTPUTS, INPUTS)], [floored], parameters(), "complex")
     assert np.isfinite(fit.evaluate(parameters().x).cost)
 
@@ -108,7 +108,7 @@ def test_factors_multiply_the_weights_where_all_that_is_given_matches():
         FactorSpec(0.0, band_hz=(30.0, 40.0), configurations=("c1",)),
         FactorSpec(9.0, configurations=("other",)),
     )
-    spec = FitSpec(weights=WeightSpec(floor=0.0, factors=factors))
+    spec = FitSpec(weights=WeightSpec(model_error=0.0, factors=factors))
     plain, weighted = fit_of(response, model), fit_of(response, model, spec)
     ratio = (weighted.parts[0].gain / plain.parts[0].gain) ** 2
     band = (FREQ >= 10) & (FREQ <= 20)
@@ -124,7 +124,7 @@ def test_a_robust_loss_shrugs_off_outliers():
     response = measured(model, noise_of(model) / 5, rng)
     spoilt = rng.random(response.G.shape) < 0.05
     response = replace(response, G=response.G * np.where(spoilt, 1.5 * np.exp(0.5j), 1.0))
-    spec = WeightSpec(floor=0.0, loss="huber")
+    spec = WeightSpec(model_error=0.0, loss="huber")
     weights = weigh(response, FitSpec(weights=spec))
     x = parameters().x
     errors = []

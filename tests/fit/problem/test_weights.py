@@ -20,7 +20,7 @@ F = 200
 FREQ = np.linspace(1.0, 40.0, F)
 # A resonance 40 dB high on a flat response.
 G = 1.0 / (1 - (FREQ / 20) ** 2 + 0.01j * FREQ / 20)
-NO_FLOOR = FitSpec(weights=WeightSpec(floor=0.0))
+NO_FLOOR = FitSpec(weights=WeightSpec(model_error=0.0))
 
 
 def response(variance, outputs=("motor 1",), **known) -> Response:
@@ -55,7 +55,7 @@ def test_the_floor_adds_to_the_variance_which_is_never_below_the_noise():
     """sigma^2 = v + (floor |G|)^2, v that of the periods where two realisations agree by chance."""
     chance = replace(response(0.01), total=Covariance(response(1e-4).noise.variance, 3.0))
     for measured, floor in ((response(0.01), 0.05), (chance, 0.0)):
-        weights = weigh(measured, FitSpec(weights=WeightSpec(floor=floor)))
+        weights = weigh(measured, FitSpec(weights=WeightSpec(model_error=floor)))
         np.testing.assert_allclose(weights.sigma[:, 0, 0], np.sqrt(0.01 + (floor * np.abs(G)) ** 2))
 
 
@@ -157,7 +157,7 @@ def test_the_measured_covariance_is_corrected_for_its_part_in_its_own_weight():
         seen, unseen = 0.0, 0.0
         for _ in range(30):
             one = response_smoothed_noise(rng, C, 2)
-            weights = weigh(one, FitSpec(weights=WeightSpec(floor=floor)))
+            weights = weigh(one, FitSpec(weights=WeightSpec(model_error=floor)))
             S = weights.noise_covariance()
             power = np.swapaxes(floor * np.abs(one.G), 1, 2).reshape(-1, 4, 1) ** 2
             total = weights.correlated.full() + power * np.eye(4)

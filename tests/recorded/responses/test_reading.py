@@ -286,7 +286,7 @@ experiment:
       - {path: b.mat, configuration: b}
 fit:
   starts: 2
-  weights: {floor: 0}
+  weights: {model_error: 0}
   parameters: {k_1: {}, d_1: {}}
 """
 

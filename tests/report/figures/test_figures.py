@@ -157,7 +157,8 @@ def torque() -> Drawn:
     """Torque, its parts, and what is left by octave in percent."""
     of = balance()
     whole = {"measured": of.measured, "model without friction": of.torques[0], "measured − model": of.residual}
-    shares = {"left": "left", "left without friction": "left_without_friction", "share of the torque's power": "power"}
+    names = ("unexplained_fraction", "unexplained_without_friction", "power")
+    shares = dict(zip(("left", "left without friction", "share of the torque's power"), names, strict=True))
     left = {text: [100 * max(getattr(each, name), 1e-7) for each in of.bands] for text, name in shares.items()}
     model = {"model": of.torques.sum(axis=0)}
     return fit.torque_balance_figure(of), [whole | model, {INERTIA: of.torques[0], DRY: of.torques[1]}, left]
@@ -188,7 +189,7 @@ def law(levels: Any) -> Drawn:
 def taken_out(*shapes: Shape) -> Drawn:
     """After a reversal out of sliding, or in sliding where no bristle is; both signs of the file's law; amplitudes."""
     of, n = taken_friction(), len(shapes)
-    found = replace(of, shapes=shapes, levels=of.levels[:n], covariance=of.covariance[:n, :n])
+    found = replace(of, shapes=shapes, coulomb_torque=of.coulomb_torque[:n], covariance=of.covariance[:n, :n])
     is_bristle, x = shapes[-1].kind == "stop", np.linspace(-1, 1, 400) * (5 * shapes[0].threshold or 1e-3)
     y, std = found.reversal("motor 1", np.linspace(0, 8e-3, 400)) if is_bristle else found.sliding("motor 1", x)
     panel = {"friction": y, "95 % interval": about(y, std), "F_c of the robot's file": [4.0, -4.0]}

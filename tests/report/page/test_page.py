@@ -28,7 +28,7 @@ from elastid.report.figures.drawings import drawings
 from elastid.report.page.page import correlated, first_screen, html, html_of_responses
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.report.page.page_of_use import write_page_of_answer
-from elastid.store.friction_study import read_twin, write_friction_result
+from elastid.store.friction_study import read_simulation, write_friction_result
 from elastid.validation.agreement import validate
 from elastid.validation.twin import LINK, MOTION, TORQUE, TwinFindings, TwinRun, TwinSignal
 
@@ -149,7 +149,8 @@ def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
     """Neither tables nor a figure of nothing."""
     friction = taken_friction()
     refused = replace(
-        friction, shapes=(), levels=friction.levels[:0], covariance=friction.covariance[:0, :0], configurations=(),
+        friction, shapes=(), coulomb_torque=friction.coulomb_torque[:0], covariance=friction.covariance[:0, :0],
+        configurations=(),
         before=friction.before[:0], after=friction.after[:0],
         notes=friction.notes[1:],
     )  # fmt: skip
@@ -182,7 +183,7 @@ def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path:
     path, twin = tmp_path / "friction.h5", TwinFindings((balance(),), (run(), replace(run(), signals=(), lost="fast")))
     for given in (twin, TwinFindings()):
         write_friction_result(path, study.friction_result(), twin=given)
-        assert repr(read_twin(path)) == repr(given)
+        assert repr(read_simulation(path)) == repr(given)
     text = html_of_friction(replace(study.friction_content(), twin=twin), ())
     assert text.count("the twin is lost: fast") == text.count('<td class="text">link motion</td>') == 1
     assert "link motion" not in html_of_friction(study.friction_content(), ())

@@ -81,7 +81,7 @@ def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[s
 # The study of a motion.
 MOTION = """name: motion
 robot: robot.yml
-friction: {passes: detect}
+friction: {constant_velocity: detect}
 experiment:
   recorded:
     rate_hz: 250

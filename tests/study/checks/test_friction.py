@@ -15,12 +15,12 @@ FULL = """\
 friction:
   joints: [1]
   rate_hz: 500 Hz
-  passes:
+  constant_velocity:
     {speeds: [1 deg/s, 90 deg/s], count: 10, spacing: logarithmic, window: [-30 deg, 30 deg], repeat: 3,
      reference_every: 10 min}
   loads: [{name: empty}, {name: full, payload: 12 kg, configuration: upright}]
-  presliding: {torque: [0.1, 0.9], loops: 8, frequency_hz: 0.4}
-  at_rest: {torque: [0.05, 0.1], band_hz: [5, 60]}
+  presliding_loops: {torque: [0.1, 0.9], loops: 8, frequency_hz: 0.4}
+  presliding_test: {torque: [0.05, 0.1], band_hz: [5, 60]}
   warm_up: {speed: 60 deg/s, time: 2 h, test_every: 5 min}
   law: {stribeck: yes, exponent: no, quadratic: no, directions: auto, load: yes, temperature: auto,
         presliding: maxwell_slip, elements: 4}
@@ -62,16 +62,16 @@ def test_every_key_is_read_in_si(study: Path) -> None:
         ("robot=null", "friction is that of a robot's joints; give robot"),
         ("friction.joints=[arm]", "joints[0]: no driven joint is called 'arm'; there are 1, or give its number from 1"),
         ("friction.joints=[1, 1]", "joints: 1 is given twice; leave one out"),
-        ("friction.passes=detect", "passes: detect is for logs (experiment.recorded), whose passes are there"),
-        ("friction.passes.speeds=[0.1, 9]", "joint 1 may move at 2.094 rad/s; lower the highest speed"),
-        ("friction.passes.speeds=[1 mm/s, 1 m/s]", "is given in units of m/s, but joint 1 is a rotation"),
-        ("friction.passes.window=[-3, 1]", "the window leaves the limits of joint 1, -1.745 to 1.745 rad; narrow it"),
+        ("friction.constant_velocity=detect", "constant_velocity: detect is for logs"),
+        ("friction.constant_velocity.speeds=[0.1, 9]", "joint 1 may move at 2.094 rad/s; lower the highest speed"),
+        ("friction.constant_velocity.speeds=[1 mm/s, 1 m/s]", "is given in units of m/s, but joint 1 is a rotation"),
+        ("friction.constant_velocity.window=[-3, 1]", "the limits of joint 1, -1.745 to 1.745 rad"),
         ("friction.loads.1.configuration=low", "no configuration is called 'low'; there are upright"),
         ("friction.loads.1.name=empty", "loads: empty is given twice; leave one out"),
         ("experiment.simulated.truth.Fc_m2=1", "no parameter of the robot is called 'Fc_m2'; did you mean 'Fc_m1'?"),
         ("experiment.simulated.truth.Fc_m1=1 N", "unit 'N' measures N, not N*m"),
         ("experiment.simulated.truth.Fc_m1=40", "no robot has this number: friction: stiction (F_s) is 31 N*m, below"),
-        ("validation={left_out: [upright]}", "validation.left_out: no stage of a study of kind friction uses it"),
+        ("validation={configurations: [upright]}", "validation.configurations: no stage"),
     ],
 )
 def test_contradictions_are_refused(study: Path, override: str, words: str) -> None:
