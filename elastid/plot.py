@@ -1,4 +1,4 @@
-"""Figures of a notebook: values in, matplotlib figures out, which a notebook shows and `savefig` writes."""
+"""Figures of a notebook: values in, matplotlib figures out, which a notebook displays and savefig writes."""
 
 from __future__ import annotations
 

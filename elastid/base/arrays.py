@@ -21,7 +21,7 @@ class Label:
     """Meaning of a field and where its numbers stand.
 
     unit: SI, `{name}` in it being an attribute of the value or of one that contains it; by default that of the ending
-    of the field's name (`_hz`, `_s`).  axes: one name a dimension, of a field or property that holds the values along
+    of the field's name (_hz, _s).  axes: one name a dimension, of a field or property that holds the values along
     it, or of an index.  rows: a tuple or mapping of values with arrays is a table, whose columns are stacked.
     entry: attribute that names each value of a tuple.
     """

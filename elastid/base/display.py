@@ -67,7 +67,7 @@ def as_text(value: Any) -> str:
 
 
 def as_html(value: Any) -> str:
-    """`_repr_html_` of a value: what a notebook shows."""
+    """HTML of a value, as a notebook displays it."""
     return str(value.display.html)
 
 

@@ -152,7 +152,7 @@ def _frozen(values: Any) -> Any:
 class Worker:
     """A process, and this end of the pipe to it, which alone has the other end: whenever it dies, the pipe ends.
 
-    A pool of the standard library waits for ever where a process dies amid an answer (CPython, `ProcessPoolExecutor`:
+    A pool of the standard library waits for ever where a process dies amid an answer (CPython, ProcessPoolExecutor:
     every process of the pool and its parent keep the pipe of the answers open).  process: of this machine, or what does
     as one; of it start, terminate, join, is_alive and pid are used.  place: among its fellows.
     """

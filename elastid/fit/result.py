@@ -457,7 +457,7 @@ class Result:
         motion of the frame.  motors: locked (brakes), free, or controlled by `controller`, a `ControllerSpec` or a
         `JointLoop`.  payload: another one, or False for none.  frame: of stiffness and of defaults; `tool`, else the
         last one, else the last body's centre of mass.  axes: of frames, their `own` or those of the base
-        (`world`).  quantity: of outputs; positions, accelerations with accelerometers.  StudyError for places or angles
+        (world).  quantity: of outputs; positions, accelerations with accelerometers.  StudyError for places or angles
         that the robot lacks, and where it finds no rest.
         """
         asked = Asked(tuple(inputs), tuple(outputs), motors, payload, frame, axes, quantity, controller)

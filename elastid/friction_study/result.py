@@ -250,7 +250,7 @@ def identify_friction(
     spec: FrictionSpec,
     truth: Robot | None = None,
 ) -> FrictionResult:
-    """The friction of all joints; truth: the simulated robot.  FitError for a part that is `yes` and not identified."""
+    """The friction of all joints; truth: the simulated robot.  FitError for a required part that is not identified."""
     joints = tuple(_joint(robot, part, measured, spec, truth) for part in levels)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:

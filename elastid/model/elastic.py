@@ -62,7 +62,7 @@ class ElasticModel:
     to be kept, () for a choice by rank.
 
     B (n_q, n_u) is constant. Call a function with numbers, or with SX to build on it: given numeric theta it folds the
-    constants, and `cse` in the options of the new function shares what M and f have in common. Functions pickle.
+    constants, and the option cse of the new function shares what M and f have in common. Functions pickle.
     """
 
     robot: Robot

@@ -42,7 +42,7 @@ _MAKERS: dict[str, tuple[str, float]] = {
 class GearNumber:
     """A number of a gear, SI and link side; of what was not seen the bound below which it lies with 95 %.
 
-    name: `k_1`.  kind: `stiffness`, `damping`, `angle`, `error`, `torque` or `share`.  order: of the motor's turn, with
+    name: k_1.  kind: `stiffness`, `damping`, `angle`, `error`, `torque` or `share`.  order: of the motor's turn, with
     the phase of a sine of that order in rad and its std; 0 of the others.  rated_fraction: value or bound over the
     joint's rated torque, NaN if unknown.  linear: of the fit without effects; NaN where it has no such number.
     """

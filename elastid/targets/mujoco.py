@@ -52,7 +52,7 @@ NO_RODS: Mapping[str, RodPose] = MappingProxyType({})
 
 
 def write_mujoco(folder: Path, model: FittedRobot, rubbing: Robot | None = None) -> tuple[Path, ...]:
-    """robot.xml; Coulomb friction of `found` is frictionloss. StudyError where MJCF cannot represent the robot."""
+    """Write robot.xml; Coulomb friction of `rubbing` is frictionloss. StudyError if MJCF cannot represent the robot."""
     _check(model.robot)
     rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
     start = rod_poses(model.robot, rest[0].q[: len(model.robot.joints)])

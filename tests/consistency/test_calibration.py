@@ -15,8 +15,6 @@ SCRIPTS = Path(__file__).parents[2] / "scripts" / "studies"
 def study() -> Iterator[ModuleType]:
     """scripts/studies/calibration.py, whose plants and data sets these tests share."""
     with pytest.MonkeyPatch.context() as patch:
-        for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-            patch.setenv(variable, "1")
         patch.syspath_prepend(str(SCRIPTS))
         yield import_module("calibration")
 

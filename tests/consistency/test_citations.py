@@ -1,4 +1,4 @@
-"""Citations are right: each numbered equation of the thesis is cited where it is implemented.
+"""Citations of docstrings: each equation of the thesis is cited where it is implemented, each quoted name exists.
 
 The thesis: Niglis & Oberg, Modelling High-Fidelity Robot Dynamics, LiTH-ISY-EX-15/4843-SE (2015), chapters 2 and 3.
 
@@ -7,10 +7,13 @@ and (2.17)`. "to" includes both ends and all parts between them, (2.8a) and (2.8
 """
 
 import ast
+import builtins
 import re
 from pathlib import Path
 
 import pytest
+
+from elastid.study.reference import list_keys
 
 ROOT = Path(__file__).parents[2]
 
@@ -66,3 +69,19 @@ def test_every_equation_is_cited_where_it_is_implemented_and_nowhere_else():
         for number in {n for text in docstrings(path) for one in CITATION.findall(text) for n in numbers(one)}:
             found[number].add(path.relative_to(ROOT / "elastid").as_posix())
     assert found == EQUATIONS
+
+
+# Definitions at the left margin, and names in backticks.
+DEFINED = re.compile(r"^(?:(?:async )?def |class )?(\w+)(?=\(|:| =)", re.MULTILINE)
+QUOTED = re.compile(r"(?<!`)`([A-Za-z_]\w*)(?:\(\))?`(?!`)")
+
+
+@pytest.mark.slow
+def test_names_in_docstrings_exist() -> None:
+    """In the code of the module, among definitions of the package, modules beside it, rooms, keys or builtins."""
+    codes = {path: re.sub(r'"""(?:.|\n)*?"""', "", path.read_text(encoding="utf-8")) for path in MODULES}
+    texts = (*(key.path for key in list_keys()), *dir(builtins), *dir(object), *map(str, MODULES[0].parent.iterdir()))
+    known = {*DEFINED.findall("\n".join(codes.values())), *re.findall(r"\w+", " ".join(texts))}
+    for path, code in codes.items():
+        words = known.union(re.findall(r"\w+", code), (each.stem for each in path.parent.rglob("*.py")))
+        assert words.issuperset(QUOTED.findall(" ".join(docstrings(path)))), path

@@ -32,23 +32,17 @@ def messages() -> tuple[tuple[str, str], ...]:
         apart = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
         apart |= {id(part) for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
         for node in nodes:
-            text = ""
-            if isinstance(node, ast.JoinedStr):
-                text = "".join(str(part.value) if isinstance(part, ast.Constant) else "‹›" for part in node.values)
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                text = node.value
+            parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+            text = "".join(str(part.value) if isinstance(part, ast.Constant) else "‹›" for part in parts)
             if " " in text.strip() and id(node) not in apart:
                 found.append((path.relative_to(PACKAGE).as_posix(), text))
     return tuple(found)
 
 
 def test_commands_and_options_that_messages_name_exist() -> None:
-    named = [
-        (module, text, *match) for module, text in messages() for match in re.findall(r"\b(elastid) ([a-z]+)\b", text)
-    ]
-    commands = {(module, word) for module, text, _, word in named if f"`elastid {word}" in text}
+    commands = {word for _, text in messages() for word in re.findall(r"`elastid ([a-z]+)\b", text)}
     assert len(commands) > 5
-    assert {word for _, word in commands} <= {*COMMANDS}, commands
+    assert commands <= {*COMMANDS}
     options = {(module, each) for module, text in messages() for each in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)}
     compilers = {each for each in options if each[0].startswith(("targets", "base/kernels", "simulation"))}
     assert len(options) > 15

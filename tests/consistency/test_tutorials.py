@@ -111,13 +111,6 @@ def test_pages_name_modules_that_exist() -> None:
             assert importlib.util.find_spec(name) is not None, f"{page.name}: {name}"
 
 
-def test_every_example_of_the_gallery_has_a_figure() -> None:
-    """One among its variables, which the gallery draws, or a picture that stands for it."""
-    for example in (ROOT / "scripts" / "examples").glob("ex[0-9]*.py"):
-        text = example.read_text(encoding="utf-8")
-        assert re.search(r"^    figure = |figure := Figure|sphinx_gallery_thumbnail_path", text, re.M), example.name
-
-
 def test_every_public_name_has_an_example_that_runs() -> None:
     page = PAGES / "howto" / "python.rst"
     text = page.read_text(encoding="utf-8")

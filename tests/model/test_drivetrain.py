@@ -10,7 +10,7 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.gears import COUPLINGS, D_SHAFT, K_SHAFT, LINKS, RATIO, J, wrist
-from plants.pinocchio_robot import append, mass_of, pinocchio, pinocchio_model
+from plants.pinocchio_robot import append, mass_of, pin, pinocchio_model
 from plants.refusals import refused
 
 from elastid.experiment.specs.channels import ChannelSpec
@@ -62,7 +62,6 @@ def with_rotor_bodies(robot: Robot):
 
     Rotors that do not ride have their inertia as armature of a joint on the base. A rotor's joint turns by (eta q_m)_i.
     """
-    pin = pinocchio()
 
     def add_rotors(model, carrier: str, at) -> None:
         for joint in robot.driven:
@@ -94,7 +93,6 @@ def test_mass_and_coriolis_equal_pinocchio_with_rotors_as_bodies(seed):
     reference, T = with_rotor_bodies(robot)
     data = reference.createData()
     q, v = np.random.default_rng(seed).normal(size=(2, model.n_q))
-    pin = pinocchio()
     M = T.T @ mass_of(reference, data, T @ q) @ T
     np.testing.assert_allclose(model.mass(q, model.theta).full(), M, rtol=0, atol=1e-10 * np.abs(M).max())
     still = pin.nonLinearEffects(reference, data, T @ q, np.zeros(reference.nv))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.pinocchio_robot import append, mass_of, pinocchio, pinocchio_model, placed
+from plants.pinocchio_robot import append, mass_of, pin, pinocchio_model, placed
 from plants.refusals import refused
 
 from elastid.model.formulation import serial
@@ -64,7 +64,6 @@ def random_robot(seed: int) -> Robot:
 
 def in_pinocchio(robot: Robot):
     """The same robot in pinocchio with its frames and its payload, and the order of its joints in ours."""
-    pin = pinocchio()
     model, seats = pinocchio_model(robot)
     for body in robot.bodies:
         model.addFrame(pin.Frame(body.name, *seats[body.name], pin.FrameType.BODY))
@@ -95,7 +94,6 @@ def test_shipped_robots_equal_pinocchio(path):
 
 def assert_equal_to_pinocchio(robot: Robot, seed: int) -> None:
     """Link-side rigid body terms without drivetrain, poses and Jacobians, to 1e-10."""
-    pin = pinocchio()
     robot = rigid(robot)
     model = serial(robot)
     n = len(robot.joints)

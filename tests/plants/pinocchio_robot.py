@@ -1,4 +1,4 @@
-"""A robot of elastid in Pinocchio, an independent implementation, built body by body."""
+"""A robot of elastid in Pinocchio, an independent implementation, for tests with the mark `oracle`."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,21 +7,19 @@ import numpy as np
 
 from elastid.robot import BASE, Placement, Robot, unit_axis
 
-
-def pinocchio() -> Any:
-    """The package; tests that need it have the mark `oracle`."""
-    import pinocchio
-
-    return pinocchio
+try:
+    import pinocchio as pin
+except ImportError:
+    pin = None
 
 
 def placed(placement: Placement) -> Any:
-    return pinocchio().SE3(placement.rotation, np.array(placement.xyz))
+    return pin.SE3(placement.rotation, np.array(placement.xyz))
 
 
 def append(model: Any, at: tuple[int, Any], mass: float, center: Any, inertia: np.ndarray) -> None:
     """A mass with its centre and inertia at a joint and a placement behind it."""
-    model.appendBodyToJoint(at[0], pinocchio().Inertia(mass, np.array(center), inertia), at[1])
+    model.appendBodyToJoint(at[0], pin.Inertia(mass, np.array(center), inertia), at[1])
 
 
 def pinocchio_model(
@@ -32,7 +30,6 @@ def pinocchio_model(
     riding: adds what rides on the base or on a body.  Children come before siblings: Pinocchio's crba takes every
     branch's joints to be numbered in one run.
     """
-    pin = pinocchio()
     model, seats = pin.Model(), {}
     model.gravity.linear = np.array(robot.gravity)
 
@@ -56,5 +53,5 @@ def pinocchio_model(
 
 def mass_of(model: Any, data: Any, q: np.ndarray) -> np.ndarray:
     """Pinocchio's mass matrix, of which crba writes the upper half."""
-    M = np.triu(pinocchio().crba(model, data, q))
+    M = np.triu(pin.crba(model, data, q))
     return M + np.triu(M, 1).T

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.pinocchio_robot import mass_of, pinocchio
+from plants.pinocchio_robot import mass_of, pin
 from plants.refusals import refused
 from ruamel.yaml import YAML
 
@@ -60,7 +60,6 @@ def read(urdf: str, joints: dict[str, object], folder: Path, **more: object) -> 
 @pytest.mark.oracle("pinocchio")
 def test_dynamics_and_frames_equal_those_of_pinocchios_reader(seed, tmp_path):
     """M, g and every link's place, fixed links with and without mass included."""
-    pin = pinocchio()
     urdf, moving = written(seed)
     robot = read(urdf, {name: {"motor": MOTOR, "viscous": 0} for name in moving}, tmp_path)
     reference = pin.buildModelFromXML(urdf)

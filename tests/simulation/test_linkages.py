@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from plants.integration import acceleration, energy, runge_kutta
-from plants.pinocchio_robot import append, pinocchio, pinocchio_model
+from plants.pinocchio_robot import append, pin, pinocchio_model
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
@@ -85,7 +85,6 @@ def test_accelerations_equal_pinocchio_with_the_rod_as_a_body(name: str):
 
     There the rod is a body on a universal joint, its tip held in three coordinates; here it is one row and an energy.
     """
-    pin = pinocchio()
     robot = stiff(shipped(name))
     model = without(formulate(robot), "k", "d", "f", "fm")
     reference = pinocchio_with_bar(pin, robot)

@@ -84,7 +84,7 @@ class ExperimentSpec:
 
     @property
     def rig(self) -> RigSpec:
-        """The section of the experiment's kind, for `match`."""
+        """The section of the experiment's kind, for a match statement."""
         return next(kind for kind in (self.simulated, self.recorded, self.responses) if kind is not None)
 
     @property

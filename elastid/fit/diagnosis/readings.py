@@ -253,7 +253,7 @@ FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass}
 
 
 class Late(NamedTuple):
-    """A form of lateness, `delay` or `low_pass_y_motor_2`, the T in s that fits best, V with it, and the step of x."""
+    """A form of time delay, `delay` or a low pass, the T in s that fits best, V with it, and the step of x."""
 
     name: str
     time: float

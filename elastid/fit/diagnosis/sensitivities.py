@@ -400,7 +400,7 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
 
 
 def start_distance(parameters: Parameters, x: FloatArray) -> float:
-    """-2 ln of the prior of stiffnesses that end at x (n_x,) about where the study starts them, as `ranking` has it."""
+    """Return -2 ln of the prior density of the stiffnesses at x (n_x,), about their starting values in the study."""
     asked = (i for i, p in enumerate(parameters.free) if not p.is_nuisance and p.log and p.stands_for.startswith("k_"))
     return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STEP_STD) ** 2) for i in asked)
 

@@ -12,7 +12,7 @@ By a number that the fit held, or a spring that the robot's file lacks, where al
 the noise: a single number, or a common factor of several, whose freeing lowers V, in which the declared floor counts as
 noise, by `drop`, and moves a parameter by `effect` of its standard deviations and by `size` of itself.
 
-By static load tests, or responses at the tool, that contradict those of the motors (`static_loads`, `tool_side`).
+By static load tests, or responses at the tool, that contradict the responses of the motors (`second_source`).
 
 A damping that the responses do not show, or show as less than none, falls to zero, whose logarithm has no end: no
 bound is wide enough there.

@@ -88,7 +88,7 @@ def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem
 
 
 def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
-    """Logs exist and names are known; `measure` says at once what rate and channels lack."""
+    """Logs exist and names are known; the stage measure rejects missing rates and channels."""
     yield from check_files(study, recorded.files, _RECORDED, base)
     yield from check_channels(study, recorded.channels, _RECORDED)
     yield from check_controller(study, recorded)

@@ -251,7 +251,7 @@ def _check_period(
     period: float,
     place: Path,
 ) -> Iterator[Problem]:
-    """The judgement of `measure` on whole periods; others are resampled there before they are judged."""
+    """Check whole periods as the stage measure does; it resamples other periods before the check."""
     drivers = [k for role in ("r", "u") for k, channel in enumerate(channels) if channel.role == role]
     drivers = [k for k in drivers if channels[k].role == channels[drivers[0]].role]
     if period != round(period) or not drivers:
