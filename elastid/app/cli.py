@@ -385,16 +385,22 @@ def inspect(file: Path) -> None:
 
 @cli.command()
 @click.argument("key", required=False)
-def explain(key: str | None) -> None:
-    """Say what a key of a study means and when to change it: `elastid explain fit.criterion`; without KEY, list all.
+@click.argument("study", type=click.Path(path_type=Path), required=False)
+@options_of("run")
+def explain(key: str | None, study: Path | None, folder: Path | None) -> None:
+    """Explain a key of a study, a code of an error or note, or a parameter of the robot; without KEY, list all keys.
 
-    Of the code of an error or note (`elastid explain records/clock`) it says what it means.
-
-    The list has the sections of a study, in its order.
+    \b
+    elastid explain fit.criterion            meaning, values, default, and when to change it
+    elastid explain records/clock            meaning and remedy
+    elastid explain k_1                      meaning
+    elastid explain k_1 study.yml            joint, side, unit and nominal value
+    elastid explain k_1 --run runs/demo      estimate, interval and status in a run
     """
-    from elastid.study import reference
+    from elastid.app.explanation import explained
+    from elastid.study.reference import overview
 
-    click.echo(printable(reference.overview() if key is None else reference.explain(key)))
+    click.echo(printable(overview() if key is None else explained(key, study, folder)))
 
 
 def one_blas_thread() -> None:

@@ -177,9 +177,7 @@ def _deviation(std: float, value: float) -> str:
 
 def forecast_table(forecast: Forecast) -> list[list[str]]:
     """Headings, then a line for each parameter: predicted std, parts of it by noise and by the file, correlation."""
-    names = ("std_noise", "std_prior", "std_systematic") if len(forecast.parts) else ()
-    parts = {name: getattr(forecast, name) for name in names}
-    columns = {**parts, "expected std": forecast.std}
+    columns = {**forecast.std_parts, "expected std": forecast.std}
     rows = [["parameter", "unit", "nominal", *columns, "most correlated with"]]
     for i, name in enumerate(forecast.parameters):
         partner, correlation = forecast.strongest(name)

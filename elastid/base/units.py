@@ -12,45 +12,40 @@ import re
 from collections.abc import Iterator
 from typing import Annotated, Any, TypeAlias
 
-# By dimension, named by its SI unit: further units and their factors to SI.
-_FURTHER: dict[str, dict[str, float]] = {
-    "1": {"%": 0.01},
-    "rad": {
-        "mrad": 1e-3,
-        "deg": math.pi / 180,
-        "arcmin": math.pi / 10800,
-        "arcsec": math.pi / 648000,
-        "rev": 2 * math.pi,
-    },
-    "rad/s": {"deg/s": math.pi / 180, "rpm": 2 * math.pi / 60},
-    "rad/s^2": {"deg/s^2": math.pi / 180},
-    "rad/s^3": {"deg/s^3": math.pi / 180},
-    "N": {"kN": 1e3},
-    "N/m": {"kN/m": 1e3, "N/mm": 1e3, "kN/mm": 1e6, "MN/m": 1e6},
-    "N*s/m": {"kN*s/m": 1e3},
-    "N*m": {"mN*m": 1e-3, "kN*m": 1e3},
-    "V": {"mV": 1e-3},
-    "A": {"mA": 1e-3},
-    "N*m/rad": {"kN*m/rad": 1e3, "MN*m/rad": 1e6, "N*m/deg": 180 / math.pi, "N*m/arcmin": 10800 / math.pi},
-    "N*m*s/rad": {"kN*m*s/rad": 1e3},
-    "kg": {"g": 1e-3},
-    "kg*m^2": {"g*m^2": 1e-3, "kg*cm^2": 1e-4},
-    "m": {"mm": 1e-3, "um": 1e-6},
-    "m/s": {"mm/s": 1e-3},
-    "m/s^2": {"mm/s^2": 1e-3},
-    "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
-    "Hz": {"kHz": 1e3},
-}
+# A row for each dimension: its SI unit, then further units with their factors to SI (deg = pi / 180 rad). Closed on
+# purpose: any other unit is refused with the list of the fitting ones.
+_ROWS = """
+1 %=0.01
+rad mrad=0.001 deg=0.017453292519943295 arcmin=0.0002908882086657216 arcsec=4.84813681109536e-06 rev=6.283185307179586
+rad/s deg/s=0.017453292519943295 rpm=0.10471975511965977
+rad/s^2 deg/s^2=0.017453292519943295
+rad/s^3 deg/s^3=0.017453292519943295
+N kN=1000.0
+N/m kN/m=1000.0 N/mm=1000.0 kN/mm=1000000.0 MN/m=1000000.0
+N*s/m kN*s/m=1000.0
+N*m mN*m=0.001 kN*m=1000.0
+V mV=0.001
+A mA=0.001
+N*m/rad kN*m/rad=1000.0 MN*m/rad=1000000.0 N*m/deg=57.29577951308232 N*m/arcmin=3437.7467707849396
+N*m*s/rad kN*m*s/rad=1000.0
+kg g=0.001
+kg*m^2 g*m^2=0.001 kg*cm^2=0.0001
+m mm=0.001 um=1e-06
+m/s mm/s=0.001
+m/s^2 mm/s^2=0.001
+s ms=0.001 us=1e-06 min=60.0 h=3600.0
+Hz kHz=1000.0
+"""
 # Dimensions with an SI unit alone.
-_SI_ALONE = (
-    "1/s", "1/s^2", "N*m/A", "N*m/rad^2", "N*m/rad^3", "N/m^2", "N/m^3", "N*m*s^2/rad^2", "N*s^2/m^2", "N*m/s", "N/s",
-    "N*m/K", "N/K", "rad/(s*K)", "m/(s*K)", "degC", "K", "W/K", "m/s^3",
-)  # fmt: skip
-# unit: (dimension, factor to SI). Closed on purpose: any other unit is refused with the list of those that fit.
+_SI_ALONE = """
+1/s 1/s^2 N*m/A N*m/rad^2 N*m/rad^3 N/m^2 N/m^3 N*m*s^2/rad^2 N*s^2/m^2 N*m/s N/s N*m/K N/K rad/(s*K) m/(s*K) degC K
+W/K m/s^3
+"""
+# unit: (dimension, factor to SI).
 TABLE: dict[str, tuple[str, float]] = {
-    unit: (dimension, scale)
-    for dimension in (*_FURTHER, *_SI_ALONE)
-    for unit, scale in ({dimension: 1.0} | _FURTHER.get(dimension, {})).items()
+    unit: (row.split()[0], float(scale or 1.0))
+    for row in (*_ROWS.strip().splitlines(), *_SI_ALONE.split())
+    for unit, _, scale in (word.partition("=") for word in row.split())
 }
 
 

@@ -61,7 +61,7 @@ class Forecast:
     notes: tuple[Note, ...]
     choice: str = ""
     parts: FloatArray = labelled(
-        "fraction of the variance by noise, and by the robot model without end", "", "part parameters",
+        "fractions of the variance: noise, prior, systematic", "", "part parameters",
         default_factory=lambda: np.zeros((0, 0)),
     )  # fmt: skip
 
@@ -71,22 +71,10 @@ class Forecast:
         return np.sqrt(np.diag(self.covariance)) * np.where(self.log, np.abs(self.nominal), 1.0)
 
     @property
-    def std_noise(self) -> FloatArray:
-        """Contribution of the measurement noise to `std` (n,): the scatter of repeated measurements of one robot."""
-        return self.std * np.sqrt(self.parts[0]) if len(self.parts) else self.std
-
-    @property
-    def std_prior(self) -> FloatArray:
-        """Contribution (n,) of the robot model's tolerances that no amount of data reduces."""
-        return self._finite_part(self.parts[1] if len(self.parts) else 0.0)
-
-    @property
-    def std_systematic(self) -> FloatArray:
-        """Remaining contribution (n,), see `Result.std_systematic`."""
-        return self._finite_part(np.maximum(1 - self.parts.sum(axis=0), 0.0) if len(self.parts) else 0.0)
-
-    def _finite_part(self, fraction: FloatArray | float) -> FloatArray:
-        return np.asarray(np.where(np.isfinite(self.std), self.std, 0.0) * np.sqrt(fraction))
+    def std_parts(self) -> dict[str, FloatArray]:
+        """Contributions (n,) to `std` by name, as those of a `Result`; none for an exact robot model."""
+        names = ("std_noise", "std_prior", "std_systematic")
+        return {name: self.std * np.sqrt(part) for name, part in zip(names, self.parts, strict=False)}
 
     @property
     def relative(self) -> FloatArray:
@@ -137,7 +125,8 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
     configurations = tuple(e.response.configuration.name for e in expected)
     notes = tuple(_undetermined(_blind(np.asarray(R), parameters, x), names))
     by_noise = covariance_by_noise(covariance, n)
-    fractions = np.stack([uncertainty.averaging_fraction, uncertainty.persistent_fraction])[:, :n]
+    a, p = uncertainty.averaging_fraction[:n], uncertainty.persistent_fraction[:n]
+    fractions = np.nan_to_num([a, p, np.maximum(1 - a - p, 0.0)])
     known = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share
     return Forecast(*known, (*notes, *correlated(names, by_noise)), parts=fractions if n < len(x) else np.zeros((0, 0)))
 

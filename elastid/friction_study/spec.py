@@ -20,29 +20,24 @@ class LawSpec:
     """
 
     # fmt: off
-    stribeck: Annotated[Part, Key("Stribeck effect: stiction that falls to Coulomb friction.", "`no` where no pass is "
-        "slower than a third of the Stribeck velocity; `yes` where a law without it is of no use, which needs five "
-        "speeds.")] = "auto"
-    exponent: Annotated[Part, Key("Exponent of the Stribeck curve, 2 unless the levels determine it.", "`no` narrows "
-        "stiction by a factor of 1.6 to 4, and is right where a control law assumes 2.")] = "auto"
-    quadratic: Annotated[Part, Key("Quadratic friction that grows with v |v|.", "`auto` for fans, oil baths and fast "
-        "axes, where friction bends upwards at the top speed; off, since it and viscous friction are strongly "
-        "correlated.")] = "no"
-    directions: Annotated[Part, Key("Levels and slopes of each direction.", "`no` where a tool holds one number for "
-        "both; a difference of slopes then turns up as an offset of the torque. It is tested, since real axes have "
-        "it.")] = "auto"
-    load: Annotated[Part, Key("Growth of friction with the load.", "`no` for logs whose loads are guesses; `auto` "
-        "needs two of them, more than 5 % of the largest apart.")] = "auto"
-    temperature: Annotated[Part, Key("Change of friction with temperature.", "`no` for logs of a warm robot whose "
-        "thermometer drifts; `auto` needs two temperatures, and three far apart for the decay, which else is held at "
-        "20 K.")] = "auto"
-    presliding: Annotated[Literal["auto", "lugre", "maxwell_slip", "no"], Key("Law of the joint before it slides that "
-        "the robot's file gets; by default Maxwell slip where loops were measured, else LuGre where stiffness and "
-        "damping at rest were; `lugre` takes at_rest, not loops.", "`lugre` for tools that know no other; Maxwell slip "
-        "has memory of inner loops, which LuGre misses by 16 % of the break-away torque in one case.")] = "auto"
-    elements: Annotated[int | None, Key("Number of Maxwell slip elements (default: as few as predict other parts of "
-        "the loops as well).", "4 for real-time use, at an error of some 4 % of the break-away torque, 6 and more for "
-        "about 1 %.", least=1)] = None
+    stribeck: Annotated[Part, Key("Stribeck effect: stiction decreases to Coulomb friction.", "`no` if no run is "
+        "slower than a third of the Stribeck velocity; `yes` needs five speeds.")] = "auto"
+    exponent: Annotated[Part, Key("Exponent of the Stribeck curve, 2 unless it is identifiable.", "`no` narrows the "
+        "interval of stiction by a factor of 1.6 to 4.")] = "auto"
+    quadratic: Annotated[Part, Key("Quadratic friction, proportional to v |v|.", "`auto` for fans, oil baths and fast "
+        "axes; it is strongly correlated with viscous friction.")] = "no"
+    directions: Annotated[Part, Key("Separate Coulomb and viscous friction for each direction.", "`no` if a later tool "
+        "accepts one value only; a difference then appears as a torque offset.")] = "auto"
+    load: Annotated[Part, Key("Load-dependent friction.", "`auto` needs two loads that differ by more than 5 % of the "
+        "largest; `no` if the loads are guesses.")] = "auto"
+    temperature: Annotated[Part, Key("Temperature-dependent friction.", "`auto` needs two temperatures, and three to "
+        "identify the decay, which is otherwise fixed at 20 K.")] = "auto"
+    presliding: Annotated[Literal["auto", "lugre", "maxwell_slip", "no"], Key("Presliding model (default: Maxwell slip "
+        "from presliding_loops, else LuGre from presliding_test).", "`lugre` for tools that know no other model; "
+        "Maxwell slip also has the memory of inner loops.")] = "auto"
+    elements: Annotated[int | None, Key("Number of Maxwell slip elements (default: by cross-validation over the "
+        "loops).", "4 for real-time use, at an error of 4 % of the break-away torque; 6 and more for about "
+        "1 %.", least=1)] = None
     # fmt: on
 
 
@@ -51,27 +46,20 @@ class ConstantVelocitySpec:
     """Passes there and back at constant speed, one joint at a time."""
 
     # fmt: off
-    speeds: Annotated[tuple[JointVelocity, JointVelocity] | None, Key("Lowest and highest speed, link side (default: "
-        "the slowest without sticking, and the fastest that fits into the window).", "the lowest decides about "
-        "stiction: at 0.2 Stribeck velocities stiction above Coulomb is known to 3 %, at 1 only to 48 %; the highest "
-        "decides about viscous friction. A lower one needs a stiffer controller, or the joint sticks and "
-        "slips.", above=0, rising=True)] = None
-    count: Annotated[int, Key("Number of passes of one joint at one load, those at the same speed included.",
-        "more for narrower intervals, which shrink with the root; the five numbers of a Stribeck curve need at least "
-        "5, and 12 let the law be tested.", least=5)] = 12
-    spacing: Annotated[Literal["optimal", "logarithmic"], Key("Spacing of the speeds: `optimal` for the law's numbers "
-        "(D-optimal over the guesses of the law), or `logarithmic`.", "`logarithmic` where the robot's file has no "
-        "more than a rough guess of friction; `optimal` puts all passes at about five speeds, and shows nothing in "
-        "between.")] = "optimal"
-    window: Annotated[tuple[JointPosition, JointPosition] | None, Key("Position range [lower, upper] of the joint "
-        "(default: the middle half of its limits).", "wide enough for the highest speed to settle, and free of cell "
-        "and cables; a slow pass of less than one motor turn cannot average ripple.", rising=True)] = None
-    repeat: Annotated[int, Key("Number of runs of the whole set.", "more where levels scatter from run to run: "
-        "intervals are widened to that scatter, which after a single run cannot be distinguished from a wrong law. Two "
-        "show it at the least cost.", least=1)] = 2
-    reference_every: Annotated[Time, Key("Time after which one speed is repeated; its drift is the warm-up.", "shorter "
-        "where a joint warms up quickly, longer once the robot is warm; each costs one more pair of passes. 5 minutes "
-        "are a small part of the 10 to 60 that a gear takes to warm.", above=0)] = 300.0
+    speeds: Annotated[tuple[JointVelocity, JointVelocity] | None, Key("Lowest and highest link-side speed (default: "
+        "slowest without stick-slip, fastest within the window).", "lower speeds identify stiction (to 3 % at 0.2 "
+        "Stribeck velocities), higher speeds viscous friction.", above=0, rising=True)] = None
+    count: Annotated[int, Key("Number of runs of one joint at one load.", "more for narrower intervals; 12 also test "
+        "the friction model.", least=5)] = 12
+    spacing: Annotated[Literal["optimal", "logarithmic"], Key("Spacing of the speeds: D-optimal for the friction "
+        "model, or logarithmic.", "`logarithmic` if the friction of the robot model is a rough guess.")] = "optimal"
+    window: Annotated[tuple[JointPosition, JointPosition] | None, Key("Position range of the joint (default: middle "
+        "half of its limits).", "wide enough for the highest speed, free of obstacles; at least one motor turn "
+        "averages the ripple.", rising=True)] = None
+    repeat: Annotated[int, Key("Number of repetitions of the whole set.", "more if torques scatter between "
+        "repetitions; the intervals include this scatter.", least=1)] = 2
+    reference_every: Annotated[Time, Key("Time between runs at one reference speed, whose drift is the warm-up.",
+        "shorter for a joint that warms up quickly.", above=0)] = 300.0
     # fmt: on
 
 
@@ -151,28 +139,25 @@ class FrictionSpec:
 
     # fmt: off
     joints: Annotated[tuple[str, ...], Key("Joints by name or number, the first is 1 (default: every driven joint).",
-        "name a few where an hour is what is available: each joint takes its own passes, one after the other.")] = ()
-    rate_hz: Annotated[Frequency, Key("Sampling rate of the controller and the logs of a design.", "that of the "
-        "controller; logs that exist state theirs in experiment.recorded. 1 kHz is enough for passes, which are "
-        "evaluated below 60 Hz.", above=0)] = 1000.0
+        "name a few to save time: joints are measured one after the other.")] = ()
+    rate_hz: Annotated[Frequency, Key("Sampling rate of controller and logs of a design.", "the controller's rate; "
+        "runs are evaluated below 60 Hz.", above=0)] = 1000.0
     constant_velocity: Annotated[ConstantVelocitySpec | Literal["detect"] | None, Key("Constant-velocity runs: their "
         "design, or `detect` to find constant velocity in logs.", "give {} to design the runs. Use `detect` for logs "
         "of any motion with stretches of constant velocity.")] = None
-    loads: Annotated[tuple[LoadSpec, ...], Key("Loads under which passes are repeated (default: the robot as it is).",
-        "two show how levels grow with load, three the Stribeck velocity of it; gravity on the joint must differ "
-        "between them, so that a vertical axis has none.")] = ()
+    loads: Annotated[tuple[LoadSpec, ...], Key("Loads under which all runs are repeated (default: the robot as it "
+        "is).", "two identify load-dependent Coulomb friction, three also its Stribeck velocity; the gravity torque "
+        "must differ.")] = ()
     presliding_loops: Annotated[PreslidingLoopsSpec | None, Key("Hysteresis loops of growing torque before the joint "
         "slides.", "give {} to identify a LuGre or Maxwell slip model of small motions. Coulomb friction does not need "
         "it.")] = None
     presliding_test: Annotated[PreslidingTestSpec | None, Key("Small multisine of the torque at zero velocity.", "give "
         "{} if the encoder resolves a tenth of the presliding deflection, typically 1 to 3 counts; otherwise use "
         "presliding_loops.")] = None
-    warm_up: Annotated[WarmUpSpec | None, Key("Hours of motion, for friction that falls with temperature (default: "
-        "none).", "where friction at two in the afternoon is not that of eight in the morning; it takes hours of the "
-        "robot.")] = None
-    law: Annotated[LawSpec, Key("Parts of the friction law that are tested.", "switch parts off that later tools "
-        "cannot hold; `yes` is a demand, and the fit fails with the reason where the levels cannot determine the "
-        "part.")] = LawSpec()
+    warm_up: Annotated[WarmUpSpec | None, Key("Warm-up: hours of motion, for temperature-dependent friction.",
+        "give it if friction changes during a shift; it takes hours of robot time.")] = None
+    law: Annotated[LawSpec, Key("Terms of the friction model that are tested.", "switch off terms that later tools "
+        "cannot represent; `yes` fails if the term is not identifiable.")] = LawSpec()
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -45,29 +45,33 @@ class FrictionTerm:
         return of_translation(self.unit) if slides and self.unit else self.unit
 
 
-TERMS: dict[str, FrictionTerm] = {
-    term.path: term
-    for term in (
-        FrictionTerm("coulomb", "Fc", "F_c", "Coulomb friction", "N*m", 1),
-        FrictionTerm("stiction", "Fs", "F_s", "stiction", "N*m", 1),
-        FrictionTerm("stribeck_velocity", "vs", "nu_s", "Stribeck velocity", "rad/s", -1),
-        FrictionTerm("exponent", "a", "a", "exponent of the Stribeck curve", "", 0),
-        FrictionTerm("viscous", "f", "f", "viscous friction", "N*m*s/rad", 2),
-        FrictionTerm("quadratic", "f2", "alpha_3", "quadratic friction", "N*m*s^2/rad^2", 3),
-        FrictionTerm("load.coulomb", "Fcl", "F_cl", "Coulomb friction by load", "", 0),
-        FrictionTerm("load.stiction", "Fsl", "F_sl", "stiction by load", "", 0),
-        FrictionTerm("load.stribeck_velocity", "vl", "nu_l", "Stribeck velocity of the load", "rad/s", -1),
-        FrictionTerm("temperature.coulomb", "FcT", "F_cT", "Coulomb friction by heat", "N*m/K", 1),
-        FrictionTerm("temperature.stiction", "FsT", "F_sT", "stiction by heat", "N*m/K", 1),
-        FrictionTerm("temperature.stribeck_velocity", "vsT", "nu_T", "Stribeck velocity by heat", "rad/(s*K)", -1),
-        FrictionTerm("temperature.viscous", "fT", "f_T", "viscous friction that vanishes with heat", "N*m*s/rad", 2),
-        FrictionTerm("temperature.decay", "TV", "T_V", "decay of viscous friction with heat", "K", 0),
-        FrictionTerm("directions.coulomb", "dFc", "delta_c", "F_c by direction", "N*m", 1, True),
-        FrictionTerm("directions.viscous", "df", "delta_v", "f by direction", "N*m*s/rad", 2, True),
-        FrictionTerm("lugre.stiffness", "s0", "sigma_0", "stiffness of the bristles", "N*m/rad", 2),
-        FrictionTerm("lugre.damping", "s1", "sigma_1", "damping of the bristles", "N*m*s/rad", 2),
-    )
-}  # fmt: skip
+def _term(row: str) -> FrictionTerm:
+    path, prefix, symbol, unit, power, turns, meaning = row.split(maxsplit=6)
+    return FrictionTerm(path, prefix, symbol, meaning, unit.strip("-"), int(power), turns == "turns")
+
+
+# Path, prefix, symbol, unit, power, `turns`, meaning.
+_TERMS = """
+coulomb Fc F_c N*m 1 - Coulomb friction
+stiction Fs F_s N*m 1 - stiction
+stribeck_velocity vs nu_s rad/s -1 - Stribeck velocity
+exponent a a - 0 - exponent of the Stribeck curve
+viscous f f N*m*s/rad 2 - viscous friction
+quadratic f2 alpha_3 N*m*s^2/rad^2 3 - quadratic friction
+load.coulomb Fcl F_cl - 0 - Coulomb friction by load
+load.stiction Fsl F_sl - 0 - stiction by load
+load.stribeck_velocity vl nu_l rad/s -1 - Stribeck velocity of the load
+temperature.coulomb FcT F_cT N*m/K 1 - Coulomb friction by heat
+temperature.stiction FsT F_sT N*m/K 1 - stiction by heat
+temperature.stribeck_velocity vsT nu_T rad/(s*K) -1 - Stribeck velocity by heat
+temperature.viscous fT f_T N*m*s/rad 2 - viscous friction that vanishes with heat
+temperature.decay TV T_V K 0 - decay of viscous friction with heat
+directions.coulomb dFc delta_c N*m 1 turns F_c by direction
+directions.viscous df delta_v N*m*s/rad 2 turns f by direction
+lugre.stiffness s0 sigma_0 N*m/rad 2 - stiffness of the bristles
+lugre.damping s1 sigma_1 N*m*s/rad 2 - damping of the bristles
+"""
+TERMS: dict[str, FrictionTerm] = {term.path: term for term in map(_term, _TERMS.strip().splitlines())}
 
 
 def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:

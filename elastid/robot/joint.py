@@ -267,26 +267,17 @@ class Limits:
     """Limits of a driven joint, link side; of a translation in m, m/s, m/s^2, m/s^3 and N."""
 
     # fmt: off
-    angle: Annotated[tuple[PositionLimit, PositionLimit], Key("Lowest and highest position [lower, upper].", "those of "
-        "the cell where they are narrower than the robot's; designs keep excitation.margin from "
-        "them.")] = (-math.inf, math.inf)
-    velocity: Annotated[VelocityLimit, Key("Largest speed of the joint.", "a tenth above what the test may do; it "
-        "bounds carriers, passes and multisines.")] = math.inf
+    angle: Annotated[tuple[PositionLimit, PositionLimit], Key("Lowest and highest position.", "limits of "
+        "the cell if they are narrower; designs keep excitation.margin.", rising=True)] = (-math.inf, math.inf)
+    velocity: Annotated[VelocityLimit, Key("Largest speed of the joint.", "a tenth above the speed of the test; it "
+        "bounds slow motions and multisines.", above=0)] = math.inf
     torque: Annotated[TorqueLimit, Key("Largest torque of the motor.", "continuous torque of motor and gear at the "
-        "link, not the peak, for experiments of minutes.")] = math.inf
-    acceleration: Annotated[AccelerationLimit, Key("Largest acceleration of the joint.", "where drives trip by "
-        "acceleration before they do by torque.")] = math.inf
-    jerk: Annotated[JerkLimit, Key("Largest jerk, which the moves of `elastid tune` keep.", "where the controller "
-        "refuses or smooths a reference by its jerk.")] = math.inf
+        "link, not the peak, for experiments of minutes.", above=0)] = math.inf
+    acceleration: Annotated[AccelerationLimit, Key("Largest acceleration of the joint.", "if drives trip by "
+        "acceleration before torque.", above=0)] = math.inf
+    jerk: Annotated[JerkLimit, Key("Largest jerk of the moves of `elastid tune`.", "if the controller refuses or "
+        "smooths references by their jerk.", above=0)] = math.inf
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if not self.angle[0] < self.angle[1] or not min(self.velocity, self.torque, self.acceleration, self.jerk) > 0:
-            raise ValueError(
-                f"limits leave no motion: angle [{self.angle[0]:g}, {self.angle[1]:g}] must be [lower, upper], "
-                f"velocity {self.velocity:g}, torque {self.torque:g}, acceleration {self.acceleration:g} and jerk "
-                f"{self.jerk:g} positive"
-            )
 
 
 @section

@@ -23,18 +23,19 @@ class BodyTolerances:
     # fmt: off
     name: Annotated[PartName, Key("Name of the body, of the loop whose rod it is, or `payload`.", "for a body that was "
         "weighed, or swung as a pendulum, or one that carries cables that CAD does not know.")]
-    mass: Annotated[Ratio | Exact | None, Key("Standard deviation of its mass, relative.", "0.5 % where it was "
-        "weighed; `exact` for a calibrated weight.", above=0)] = None
-    inertia: Annotated[Ratio | Exact | None, Key("Standard deviation of its inertia, relative, of all entries "
-        "together.", "2 % where it was swung; 20 % for a body whose cables and covers are not in CAD.", above=0)] = None
-    motor_inertia: Annotated[Ratio | Exact | None, Key("Standard deviation of the inertia of the motors of its joints, "
-        "relative.", "2 % where brake and pinion are known to be in it.", above=0)] = None
-    center_of_mass: Annotated[Length | Exact | None, Key("Standard deviation of each coordinate of its centre of mass.",
-        "2 mm where it was balanced on an edge.", above=0)] = None
-    length: Annotated[Length | Exact | None, Key("Standard deviation of the lengths of its joints and "
-        "placement.", "`exact` for a link that was measured on a coordinate measuring machine.", above=0)] = None
-    angle: Annotated[Angle | Exact | None, Key("Standard deviation of the zeros of its joints.", "0.02 deg for axes "
-        "whose zero was set with a dial gauge.", above=0)] = None
+    mass: Annotated[Ratio | Exact | None, Key("Relative standard deviation of the mass (default: of all bodies).",
+        "0.5 % for a weighed body; `exact` for a calibrated weight.", above=0)] = None
+    inertia: Annotated[Ratio | Exact | None, Key("Relative standard deviation of the inertia, one factor for all "
+        "entries (default: of all bodies).", "2 % after a pendulum test; 20 % without cables and covers.",
+        above=0)] = None
+    motor_inertia: Annotated[Ratio | Exact | None, Key("Relative standard deviation of the inertia of its joints' "
+        "motors (default: of all bodies).", "2 % if brake and pinion are included.", above=0)] = None
+    center_of_mass: Annotated[Length | Exact | None, Key("Standard deviation of each coordinate of the centre of mass "
+        "(default: of all bodies).", "2 mm for a body that was balanced on an edge.", above=0)] = None
+    length: Annotated[Length | Exact | None, Key("Standard deviation of the lengths of joints and placement (default: "
+        "of all bodies).", "`exact` for a link measured on a coordinate measuring machine.", above=0)] = None
+    angle: Annotated[Angle | Exact | None, Key("Standard deviation of the zeros of its joints (default: of all "
+        "bodies).", "0.02 deg if the zeros were set with a dial gauge.", above=0)] = None
     # fmt: on
 
 

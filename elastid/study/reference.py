@@ -20,6 +20,8 @@ from elastid.base.section import Key
 from elastid.base.units import InUnit
 from elastid.robot import Robot
 from elastid.robot.denavit_hartenberg import DenavitHartenberg
+from elastid.robot.friction_numbers import TERMS
+from elastid.robot.placement import number_at
 from elastid.robot.urdf import UrdfRobot
 from elastid.study.sections import FleetSpec, Study
 from elastid.study.source import KeyPath
@@ -249,7 +251,9 @@ def _explanation(key: StudyKey) -> str:
     below = names_in(key.annotation)
     entries = [get_args(o)[1 if get_origin(o) is dict else 0] for o in _options(key.annotation) if get_args(o)]
     of_each = [name for entry in entries for name in names_in(entry)]
-    paragraphs = [key.text, f"Value: {describe(key.annotation)}.", f"Default: {_default(key.default)}."]
+    text, *rule = re.split(r" \(default: ([^)]+)\)", key.text, maxsplit=1)
+    default = rule[0] if rule else _default(key.default)
+    paragraphs = [text + "".join(rule[1:]), f"Value: {describe(key.annotation)}.", f"Default: {default}."]
     paragraphs += [key.full_advice] if key.advice else []
     paragraphs += [f"Keys below it: {', '.join(below)}."] if below else []
     paragraphs += [f"Keys of each: {', '.join(of_each)}."] if of_each else []
@@ -289,3 +293,34 @@ def _steps(path: str) -> list[str]:
 
 def _agree(steps: list[str], wanted: list[str]) -> bool:
     return len(steps) == len(wanted) and all(a in ("<name>", b) for a, b in zip(steps, wanted, strict=True))
+
+
+# Beginnings of the names of parameters, each with the key of a robot's file that holds the number.
+_FAMILIES = dict(
+    re.findall(
+        r"(\w+)=(\S+)",
+        "k=spring.stiffness d=spring.damping k2=spring.quadratic k2s=spring.symmetric_quadratic k3=spring.cubic "
+        "b=spring.backlash ki=spring.inner_stiffness e=spring.rounding f=joints.viscous Jm=motor.inertia "
+        "fm=motor.viscous km=motor.spring.stiffness dm=motor.spring.damping zero=joints.zero pj=joints.point "
+        "m=bodies.mass gain=gains.gain c=bodies.center_of_mass I=bodies.inertia p=placement.xyz kc=coil.stiffness "
+        "L0=coil.rest_length F0=gas.force h0=gas.column kappa=gas.kappa a=rod.center l=rod.length",
+    )
+)
+
+
+def explain_parameter(name: str, robot: Robot | None = None) -> str:
+    """Meaning, side, place and nominal value of a parameter of a robot; without a robot the meaning of its family.
+
+    Empty for a name that is no parameter.
+    """
+    unit, steps = ({} if robot is None else robot.numbers | robot.geometry).get(name, ("", ()))
+    family, _, rest = name.partition("_")
+    path = ".".join(str(step) for step in steps if not isinstance(step, int)) or (rest and _FAMILIES.get(family, ""))
+    for key in list_keys() if path else ():
+        if key.path.replace("[]", "").endswith(f".{path}"):
+            place = ".".join(map(str, steps))
+            nominal = f" Robot model, {place}: {number_at(robot, steps):g} {unit}." if steps else ""
+            side = " Motor side." if ".motor." in key.path else " Link side." if ".joints[]." in key.path else ""
+            return f"{key.text}{side}{nominal}"
+    terms = [term.meaning for term in TERMS.values() if name.startswith(f"{term.prefix}_m")]
+    return f"{terms[0].capitalize()} of a motor, link side." if terms else ""

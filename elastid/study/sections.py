@@ -47,52 +47,43 @@ class Study:
 
     # fmt: off
     name: Annotated[FileName, Key("Name of the study and of its run folder.", "a new name for a changed copy keeps the "
-        "run folder of the first, runs/NAME; without it results of both would land in one.")]
-    seed: Annotated[int, Key("Seed of everything that is drawn at random; the same seed gives the same results, bit "
-        "for bit, for any number of processes.", "another number repeats the whole study with other phases, noise and "
-        "starts; numbers that then move by more than their intervals are not to be trusted. 0 is as good as any.",
-        least=0)] = 0
-    robot: Annotated[Robot | None, Key("Path of the robot's file, relative to the study, or the robot itself. Left out "
-        "where only responses are wanted, recorded or from elsewhere; places are then names.", "give it as soon as a "
-        "model is to be fitted; left out, the stages end with the responses and their report.")] = None
-    excitation: Annotated[MultisineSpec | None, Key("Multisine that excites the joints; needed where the rig is "
-        "simulated.", "leave it out for logs and responses, whose lines are found in the data.")] = None
-    experiment: Annotated[ExperimentSpec, Key("Configurations, repetitions and the rig: the measurement.", "it decides "
-        "the kind of study: simulated to plan or to learn, recorded for logs, responses where another program has "
-        "estimated already.")] = field(kw_only=True)
-    design: Annotated[DesignSpec | None, Key("Choice of further configurations before anything is measured.", "give it "
-        "before robot time is booked: chosen postures reach the intervals of drawn ones in fewer measurements. "
-        "Postures of your own are kept.")] = None
-    estimator: Annotated[EstimatorSpec, Key("Estimation of frequency responses from the records.", "the defaults suit "
-        "a closed-loop robot with several realisations; change it for records without a period, or for fewer "
-        "experiments than motors.")] = EstimatorSpec()
-    modal: Annotated[ModalSpec, Key("Modes of a structure without a robot: band, chosen poles, geometry.", "the "
-        "defaults choose the modes by themselves; give poles_hz to choose them yourself.")] = ModalSpec()
-    model: Annotated[ModelSpec, Key("Equations of motion that the fit uses.", "needed for linkages where another "
-        "formulation is wanted; a serial robot needs nothing here.")] = ModelSpec()
-    fit: Annotated[FitSpec, Key("Identification of the parameters: parameters, weights and search.", "the first key to "
-        "give is parameters, as soon as not every spring is to be identified.")] = FitSpec()
-    loads: Annotated[LoadsSpec | None, Key("Static load tests, whose deflections are fitted together with the "
-        "responses.", "where springs of the wrist, which motors barely move, are to be known, or the stiffness at rest "
-        "compared with that in motion.")] = None
-    tool: Annotated[ToolSpec | None, Key("Responses by forces at the tool, of a hammer or a shaker, that are fitted "
-        "together with those of the motors.", "where springs of the wrist, which motors barely move, are to be known: "
-        "a few taps in two postures make their intervals many times narrower.")] = None
-    gears: Annotated[GearsSpec | None, Key("Search for what the gears do besides being springs: friction before and "
-        "behind them and by load, stiffness by torque, hysteresis, transmission error, ripple.", "{} makes the stage "
-        "gears run after the fit, whose stiffnesses are then those at zero torque; it takes about as long as "
-        "estimate.")] = None
-    validation: Annotated[ValidationSpec, Key("Data that judge the fitted model.", "name one configuration as left out "
-        "where five or more are measured; the report then says how well the model predicts it.")] = ValidationSpec()
-    compare: Annotated[CompareSpec, Key("Models that `elastid compare` fits and ranks.", "give variants of your own "
-        "where a question about the structure is open, such as a gear that may be rigid.")] = CompareSpec()
-    report: Annotated[ReportSpec, Key("Figures of the report.", "only for other formats of figures.")] = ReportSpec()
-    friction: Annotated[FrictionSpec | None, Key("Identification of the joints' friction from passes and loops, in "
-        "place of elasticity from responses.", "give it for a study of friction, whose stages are design, measure, "
-        "constant_velocity, friction, follow and report.")] = None
-    filter: Annotated[FilterSpec | None, Key("Kalman filter that follows friction over the motions of a study of "
-        "friction.", "{} makes the stage follow run with the defaults; its keys are for other numbers than F_c, f and "
-        "an offset, and for an axis that drifts faster.")] = None
+        "results of the first in runs/NAME.")]
+    seed: Annotated[int, Key("Seed of all random numbers; the same seed gives the same results, bit for bit.", "repeat "
+        "the study with another seed to see how phases, noise and starts change the estimates.", least=0)] = 0
+    robot: Annotated[Robot | None, Key("Robot model: path of its file, relative to the study, or the model itself "
+        "(default: none, the study ends with the frequency responses).", "give it to fit a model.")] = None
+    excitation: Annotated[MultisineSpec | None, Key("Multisine that excites the joints of a simulated rig.", "leave it "
+        "out for logs and responses: elastid finds the excited lines in the data.")] = None
+    experiment: Annotated[ExperimentSpec, Key("Configurations, repetitions and the rig.", "simulated to plan or to "
+        "learn, recorded for logs, responses for estimates of another program.")] = field(kw_only=True)
+    design: Annotated[DesignSpec | None, Key("Choice of further configurations before the measurement.", "give it "
+        "before robot time is booked: optimal postures need fewer measurements than random ones.")] = None
+    estimator: Annotated[EstimatorSpec, Key("Estimation of frequency responses from the records.", "change it for "
+        "aperiodic records, or for fewer experiments than motors.")] = EstimatorSpec()
+    modal: Annotated[ModalSpec, Key("Modal analysis of a structure without a robot model.", "give poles_hz to choose "
+        "the modes yourself.")] = ModalSpec()
+    model: Annotated[ModelSpec, Key("Formulation of the equations of motion.", "change it for linkages; a serial robot "
+        "needs nothing here.")] = ModelSpec()
+    fit: Annotated[FitSpec, Key("Identification of the parameters: parameters, weights and search.", "give parameters "
+        "first, to identify some of the springs only.")] = FitSpec()
+    loads: Annotated[LoadsSpec | None, Key("Static load tests that are fitted together with the responses.", "give "
+        "them to identify springs of the wrist, or to compare static and dynamic stiffness.")] = None
+    tool: Annotated[ToolSpec | None, Key("Responses to forces at the tool (hammer or shaker) that are fitted together "
+        "with the responses of the motors.", "a few hits in two postures narrow the intervals of wrist springs many "
+        "times.")] = None
+    gears: Annotated[GearsSpec | None, Key("Estimation of nonlinear gear effects: friction, load-dependent friction, "
+        "hardening, hysteresis, transmission error and ripple.", "give {} to run the stage gears after the fit; the "
+        "stiffnesses then apply at zero torque.")] = None
+    validation: Annotated[ValidationSpec, Key("Data that are reserved for validation.", "reserve one configuration of "
+        "five or more to measure the prediction error.")] = ValidationSpec()
+    compare: Annotated[CompareSpec, Key("Models that `elastid compare` fits and ranks.", "give variants to decide a "
+        "question of structure, such as a rigid gear.")] = CompareSpec()
+    report: Annotated[ReportSpec, Key("Figures of the report.", "change it for other file formats.")] = ReportSpec()
+    friction: Annotated[FrictionSpec | None, Key("Friction study: identification of joint friction from time records "
+        "instead of elasticity from responses.", "its stages are design, measure, constant_velocity, friction, follow "
+        "and report.")] = None
+    filter: Annotated[FilterSpec | None, Key("Kalman filter that tracks friction over the motions of a friction "
+        "study.", "give {} to run the stage follow with the default states F_c, f and offset.")] = None
     # fmt: on
 
     __repr__, _repr_html_ = as_text, as_html

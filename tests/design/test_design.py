@@ -103,8 +103,7 @@ def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() 
     problem = replace(PROBLEM, robot=robot, design=None, experiment=experiment, fit=fit)
     designed = design(problem)
     forecast, ratios = designed.forecast, []
-    parts = (forecast.std_noise, forecast.std_prior, forecast.std_systematic)
-    np.testing.assert_allclose(np.linalg.norm(parts, axis=0), forecast.std)
+    np.testing.assert_allclose(np.linalg.norm([*forecast.std_parts.values()], axis=0), forecast.std)
     for seed in range(3):
         rng, relative = np.random.default_rng(seed), {"m_": 0.03, "Jm": 0.05, "I_": 0.1}
         numbers = [(name, value) for name, (value, _) in TWO.parameters().items() if name[:2] in relative]
@@ -113,7 +112,7 @@ def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() 
         off = replace(problem, experiment=experiment.with_truth(truth))
         result = fit_parameters(_measured(off, designed.plan, seed), robot, fit)
         assert result.status == "converged"
-        names = zip(forecast.std, forecast.std_noise, forecast.parameters, strict=True)
+        names = zip(forecast.std, forecast.std_parts["std_noise"], forecast.parameters, strict=True)
         ratios.append([(std / result.std[n], noise / result.std_noise[n]) for std, noise, n in names])
     ratio = np.median(ratios, axis=0)
     assert np.all((ratio[:, 0] > 0.8) & (ratio[:, 0] < 1.25)), ratio
@@ -124,8 +123,7 @@ def test_an_exact_file_has_no_part_in_the_forecast() -> None:
     """The table then has no columns for it."""
     forecast = design(GIVEN).forecast
     assert not len(forecast.parts)
-    np.testing.assert_array_equal(forecast.std_noise, forecast.std)
-    assert not forecast.std_prior.any()
+    assert not forecast.std_parts
     assert "std_prior" not in forecast_table(forecast)[0]
     within = design(replace(GIVEN, robot=replace(TWO, tolerances=Tolerances()))).forecast
     assert forecast_table(within)[0][3:5] == ["std_noise", "std_prior"]

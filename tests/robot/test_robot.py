@@ -60,7 +60,7 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float
         (lambda: Loop("l", (Anchor("arm"), Anchor("arm"))), "both ends are on arm"),
         (lambda: Compensator("c", (Anchor("arm"), Anchor("arm")), CoilSpring(1.0)), "both ends are on arm"),
         (lambda: Joint("1", (0.0, 0.0, 0.0)), "zero vector"),
-        (lambda: Limits(angle=(1.0, -1.0)), r"limits leave no motion: angle \[1, -1\]"),
+        (lambda: Limits(angle=(1.0, -1.0)), "^angle: "),
         (lambda: Robot("r", (Body("arm", parent="nobody", joints=(JOINT,)),)), "its parent nobody"),
         (lambda: Robot("r", (Body("arm", joints=(JOINT, JOINT)),)), "joint 1 is given twice"),
         (

@@ -9,6 +9,7 @@ import pytest
 from plants.refusals import refused
 
 from elastid.app import cli
+from elastid.app.explanation import explained
 from elastid.base.codes import codes
 from elastid.base.section import Key
 from elastid.study import load, make_schema
@@ -62,7 +63,13 @@ def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
     for path in ("excitation.band_hz", "fit.starts", "fit.parameters.<name>.start", "fit.parameters.<name>.tie"):
         key = next(key for key in PLACES if key.path == path)
         words = " ".join(explain(path.replace("<name>", "k_1")).split())
-        parts = (path, key.text, describe(key.annotation), key.advice, *names_in(key.annotation))
+        parts = (
+            path,
+            *re.split(r" \(default: |\)", key.text),
+            describe(key.annotation),
+            key.advice,
+            *names_in(key.annotation),
+        )
         assert all(" ".join(part.split()) in words for part in parts)
     assert codes()["study/yaml"].remedy in explain("study/yaml")
     assert explain("experiment.recorded.files[0].samples") == explain("files.samples").split("\n\n")[0]
@@ -132,3 +139,7 @@ def test_keys_that_a_template_proposes_can_be_set(template: str, tmp_path: Path)
         _, _, proposed = file.read_text(encoding="utf-8").partition("# Keys for further questions")
         for line in proposed.splitlines()[1:]:
             load(study, [prefix + override for override in line.removeprefix("#   ").split("  ")])
+
+
+def test_a_parameter_is_explained_with_its_nominal_value() -> None:
+    assert "60000 N*m/rad" in explained("k_2", ROOT / "configs" / "gear.yml")

@@ -129,12 +129,11 @@ class ToolSpec:
     motors: Annotated[Motors, Key("Motors while it was measured: `locked` by brakes, `free`, or `controlled` by their "
         "drives with a stiffness and a damping.", "free where drives hold the robot by a soft loop far below the "
         "lines; controlled where their bandwidth reaches the lines.")] = "locked"
-    stiffness: Annotated[tuple[Stiffness, ...], Key("Stiffness with which each controlled drive holds its motor, on "
-        "the link side: position gain, and velocity gain over the integral time.", "the drives' gains, in the order of "
-        "the motors; a wrong one shows as a contradiction of the motors' responses.")] = ()
-    damping: Annotated[tuple[Damping, ...], Key("Damping by which each controlled drive brakes its motor, on the link "
-        "side: the gain of its velocity loop.", "the drives' gains, as for stiffness; 0 of a drive without a velocity "
-        "loop.")] = ()
+    stiffness: Annotated[tuple[Stiffness, ...], Key("Link-side stiffness of each controlled drive: position gain, and "
+        "velocity gain over the integral time.", "the drives' gains, in the order of the motors; a wrong one "
+        "contradicts the motors' responses.", least=0)] = ()
+    damping: Annotated[tuple[Damping, ...], Key("Link-side damping of each controlled drive: the gain of its velocity "
+        "loop.", "the drives' gains, as for stiffness; 0 for a drive without a velocity loop.", least=0)] = ()
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -145,9 +144,6 @@ class ToolSpec:
                 f"{n} stiffnesses and {len(self.damping)} dampings of drives, and motors are {self.motors}: give one "
                 "of each for each motor where they are controlled, and none otherwise"
             )
-        for name, values in (("stiffness", self.stiffness), ("damping", self.damping)):
-            if min(values, default=0.0) < 0:
-                raise ValueError(f"{name} is {min(values):g}; a drive that holds its motor has none below zero")
 
     @property
     def loop(self) -> JointLoop | None:

@@ -23,7 +23,7 @@ from elastid.study.checks.experiment import (
 from elastid.study.checks.fit import check_fit, check_loads
 from elastid.study.checks.names import check_names
 from elastid.study.messages import Problem
-from elastid.study.sections import Kind, Study
+from elastid.study.sections import Study
 from elastid.study.source import KeyPath
 
 
@@ -60,32 +60,30 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         )
 
 
-_FRICTION: tuple[Kind, ...] = ("friction", "friction-recorded")
-_LOGS: tuple[Kind, ...] = ("recorded", "frf")
-_RESPONSES: tuple[Kind, ...] = ("responses", "frf-responses")
 # Keys of a plan, which logs and responses from elsewhere do not follow.
 PLAN_KEYS = ("realisations", "periods", "transient_periods", "ramp", "hold")
-_FILES = "experiment.recorded.files.*"
-# Dotted keys (* for the entries of a list) by the kinds of study that do not use them.
-UNUSED: tuple[tuple[tuple[Kind, ...], tuple[str, ...]], ...] = (
-    (_FRICTION, ("excitation", "design", "estimator", "model", "fit", "compare", "loads", "tool", "validation.tool",
-                 "gears", "modal", "experiment.without_payload", "experiment.responses")),
-    (("friction",), ("validation.configurations", *(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments")),
-                     *(f"experiment.simulated.{key}" for key in ("outputs", "carrier")))),
-    (("friction-recorded",), ("seed", "friction.rate_hz", "friction.loads.*.configuration",
-                              *(f"experiment.recorded.{key}" for key in ("period", "period_samples", "half_wave")),
-                              f"{_FILES}.realisation", f"{_FILES}.experiment")),
-    (("simulated",), ("experiment.simulated.heat", "filter", "modal")),
-    (("recorded", "responses"), ("design", "filter", "modal")),
-    (("responses",), ("gears",)),
-    (("frf", "frf-responses"), ("excitation", "design", "model", "fit", "loads", "tool", "validation", "compare",
-                                "seed", "filter", "gears", "experiment.without_payload")),
-    ((*_LOGS, *_RESPONSES, "friction-recorded"), tuple(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments"))),
-    (_LOGS, tuple(f"{_FILES}.{key}" for key in ("joint", "purpose", "speed", "load", "temperature"))),
-    (_RESPONSES, tuple(f"estimator.{key}" for key in (
-        "lines", "friction", "transient_periods", "outlier_sigma", "local_order", "window", "segment",
-        "resolution_hz"))),
-)  # fmt: skip
+# Kinds of study: dotted keys that they do not use, * for the entries of a list.
+_UNUSED = """
+friction friction-recorded: excitation design estimator model fit compare loads tool validation.tool gears modal
+  experiment.without_payload experiment.responses
+friction: validation.configurations experiment.realisations experiment.periods experiment.transient_periods
+  experiment.ramp experiment.hold experiment.experiments experiment.simulated.outputs experiment.simulated.carrier
+friction-recorded: seed friction.rate_hz friction.loads.*.configuration experiment.recorded.period
+  experiment.recorded.period_samples experiment.recorded.half_wave experiment.recorded.files.*.realisation
+  experiment.recorded.files.*.experiment
+simulated: experiment.simulated.heat filter modal
+recorded responses: design filter modal
+responses: gears
+frf frf-responses: excitation design model fit loads tool validation compare seed filter gears
+  experiment.without_payload
+recorded frf responses frf-responses friction-recorded: experiment.realisations experiment.periods
+  experiment.transient_periods experiment.ramp experiment.hold experiment.experiments
+recorded frf: experiment.recorded.files.*.joint experiment.recorded.files.*.purpose experiment.recorded.files.*.speed
+  experiment.recorded.files.*.load experiment.recorded.files.*.temperature
+responses frf-responses: estimator.lines estimator.friction estimator.transient_periods estimator.outlier_sigma
+  estimator.local_order estimator.window estimator.segment estimator.resolution_hz
+"""
+UNUSED = [tuple(map(str.split, row.partition(": ")[::2])) for row in _UNUSED.replace("\n  ", " ").strip().splitlines()]
 
 
 def check_unused(study: Study) -> Iterator[Problem]:
