@@ -83,15 +83,11 @@ class PreslidingLoopsSpec:
     """Loops of growing torque that break away only at the end."""
 
     # fmt: off
-    torque: Annotated[tuple[Ratio, Ratio], Key("Smallest and largest amplitude, parts of the break-away torque.",
-        "a smaller first part where the encoder is fine, so that the stiffest elements show; with a last one of 1 or "
-        "more the joint slides before the end.",
-        above=0, rising=True)] = (0.05, 0.95)
-    loops: Annotated[int, Key("Number of loops, log spaced.", "more for a finer curve of stiffness over amplitude; 12 "
-        "cover 0.05 to 0.95 in steps of 31 %.", least=3)] = 12
-    frequency_hz: Annotated[Frequency, Key("Frequency of a loop, slow enough that inertia does not count.",
-        "lower where the arm's inertia bends the loops; higher saves time and invites creep and noise less. 0.5 Hz is "
-        "a tenth of the first mode of a large robot.", above=0)] = 0.5
+    torque: Annotated[tuple[Ratio, Ratio], Key("Smallest and largest amplitude, as fractions of the break-away torque.",
+        "a smaller first amplitude for a fine encoder.", above=0, rising=True)] = (0.05, 0.95)
+    loops: Annotated[int, Key("Number of loops, log spaced.", "more for a finer stiffness curve.", least=3)] = 12
+    frequency_hz: Annotated[Frequency, Key("Frequency of a loop.", "lower if the inertia of the arm distorts the "
+        "loops; higher reduces creep and noise.", above=0)] = 0.5
     # fmt: on
 
 
@@ -118,12 +114,11 @@ class WarmUpSpec:
     """The joint moves to and fro until it is warm, and passes in between follow its friction."""
 
     # fmt: off
-    speed: Annotated[JointVelocity, Key("Speed of the motion.", "the fastest that the axis may keep up: heat grows "
-        "with friction times speed.", above=0)]
-    time: Annotated[Time, Key("Duration of the warm-up.", "two to three time constants of the gear, which are 10 to 60 "
-        "minutes; shorter leaves the final temperature to extrapolation.")] = 7200.0
-    test_every: Annotated[Time, Key("Time between groups of test passes.", "shorter shows the quick beginning; every "
-        "group interrupts the heating by its passes.")] = 300.0
+    speed: Annotated[JointVelocity, Key("Speed of the motion.", "the fastest continuous speed of the axis.", above=0)]
+    time: Annotated[Time, Key("Duration of the warm-up.", "two to three thermal time constants of the gear, which are "
+        "10 to 60 minutes.")] = 7200.0
+    test_every: Annotated[Time, Key("Time between groups of test runs.", "shorter resolves the fast initial "
+        "change.")] = 300.0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -186,21 +181,17 @@ class FilterSpec:
 
     # fmt: off
     states: Annotated[tuple[Followed, ...], Key("States of the filter: Fc (Coulomb friction), f (viscous friction) or "
-        "f+ and f- (of each direction), offset (slow error of the torque, as of gravity).", "f+ and f- for axes whose "
-        "slopes differ, without offset where gravity is known well; each more widens all where motion is "
-        "poor.")] = ("Fc", "f", "offset")
-    drift: Annotated[Ratio, Key("Relative change of a number that is expected within 20 minutes, as a random walk.",
-        "larger follows faster and scatters more; the report's check of the innovations says which of both it is. 20 % "
-        "is a robot that warms up.", above=0)] = 0.2
-    correlation_time: Annotated[Time, Key("Correlation time of the torque noise that is not white, 0 for none; ripple "
-        "and cables need it.", "the time of a motor turn or of a ripple at working speed, where innovations are "
-        "correlated; 0 would trust such logs too much: intervals come out too narrow.", least=0)] = 0.0
-    torque_std: Annotated[JointTorque | None, Key("Standard deviation of the torque noise of a sample (default: from "
-        "the innovations of up to a minute of the longest motion).", "where that minute is not typical, as with the "
-        "robot at rest; larger makes the filter slower and its intervals wider.", above=0)] = None
-    settle: Annotated[Time, Key("Time that a filter takes before it is judged.", "longer where the start is far from "
-        "the truth, so that the swing-in does not count against the filter. 10 s hold several motions with "
-        "reversals.", least=0)] = 10.0
+        "f+ and f- (of each direction), offset (slow torque error).", "f+ and f- for axes with different slopes; each "
+        "further state widens all intervals.")] = ("Fc", "f", "offset")
+    drift: Annotated[Ratio, Key("Expected relative change of a state within 20 minutes, as a random walk.", "a larger "
+        "value tracks faster and scatters more; the report's innovation test shows which.", above=0)] = 0.2
+    correlation_time: Annotated[Time, Key("Correlation time of the torque noise, 0 for white noise.", "the time of a "
+        "motor turn or ripple period if innovations are correlated.", least=0)] = 0.0
+    torque_std: Annotated[JointTorque | None, Key("Standard deviation of the torque noise per sample (default: from "
+        "the innovations of one minute of the longest motion).", "give it if that minute is not typical.",
+        above=0)] = None
+    settle: Annotated[Time, Key("Settling time of the filter before it is assessed.", "longer if the start values are "
+        "far off.", least=0)] = 10.0
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -309,10 +309,7 @@ _FAMILIES = dict(
 
 
 def explain_parameter(name: str, robot: Robot | None = None) -> str:
-    """Meaning, side, place and nominal value of a parameter of a robot; without a robot the meaning of its family.
-
-    Empty for a name that is no parameter.
-    """
+    """Meaning, side, place and nominal value of a parameter, or of its family; empty for any other name."""
     unit, steps = ({} if robot is None else robot.numbers | robot.geometry).get(name, ("", ()))
     family, _, rest = name.partition("_")
     path = ".".join(str(step) for step in steps if not isinstance(step, int)) or (rest and _FAMILIES.get(family, ""))

@@ -28,8 +28,7 @@ def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and
     assert set(codes()) <= constants
     assert len(codes()) <= 150
     for code, (meaning, remedy) in codes().items():
-        assert meaning
-        assert remedy
+        assert all((meaning, remedy))
         assert explain(code).splitlines()[1:] == [f"  {meaning}", f"  {remedy}"]
 
 

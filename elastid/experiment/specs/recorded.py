@@ -64,29 +64,24 @@ class FileSpec:
         "estimated together.")] = ""
     realisation: Annotated[int, Key("Number of the phases' realisation, from 0.", "another number for other random "
         "phases; the same phases again add nothing about distortion.")] = 0
-    experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0. Files of the same "
-        "configuration, realisation and experiment hold further periods of one excitation and count as one log; each "
-        "has a start of its own, whose transient is left out.", "count up within a "
-        "realisation, as many as motors unless a local method is used; the same numbers for a logger that splits its "
-        "logs, or for a repeat.")] = 0
+    experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0.", "as many as motors unless a "
+        "local method is used. Files with the same configuration, realisation and experiment are further periods of "
+        "one excitation.")] = 0
     amplitude: Annotated[int, Key("Number of the excitation amplitude, from 1.", "2 and so on for logs of the same "
         "posture with less or more torque. Each amplitude is a response of its own; `gears` fits all of them "
         "together.", least=1)] = 1
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the samples that are used.", "to cut off "
         "what is before the start, or after a stop; whole periods are found by themselves.")] = None
-    also: Annotated[tuple[str, ...], Key("Other logs of the same experiment. One that started at another time must "
-        "hold the excitation r (or one period of it and nothing else) of a motor whose r or u is in `path`; its delay "
-        "is found from that, and taken out. One without r is in step by recorded.time; where no log has r or times, by "
-        "its rows, of which it must have as many.", "for signals of another logger, or torques and angles in files of "
-        "their own; without a common signal or clock the delay is not known, and phase is then wrong by 360 deg times "
-        "frequency times delay.")] = ()
+    also: Annotated[tuple[str, ...], Key("Other logs of the same experiment, aligned by a common reference r, by "
+        "recorded.time, or by row number.", "for signals of another logger. A log that started at another time needs "
+        "the excitation r of a motor whose r or u is in `path`: elastid estimates the delay and removes it.")] = ()
     period: Annotated[Period | None, Key("Period of the excitation in this file where it differs from that of the "
         "others.", "where files of several excitations are in one study; `none` for a single transient among "
         "them.")] = None
     period_samples: Annotated[float | None, Key("Period of the excitation in this file in samples where it differs "
         "from that of the others.", "for one file whose clock drifted, instead of its period in s.")] = None
-    joint: Annotated[str, Key("Name of the joint that moves (default: every one whose torque and position are logged "
-        "and that moves).", "where several joints move and only one is to be identified from this log.")] = ""
+    joint: Annotated[str, Key("Name of the joint that moves (default: every moving joint with torque and position).",
+        "if several joints move and only one is to be identified.")] = ""
     purpose: Annotated[Literal["motion", "presliding_loops", "presliding_test", "warm_up", "coast_down"], Key(
         "Purpose of the log in a friction study: `motion` (constant-velocity runs and any other motion), "
         "`presliding_loops` (growing torque, no sliding), `presliding_test` (small multisine or noise, zero velocity), "
@@ -94,15 +89,12 @@ class FileSpec:
         "presliding_loops identify friction before sliding, presliding_test the stiffness and damping of the bristles, "
         "warm_up the thermal time constants. coast_down identifies friction relative to a known inertia, with drive "
         "off or its torque known.")] = "motion"
-    start: Annotated[Time | None, Key("Time at which the log of a study of friction starts, from the start of the "
-        "first one (default: where the one before ends).", "for logs of one warm-up with pauses between them, in "
-        "which the joint cools.")] = None
-    ambient: Annotated[Temperature | None, Key("Temperature of the room during a warm-up (default: that of the joint "
-        "at its start).", "where the joint was still warm when the log began; heat given off is wrong without "
-        "it.")] = None
-    speed: Annotated[JointVelocity | None, Key("Speed of the passes in the file (default: plateaus are found at any "
-        "speed).", "where plateaus of several speeds lie close together, or noise makes the finder take a wrong "
-        "one.", above=0)] = None
+    start: Annotated[Time | None, Key("Start time of the log, from the start of the first one (default: end of the log "
+        "before).", "for a warm-up in several logs with pauses between them.")] = None
+    ambient: Annotated[Temperature | None, Key("Room temperature during a warm-up (default: joint temperature at its "
+        "start).", "if the joint was still warm when the log began.")] = None
+    speed: Annotated[JointVelocity | None, Key("Speed of the runs in the file (default: any constant velocity).",
+        "if several speeds are close together, or the log is noisy.", above=0)] = None
     load: Annotated[str, Key("Name of one of friction.loads.", "name it in every log of a study with loads; logs "
         "without it count as the robot alone.")] = ""
     temperature: Annotated[Temperature | None, Key("Temperature of the joint, of a warm-up at its start, where no "

@@ -35,12 +35,7 @@ def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_
 
 
 # Overrides of templates that make a study of each kind.
-TEMPLATES = {
-    "simulated": "serial",
-    "recorded": "recorded",
-    "frf": "frf",
-    "friction": "friction",
-}
+TEMPLATES = {"simulated": "serial", "recorded": "recorded", "frf": "frf", "friction": "friction"}
 
 
 @pytest.fixture(scope="module")
@@ -62,14 +57,7 @@ def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[s
     """The table of stages says which sections count; comparisons are a command of studies of elasticity."""
     assert studies[kind].name in repr(studies[kind])
     handed = {key.partition(".")[0] for stage in stages_of(kind).values() for key in stage.keys.split()}
-    used = handed | {
-        "name",
-        "robot",
-        "experiment",
-        "report",
-        "friction",
-        "filter",
-    }
+    used = handed | {"name", "robot", "experiment", "report", "friction", "filter"}
     used |= {"excitation"} if kind in ("recorded", "responses") else set()  # a remark on how the data were made
     used |= {"compare", "validation", "fit", "model"} if kind in ("simulated", "recorded", "responses") else set()
     refused = {key for kinds, keys in UNUSED if kind in kinds for key in keys}
