@@ -33,8 +33,9 @@ from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, in_joints, link_side
 from elastid.recorded.repair import Repaired
-from elastid.recorded.repair.masks import step, without_lone
+from elastid.recorded.repair.masks import step
 from elastid.recorded.repair.missing import bridged_gaps
+from elastid.recorded.repair.outliers import without_lone
 from elastid.recorded.rig import repaired_signals
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
@@ -152,8 +153,7 @@ class _LogReader:
         bridged = bridged_gaps(gathered.signals, log)
         torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
         of_torques = replace(log, names=tuple(log.names[i] for i in torques))
-        u = bridged.signals[:, torques]
-        clean = without_lone(u, list(u.T), "their neighbours", of_torques)
+        clean = without_lone(bridged.signals[:, torques], of_torques)
         signals = bridged.signals.copy()
         signals[:, torques] = bridged_gaps(clean.signals, of_torques).signals
         return Repaired(signals, (*bridged.findings, *clean.findings)), None, gathered.rate_hz

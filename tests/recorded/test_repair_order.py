@@ -101,7 +101,12 @@ FAULTS: list[tuple[str, dict[str, FloatArray], dict[str, int], float]] = [
         {"missing samples filled": 600, "repetitions left out": 1},
         1.5,
     ),
-    ("spikes", _spoilt("y", [77, 1234, 2500], 5 * CLEAN["y"].max()), {"samples taken as missing": 3}, 1.2),
+    (
+        "spikes",
+        _spoilt("y", [77, 1234, 2500], 5 * CLEAN["y"].max()),
+        {"samples taken as missing": 3, "missing samples filled": 3},
+        1.2,
+    ),
     ("a drift", CLEAN | {"y": CLEAN["y"] + 100 * CLEAN["y"].std() * np.linspace(0, 1, P * N)}, {}, 1.2),
 ]
 

@@ -12,7 +12,7 @@ from typing import SupportsInt
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import Note
 
 _CODES = {  # of findings that mend nothing
@@ -83,27 +83,6 @@ def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     return X if sign > 0 else np.asarray(X * float(sign) ** np.arange(len(X))[:, None])
 
 
-def expected(x: FloatArray, L: int, sign: int, good: BoolArray) -> FloatArray:
-    """Prediction of each sample of a signal (P L,) from all repetitions: their mean plus its own line.
-
-    x_p(t) ~ a_p + b_p t + s(t), s from the good samples; s = 0 where no repetition has one.
-    """
-    X = np.where(blocks(good.astype(float), L) > 0, blocks(x, L, sign), np.nan)
-    t = np.linspace(-0.5, 0.5, L)
-    line = np.zeros_like(X)
-    # Offsets and shape depend on each other where samples are missing; so many rounds make them converge.
-    for _ in range(5):
-        away = X - _median(X - line)
-        from_line = np.abs(away - line)
-        # A repetition without a good sample has no line of its own.
-        from_line[~np.isfinite(from_line).any(axis=1)] = 0.0
-        # A sample further from its line than so many median distances has no weight in it.
-        near = from_line <= 9.0 * np.nanmedian(from_line, axis=1, keepdims=True) + 1e-300
-        line = _lines(np.where(near, away, np.nan), t)
-    common = line + np.nansum(X - line, axis=0) / np.maximum(np.isfinite(X).sum(axis=0), 1)
-    return np.asarray((common * float(sign) ** np.arange(len(X))[:, None]).ravel())
-
-
 def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """X (P, L): the repetitions of a signal, each without its line."""
     X = blocks(x, L, sign)
@@ -122,15 +101,6 @@ def scaled(drivers: FloatArray, N: int) -> FloatArray:
     X = np.stack([flat(x, N) for x in drivers.T], axis=2)
     size = np.sqrt(np.mean(X**2, axis=(0, 1)))
     return X / np.where(size > 0, size, 1.0)
-
-
-def _median(X: FloatArray) -> FloatArray:
-    """Median (L,) of the finite samples of each column of X (P, L); 0 where there is none."""
-    n = np.isfinite(X).sum(axis=0)
-    # NaN is sorted to the end.
-    ordered = np.sort(X, axis=0)
-    middle = np.stack([np.maximum(n - 1, 0) // 2, np.minimum(n // 2, len(X) - 1)])
-    return np.where(n > 0, np.take_along_axis(ordered, middle, axis=0).mean(axis=0), 0.0)
 
 
 def _lines(X: FloatArray, t: FloatArray) -> FloatArray:

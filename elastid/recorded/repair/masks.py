@@ -1,15 +1,7 @@
-r"""Samples that are no measured ones: what other repetitions contradict becomes missing (NaN).
+r"""Masks of samples that were not measured: stops, channels that hang or drop out, limits and steps of a converter.
 
 A repetition whose torques stand still where those of others move, as at a stop, is left out.  A channel that hangs
-repeats its last value exactly where others move, and one that drops out is exactly 0 where they are far from it.  A
-spike is one sample or two (Hampel's rule across periods):
-
-    e = x - median of the periods,   d = |e - running median of e| > 8 sigma
-
-only where e is as far from the parabola through its neighbours, six times as far as each of
-those, and d six times as large as at its neighbours and three times as at all but 2 % of the samples of most parts of
-the log: drift, transients, steps and bursts of oscillation are no spikes, nor is what recurs, as the pulse of a
-controller at an encoder's count.
+repeats its last value exactly where others move, and one that drops out is exactly 0 where they are far from it.
 
 Limits and steps of a converter are reported: clipping at the highest or lowest value, and quantisation with its noise.
 
@@ -26,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.base.statistics import STD_OVER_MAD, runs
+from elastid.base.statistics import runs
 from elastid.recorded.repair import Finding, Log, Repaired, flat, without_line
 
 MASKED, STOPPED = "samples taken as missing", "stops"
@@ -50,28 +42,18 @@ class MaskLimits:
     # Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
     max_still: float = 0.1
 
-    # Of spikes.
-    min_sigmas: float = 8.0
-    min_periods: int = 3
-    # Spikes of more than this part of a channel are no single ones, nor are so many missing samples without a period.
+    # Part of a channel that may be missing, single samples apart, without a period.
     max_share: float = 0.01
-    # Samples: of the running median, of a spike or of a gap without a period at most, and of neighbours on each side.
-    median_window: int = 11
-    max_run: int = 2
-    neighbours: int = 6
-    # Distance of a spike over that of its neighbours, at least.
-    min_ratio: float = 6.0
-    # And over the distance of this share of the samples, in the median of parts of the log.
-    usual_share: float = 0.98
-    parts: int = 20
-    min_over_usual: float = 3.0
 
     # Of missing samples.
     max_missing_share: float = 1 / 3  # a channel that lacks more than this part is refused
+    max_error_over_noise: float = 5.0  # of the interpolation of a gap, else its repetition is left out
 
     # Of clipping and quantisation.
     min_noise_share: float = 2e-3  # noise of steps is reported from this part of the signal on
-    min_repeats: float = 3.0  # a signal of steps takes few values: on average each at least so many times
+    step_samples: int = 20_000  # in which steps are looked for
+    step_candidates: int = 5  # smallest differences of values, one of which is one to three steps
+    max_off_grid: float = 0.05  # part of the differences that are no whole number of steps
     min_values: int = 4  # fewer are levels that a torque was given: of a hammer, a binary or a ternary sequence
     step_tolerance: float = 0.02  # distance of a value from a whole number of steps, in steps, at most
     # Steps of more than this part of the span make flat peaks that cannot be distinguished from clipped ones.
@@ -165,97 +147,26 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
     return Repaired(result if end == P else result[: end * L], (Finding(STOPPED, int(bad.sum()), text),))
 
 
-def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
-    """Signals (P L, c), finite, NaN at spikes of one or two samples; unchanged for fewer than three repetitions."""
-    if len(signals) // L < LIMITS.min_periods:
-        return Repaired(signals)
-    apart = [X - np.median(X, axis=0) for X in (flat(x, L, sign) for x in signals.T)]
-    # One sample that is off by no more than periods are from each other adds nothing to their scatter.
-    least = [float(np.median(np.std(e, axis=1))) for e in apart]
-    return without_lone(signals, [e.ravel() for e in apart], "the other periods", log, least)
-
-
-def without_lone(
-    signals: FloatArray, apart: Sequence[FloatArray], reference: str, log: Log, least: Sequence[float] = ()
-) -> Repaired:
-    """Signals (n, c), NaN at the spikes of each channel.
-
-    apart: e (n,) of each, its distance from a reference.  least: of that, of a spike.
-    """
-    result, findings = np.copy(signals), []
-    for c, e in enumerate(apart):
-        x = signals[:, c]
-        spikes = _spikes(x, e, least[c] if least else 0.0)
-        if spikes.size == 0:
-            continue
-        text = f"{log.names[c]}: {spikes.size} of {len(x)} samples differ from {reference}"
-        if spikes.size > LIMITS.max_share * len(x):
-            findings.append(Finding("spikes left", spikes.size, f"{text}: too many for spikes, left unchanged"))
-            continue
-        result[spikes, c] = np.nan
-        text += f", the first is {log.time_of(spikes[0])}: spikes, taken as missing"
-        findings.append(Finding(MASKED, spikes.size, text))
-    return Repaired(result, tuple(findings))
-
-
-def _spikes(x: FloatArray, e: FloatArray, smallest: float) -> IntArray:
-    """Samples (k,) of the spikes, larger than the smallest that counts."""
-    from scipy.ndimage import median_filter
-
-    d = np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror"))
-    sigma = STD_OVER_MAD * float(np.median(d))
-    if sigma == 0:  # most samples agree exactly: from the smaller 99 %
-        sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
-    least = max(LIMITS.min_sigmas * sigma, 1e-9 * np.ptp(x), smallest)
-    if not np.any(d > least):
-        return np.arange(0)
-    least = max(least, 2 * step(x))
-    parts = d[: len(d) // LIMITS.parts * LIMITS.parts].reshape(LIMITS.parts, -1)
-    beyond_usual = LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
-    spikes, n = [np.arange(0)], LIMITS.neighbours
-    for first, end in runs(np.asarray(d > least)):
-        run = np.arange(first, end)
-        # Near an end a spike cannot be distinguished from a bend.
-        if len(run) > LIMITS.max_run or first <= n or end > len(e) - n:
-            continue
-        around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
-        distance, scatter = _from_parabola(e, run)
-        if d[run].max() > LIMITS.min_ratio * around.max() and distance > max(least, LIMITS.min_ratio * scatter):
-            spikes.append(run)
-    if sum(map(len, spikes)) <= LIMITS.max_share * len(x):
-        spikes = [run for run in spikes if d[run].max(initial=0.0) > beyond_usual or not run.size]
-    return np.concatenate(spikes)
-
-
-def _from_parabola(e: FloatArray, run: IntArray) -> tuple[float, float]:
-    """Largest distances of a run, and of its neighbours, from the parabola through these."""
-    first, last, n = int(run[0]), int(run[-1]), LIMITS.neighbours
-    sides = np.r_[max(0, first - 1 - n) : max(0, first - 1), last + 2 : min(len(e), last + 2 + n)]
-    powers = np.vander((np.r_[sides, run] - (first + last) / 2) / n, 3)
-    coefficients = np.linalg.lstsq(powers[: len(sides)], e[sides], rcond=None)[0]
-    away = np.abs(e[np.r_[sides, run]] - powers @ coefficients)
-    return float(away[len(sides) :].max()), float(away[: len(sides)].max())
-
-
 CLIPPED = "samples at a limit"
 
 
 def step(x: FloatArray) -> float:
-    """The step q of a signal (n,), 0 where it has none: all finite values are whole steps apart, many of them equal."""
-    finite = x[np.isfinite(x)]
-    # Half of the samples may already have more values than all may.
-    if len(x) < LIMITS.min_repeats * len(np.unique(finite[: len(finite) // 2])):
-        return 0.0
-    values = np.unique(finite)
-    if len(values) < 2 or len(x) < LIMITS.min_repeats * len(values):
-        return 0.0
+    """Return the step q of a signal (n,) whose finite values are whole steps apart, or 0 if there is none.
+
+    Single samples off the grid, as of a spike, do not matter.
+    """
+    values = np.unique(x[:: max(1, len(x) // LIMITS.step_samples)])
+    values = values[np.isfinite(values)]
     gaps = np.diff(values)
-    gaps = gaps[gaps > 1e-9 * np.abs(values).max()]
-    if gaps.size == 0:
-        return 0.0
-    # Many steps together give a more exact size than one.
-    q = float(gaps.sum() / np.round(gaps / gaps.min()).sum())
-    return q if np.all(np.abs(gaps / q - np.round(gaps / q)) < LIMITS.step_tolerance) else 0.0
+    gaps = gaps[gaps > 1e-9 * np.abs(values).max(initial=0.0)]
+    for smallest in np.sort(gaps)[: LIMITS.step_candidates]:
+        for q in smallest / np.arange(1, 4):
+            counts = np.round(gaps / q)
+            is_whole = np.abs(gaps / q - counts) < LIMITS.step_tolerance
+            if is_whole.mean() >= 1 - LIMITS.max_off_grid:
+                # Many steps together give a more exact size than one.
+                return float(gaps[is_whole].sum() / counts[is_whole].sum())
+    return 0.0
 
 
 def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Finding, ...]:
@@ -263,10 +174,10 @@ def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Findin
     findings = []
     for c, name in enumerate(log.names):
         q = step(signals[:, c])
-        if q == 0 or np.ptp(signals[:, c]) < (LIMITS.min_values - 1.5) * q:
+        mean = flat(signals[:, c], L, sign).mean(axis=0)
+        if q == 0 or np.ptp(mean) < (LIMITS.min_values - 1.5) * q:
             continue
-        X = flat(signals[:, c], L, sign)
-        size, noise = float(X.mean(axis=0).std()), q / np.sqrt(12)
+        size, noise = float(mean.std()), q / np.sqrt(12)
         if noise < LIMITS.min_noise_share * size:
             continue
         text = (

@@ -1,8 +1,8 @@
 """The repairs of a log: its period in whole samples, its clock, and missing samples (NaN), which are filled.
 
-Samples that other repetitions contradict are missing, too (`repair.masks`). They are filled from the same phase of
-other repetitions, without a period by the cubic through the samples beside a gap of one or two. What then does not
-repeat is refused; limits and steps are reported of the samples as they were logged.
+Samples that other repetitions contradict are missing, too (`repair.outliers`). They are interpolated from other
+repetitions and from the samples beside the gap (`repair.interpolation`), without a period by a cubic through the
+samples beside a gap of one or two. A signal that does not repeat is refused; limits and steps are reported as logged.
 """
 
 from __future__ import annotations
@@ -15,15 +15,16 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.statistics import runs
-from elastid.recorded.repair import Finding, Log, Repaired, expected
+from elastid.recorded.repair import Finding, Log, Repaired
+from elastid.recorded.repair.interpolation import MAX_BRIDGED, interpolate, largest_step, period_noise
 from elastid.recorded.repair.masks import (
     LIMITS,
     find_clipping,
     find_steps,
-    without_spikes,
     without_standstill,
     without_stops,
 )
+from elastid.recorded.repair.outliers import without_spikes
 from elastid.recorded.repair.periodicity import LIMITS as REPETITION
 from elastid.recorded.repair.periodicity import grid_samples
 from elastid.recorded.repair.time_stamps import at_times, resampled
@@ -35,56 +36,60 @@ _CUBIC_SAMPLES = 2
 
 
 def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
-    """The whole repetitions of signals (n, c) without NaN.
+    """Interpolate the missing samples (NaN) of the whole repetitions of signals (n, c).
 
-    Raises DataError where more than a third of a channel, or a phase in all, is missing, or fewer than two are left.
+    A repetition that lacks more than a tenth of a channel, or whose gap no interpolation predicts to within its noise,
+    is left out.  Raises DataError where more than a third of a channel, or a phase in all repetitions, is missing, or
+    fewer than two repetitions remain.
     """
     P = len(signals) // L
     periodic = signals[: P * L]
     good = np.isfinite(periodic)
     if good.all():
         return Repaired(periodic)
-    result, findings = np.copy(periodic), []
+    result, findings, poor = np.copy(periodic), [], set[int]()
     for c in np.flatnonzero(~good.all(axis=0)):
         missing = np.flatnonzero(~good[:, c])
-        text = _missing(missing, good, log, int(c))
-        _check(good[:, c], P, L, log, text)
-        shape = expected(periodic[:, c], L, sign, good[:, c])
-        result[:, c] = np.where(good[:, c], periodic[:, c], shape)
-        text = f"{text}, the first is {log.time_of(missing[0])}: filled from the same phase of the other periods"
-        findings.append(Finding(FILLED, missing.size, text))
+        text = f"{_missing(missing, good, log, int(c))}, the first is {log.time_of(missing[0])}"
+        if missing.size > LIMITS.max_missing_share * len(good):
+            raise DataError(
+                "records/missing-samples", f"{log.where}: {text}; measure again, or cut them off with samples"
+            )
+        result[:, c], of_channel = _interpolated(periodic[:, c], L, sign, log, text)
+        poor |= of_channel
+        findings.append(Finding(FILLED, missing.size, f"{text}: interpolated from other periods and neighbours"))
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    # A repetition that lacks more of a channel is filled but does not count as a measurement.
-    left_out = np.flatnonzero(lacking > LIMITS.max_still)
-    limit = f"{LIMITS.max_still:.0%}"
+    left_out = sorted(poor | set(np.flatnonzero(lacking > LIMITS.max_still).tolist()))
+    if not left_out:
+        return Repaired(result, tuple(findings))
+    numbers = ", ".join(str(p + 1) for p in left_out)
+    text = f"repetitions {numbers} of {P} lack samples that the others do not predict"
     if P - len(left_out) < 2:
         raise DataError(
             "records/missing-samples",
-            f"{len(left_out)} of {P} repetitions lack more than {limit} of their samples, and two are "
-            "needed; measure again, or cut the bad part off with samples",
+            f"{text}, and two complete repetitions are needed; measure again, or cut the bad part off with samples",
             log.where,
         )
-    if left_out.size:
-        numbers = ", ".join(str(p + 1) for p in left_out)
-        text = f"repetitions {numbers} of {P} lack more than {limit} of their samples and are left out"
-        findings.append(Finding("repetitions left out", len(left_out), text))
-    return Repaired(result, tuple(findings), tuple(int(p) for p in left_out))
+    findings.append(Finding("repetitions left out", len(left_out), f"{text}, and are left out"))
+    return Repaired(result, tuple(findings), tuple(left_out))
 
 
-def _check(good: BoolArray, P: int, L: int, log: Log, problem: str) -> None:
-    missing, text = np.flatnonzero(~good), f"{log.where}: {problem}"
-    if missing.size > LIMITS.max_missing_share * len(good):
-        raise DataError(
-            "records/missing-samples",
-            f"{text}, the first is {log.time_of(missing[0])}; measure again, or cut them off with samples",
-        )
-    lost = np.flatnonzero(~good.reshape(P, L).any(axis=0))
-    if lost.size:
-        raise DataError(
-            "records/missing-samples",
-            f"{text}, and {lost.size} of them in every period at the same place, the first {log.time_of(lost[0])}: no "
-            "other period has that phase; measure again, or cut them off with samples",
-        )
+def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple[FloatArray, set[int]]:
+    """Signal (P L,) without NaN, and the repetitions with a long gap that nothing predicts to within the noise."""
+    result, poor, max_step = np.copy(x), set[int](), largest_step(x)
+    limit = LIMITS.max_error_over_noise * period_noise(x, L, sign)
+    for start, end in runs(~np.isfinite(x)):
+        gap = interpolate(x, start, end, L, sign, max_step)
+        if gap is None:
+            raise DataError(
+                "records/missing-samples",
+                f"{log.where}: {text}, and no other period has the {end - start} from {log.time_of(start)} on; "
+                "measure again, or cut them off with samples",
+            )
+        result[start:end] = gap.values
+        if end - start > MAX_BRIDGED and gap.error > limit:
+            poor |= set(range(start // L, (end - 1) // L + 1))
+    return result, poor
 
 
 def _missing(missing: IntArray, good: BoolArray, log: Log, c: int) -> str:
@@ -102,7 +107,7 @@ def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
         text = f"{_missing(missing, good, log, c)}, the first is {log.time_of(missing[0])}"
         gaps = runs(~good)
         is_inside = missing[0] >= _CUBIC_SAMPLES and missing[-1] < len(good) - _CUBIC_SAMPLES
-        is_short = np.ptp(gaps, axis=1).max() <= LIMITS.max_run
+        is_short = np.ptp(gaps, axis=1).max() <= MAX_BRIDGED
         if not (is_inside and is_short and missing.size <= LIMITS.max_share * len(good)):
             pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
             first, last = max(pieces, key=np.ptp, default=(0, 0))
@@ -144,15 +149,12 @@ def repair(
     of_log = _with_missing(clock.signals, signals.shape[1]) if clock.findings else moving.signals
     clock = replace(clock, signals=of_log)
     check(clock.signals[:, drivers])
-    full = filled(clock.signals, L, sign, log)
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
-    lone = without_spikes(full.signals[:, : len(repeating.names)], L, sign, repeating)
-    if lone.findings:
-        again = filled(lone.signals, L, sign, repeating)
-        full = replace(full, signals=np.concatenate([again.signals, full.signals[:, len(repeating.names) :]], axis=1))
+    lone = without_spikes(clock.signals, L, sign, repeating)
+    full = filled(lone.signals, L, sign, log)
     as_logged = _bridged(going.signals) if clock.findings else full.signals
     reported = (*find_clipping(as_logged, L, repeating), *find_steps(as_logged, L, sign, repeating))
-    steps = (start, going, moving, clock, full, lone)
+    steps = (start, going, moving, clock, lone, full)
     return Repaired(full.signals, (*(f for step in steps for f in step.findings), *reported), full.left_out)
 
 

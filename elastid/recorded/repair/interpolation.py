@@ -1,0 +1,141 @@
+r"""Interpolation of missing samples: repetition of the period plus a polynomial through the samples beside a gap.
+
+.. math:: \hat x(t) = r(t) + h(t), \qquad r(t) = \text{mean}_{p} \, s^{p} x(t + p L)
+
+r: mean of other periods; h: polynomial fitted to x - r on both sides of the gap. Periods that contain a transient, and
+polynomials that follow noise, are worse references: each candidate (set of periods, degree) is tried on gaps of the
+same length beside the gap, where the samples are measured, and the one with the smallest error is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.statistics import STD_OVER_MAD
+
+# Degree of the polynomial, and samples on each side of the gap that it is fitted to.
+_POLYNOMIALS = ((0, 16), (3, 2), (1, 2))
+_WIDEST = 16
+# First periods that a reference may leave out, since they can contain a transient.
+_SKIPPED = (0, 1)
+_TRIALS = 32  # samples on each side of the gap in which trial gaps lie
+_TRIAL_GAP = 8  # samples of a trial gap at most
+MAX_BRIDGED = 2  # longest gap in samples that a polynomial bridges without another period
+_MAX_STEP = 2.0  # of an interpolated sample, over the largest step of the signal
+
+
+@dataclass(frozen=True)
+class Interpolation:
+    """values (g,): of the gap; error: standard deviation of the same interpolation on trial gaps beside it."""
+
+    values: FloatArray
+    error: float
+
+
+def interpolate(x: FloatArray, start: int, end: int, L: int, sign: int, max_step: float) -> Interpolation | None:
+    """Interpolate the gap [start, end) of a signal x (n,), NaN where missing, that repeats after L samples.
+
+    sign: -1 where x(t + L) = -x(t).  max_step: `largest_step` of it.  None without a candidate:
+    a gap of more than two samples that no other period covers, or values that change by more than
+    twice max_step from one sample to the next.
+    """
+    reach = _TRIALS + _WIDEST
+    rows = np.arange(max(0, start - reach), min(len(x), end + reach))
+    gap = slice(start - int(rows[0]), end - int(rows[0]))
+    best: Interpolation | None = None
+    for reference, (degree, width) in product(_references(x, rows, gap, L, sign), _POLYNOMIALS):
+        candidate = _bridge(x[rows] - reference, gap, degree, width)
+        if candidate is None or (best is not None and candidate.error >= best.error):
+            continue
+        values = reference[gap] + candidate.values
+        if _is_continuous(np.concatenate([x[rows[: gap.start]][-1:], values, x[rows[gap.stop :]][:1]]), max_step):
+            best = Interpolation(values, candidate.error)
+    return best
+
+
+def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) -> Iterator[FloatArray]:
+    """Means (m,) of other periods at rows (m,), finite in the gap; last, for a short gap, zero."""
+    shifts = np.array([p for p in range(-(len(x) // L), len(x) // L + 1) if p != 0])
+    at = rows + shifts[:, None] * L
+    is_inside = (at >= 0) & (at < len(x))
+    values = np.where(is_inside, x[np.where(is_inside, at, 0)], np.nan) * (float(sign) ** shifts)[:, None]
+    for skipped in _SKIPPED:
+        used = np.where(at >= skipped * L, values, np.nan)
+        n = np.isfinite(used).sum(axis=0)
+        if np.all(n[gap] > 0):
+            yield np.where(n > 0, np.nansum(used, axis=0) / np.maximum(n, 1), np.nan)
+    if gap.stop - gap.start <= MAX_BRIDGED:
+        yield np.zeros(len(rows))
+
+
+def _bridge(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation | None:
+    """Polynomial (g,) through the finite samples e (m,) on both sides of a gap; None where these are too few."""
+    g = gap.stop - gap.start
+    offsets = np.r_[-width:0, g : g + width]
+    at = gap.start + offsets
+    is_usable = (at >= 0) & (at < len(e))
+    is_usable[is_usable] = np.isfinite(e[at[is_usable]])
+    offsets = offsets[is_usable]
+    before, after = int(np.sum(offsets < 0)), int(np.sum(offsets >= g))
+    if min(before, after) < (degree + 1) // 2 or before + after <= degree:
+        return None
+    g_trial = min(g, _TRIAL_GAP)
+    trial_offsets = np.where(offsets < 0, offsets, offsets - g + g_trial)
+    error = _trial_error(e, trial_offsets, _weights(trial_offsets, g_trial, degree))
+    values = _weights(offsets, g, degree) @ e[gap.start + offsets]
+    return None if error is None else Interpolation(values, error)
+
+
+def _weights(offsets: IntArray, g: int, degree: int) -> FloatArray:
+    """Weights (g, k) of the least-squares polynomial through samples at offsets (k,) from the start of a gap of g."""
+    return _cached_weights(tuple(offsets.tolist()), g, degree)
+
+
+@lru_cache(maxsize=256)
+def _cached_weights(offsets: tuple[int, ...], g: int, degree: int) -> FloatArray:
+    centred = np.array([*offsets, *range(g)]) - (g - 1) / 2
+    powers = np.vander(centred / np.abs(centred).max(), degree + 1)
+    return np.asarray(powers[len(offsets) :] @ np.linalg.pinv(powers[: len(offsets)]))
+
+
+def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float | None:
+    """Error of weights (g, k) on gaps that begin at any other sample of e (m,); None where none is measured.
+
+    Robust standard deviation: other damaged samples nearby do not count.
+    """
+    inner = np.arange(len(weights))
+    first, last = -min(int(offsets.min()), 0), max(int(offsets.max()), len(weights) - 1)
+    if len(e) <= first + last:
+        return None
+    windows = np.lib.stride_tricks.sliding_window_view(e, first + last + 1)
+    errors = windows[:, first + inner] - windows[:, first + offsets] @ weights.T
+    errors = errors[np.isfinite(errors).all(axis=1)]
+    return STD_OVER_MAD * float(np.median(np.abs(errors))) if errors.size else None
+
+
+def largest_step(x: FloatArray) -> float:
+    """Largest change of a signal (n,), NaN where missing, from one sample to the next."""
+    steps = np.abs(np.diff(x))
+    return float(np.nanmax(steps)) if np.isfinite(steps).any() else np.inf
+
+
+def _is_continuous(values: FloatArray, max_step: float) -> bool:
+    """True if consecutive values, NaN where unknown, change by no more than twice max_step."""
+    return not np.any(np.abs(np.diff(values)) > _MAX_STEP * max_step)
+
+
+def period_noise(x: FloatArray, L: int, sign: int) -> float:
+    """Noise of a signal (P L,), NaN where missing: robust change between two consecutive periods over root two.
+
+    The smallest of all pairs: a transient adds to the first ones.
+    """
+    change = (x[L:] - sign * x[:-L]).reshape(-1, L)
+    change = change[np.isfinite(change).any(axis=1)]
+    away = np.abs(change - np.nanmedian(change, axis=1, keepdims=True))
+    return float(STD_OVER_MAD * np.nanmedian(away, axis=1).min(initial=np.inf) / np.sqrt(2))

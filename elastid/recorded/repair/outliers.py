@@ -1,0 +1,234 @@
+r"""Outliers: one to three samples that the other periods contradict (Hampel's rule across periods).
+
+.. math:: e = x_p - x_{p+1},\; x_p - x_{p+2},\; x_p - \operatorname{median}_q x_q, \qquad
+          d = |e - \text{running median of } e| > 8 \sigma, \qquad
+          \sigma^2 = (d_{75\,\%} / 1.15)^2 + q^2 / 12
+
+for each e, in which a transient is smooth; sigma of each period.  q: step of the converter.  A
+spike is also six times as far from the parabola through its neighbours as each of these, d is six times as large as at
+three quarters of the neighbours, and three times as large as at all but 5 % of the samples of most parts of the log:
+drift, transients, steps and bursts of oscillation are no spikes, nor are the pulses of a controller at the counts of an
+encoder.  A value that repeats the one before exactly, or is exactly 0, is a lost message where the channel hardly has
+such values by chance.  A sample is replaced only if it is farther from its interpolation than four times (a lost
+message: twice) the error of the interpolation beside it.  Interpolated samples are references and are never judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.statistics import runs
+from elastid.recorded.repair import Finding, Log, Repaired, flat
+from elastid.recorded.repair.interpolation import MAX_BRIDGED, interpolate, largest_step, period_noise
+from elastid.recorded.repair.masks import MASKED, step
+
+
+@dataclass(frozen=True)
+class OutlierLimits:
+    """Limits that distinguish a spike from a signal, its noise, its steps and its transients."""
+
+    min_sigmas: float = 8.0
+    noise_quantile: float = 0.75  # of d, from which sigma is taken
+    min_ratio: float = 6.0  # distance of a spike over that of its neighbours, at least
+    min_errors: float = 4.0  # distance of a spike from its interpolation, over the error of that
+    min_errors_lost: float = 2.0  # the same of a lost message
+    max_by_chance: float = 0.01  # of values in a channel that repeat the one before, or are 0
+    min_periods: int = 3
+    max_share: float = 0.02  # spikes of this part of a channel and more are no single ones
+    # Samples: of the running median, of a spike at most, and of neighbours on each side.
+    median_window: int = 11
+    max_run: int = 3
+    neighbours: int = 6
+    quiet_share: float = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
+    # Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
+    usual_share: float = 0.95
+    parts: int = 20
+    min_over_usual: float = 3.0
+    rounds: int = 8  # large spikes are replaced before smaller ones beside them are judged
+
+
+LIMITS = OutlierLimits()
+
+
+def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
+    """Mask (NaN) the spikes of signals (n, c), some samples NaN, in the channels that the log names.
+
+    Nothing changes for fewer than three repetitions of L samples.
+    """
+    P = len(signals) // L
+    if LIMITS.min_periods > P:
+        return Repaired(signals)
+    spikes = [_spikes_of_periods(x, L, sign) for x in signals[: P * L, : len(log.names)].T]
+    return _masked(signals, spikes, "the other periods", log)
+
+
+def without_lone(signals: FloatArray, log: Log) -> Repaired:
+    """Mask (NaN) the spikes of signals (n, c), finite and without a period, among their neighbours."""
+    everywhere = np.ones(len(signals), dtype=np.bool_)
+    at = [np.flatnonzero(_spikes(x, x, everywhere, len(x), 0.0, MAX_BRIDGED)) for x in signals.T]
+    return _masked(signals, at, "their neighbours", log)
+
+
+def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log) -> Repaired:
+    result, findings = np.copy(signals), []
+    for c, at in enumerate(spikes):
+        if at.size == 0:
+            continue
+        text = f"{log.names[c]}: {at.size} of {len(signals)} samples differ from {reference}"
+        if at.size >= LIMITS.max_share * len(signals):
+            findings.append(Finding("spikes left", at.size, f"{text}: too many for spikes, left unchanged"))
+            continue
+        result[at, c] = np.nan
+        text += f", the first is {log.time_of(at[0])}: spikes, taken as missing"
+        findings.append(Finding(MASKED, at.size, text))
+    return Repaired(result, tuple(findings))
+
+
+def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
+    """Samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
+    judged, full = np.isfinite(x), _interpolated(x, L, sign)
+    lost = runs(_lost_messages(x, step(x))).tolist()
+    full, is_spike = _replaced(full, lost, L, sign, LIMITS.min_errors_lost)
+    for _ in range(LIMITS.rounds):
+        # A sample that is off by no more than periods are from each other adds nothing to their scatter.
+        least = period_noise(full, L, sign)
+        of_all = [_spikes(x, e, judged & ~is_spike, L, least, LIMITS.max_run) for e in _differences(full, L, sign)]
+        new = runs(_roughest(full, np.all(of_all, axis=0), L)).tolist()
+        if not new:
+            break
+        full, is_new = _replaced(full, new, L, sign, LIMITS.min_errors)
+        judged[np.concatenate([np.arange(start, end) for start, end in new])] = False
+        is_spike |= is_new
+    return np.flatnonzero(is_spike)
+
+
+def _replaced(
+    x: FloatArray, suspects: Sequence[tuple[int, int]], L: int, sign: int, min_errors: float
+) -> tuple[FloatArray, BoolArray]:
+    """Signal (P L,) with interpolations of the suspects that are far from them, and flags of these samples."""
+    result, is_replaced, without = np.copy(x), np.zeros(len(x), dtype=np.bool_), np.copy(x)
+    for start, end in suspects:
+        without[start:end] = np.nan
+    max_step = largest_step(without)
+    for start, end in suspects:
+        gap = interpolate(without, start, end, L, sign, max_step)
+        if gap is not None and np.abs(x[start:end] - gap.values).max() > min_errors * gap.error:
+            result[start:end], is_replaced[start:end] = gap.values, True
+    return result, is_replaced
+
+
+def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
+    """Differences (P L,) of each period to the next two, and, of more than three, to the median of all.
+
+    A spike differs from each of them; a sample whose reference has a spike does not.
+    """
+    X = flat(x, L, sign)
+    references = [np.roll(X, -1, axis=0), np.roll(X, -2, axis=0)]
+    if len(X) > LIMITS.min_periods:
+        references.append(np.broadcast_to(np.median(X, axis=0), X.shape))
+    return [(X - reference).ravel() for reference in references]
+
+
+def _roughest(x: FloatArray, candidates: BoolArray, L: int) -> BoolArray:
+    """Of the candidates (P L,) at one phase of a signal the roughest: where two are spikes, all seem to be."""
+    roughness = np.where(candidates, np.abs(np.convolve(x, _CUBIC, mode="same")), -1.0).reshape(-1, L)
+    return np.asarray(candidates & (roughness == roughness.max(axis=0)).ravel())
+
+
+def _lone_distance(e: FloatArray) -> FloatArray:
+    """Distance (n,) of each sample of a signal from its running median."""
+    from scipy.ndimage import median_filter
+
+    return np.asarray(np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror")))
+
+
+def _interpolated(x: FloatArray, L: int, sign: int) -> FloatArray:
+    """Signal (P L,) without NaN, on straight lines where no period has a sample."""
+    result, max_step = np.copy(x), largest_step(x)
+    for start, end in runs(~np.isfinite(x)):
+        gap = interpolate(x, start, end, L, sign, max_step)
+        result[start:end] = np.nan if gap is None else gap.values
+    rows, good = np.arange(len(x)), np.isfinite(result)
+    return result if good.all() else np.interp(rows, rows[good], result[good]) if good.any() else np.zeros(len(x))
+
+
+def _spikes(x: FloatArray, e: FloatArray, judged: BoolArray, L: int, smallest: float, max_run: int) -> BoolArray:
+    """Flags (n,) of the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
+
+    e (n,): its difference to a reference, finite, with a noise of its own in each period of L.  smallest: least d of
+    a spike.
+    """
+    from scipy.ndimage import maximum_filter
+    from scipy.special import ndtri
+
+    n, d = LIMITS.neighbours, _lone_distance(e)
+    noise = np.quantile(d.reshape(-1, L), LIMITS.noise_quantile, axis=1) / ndtri((1 + LIMITS.noise_quantile) / 2)
+    sigma = np.hypot(noise, step(x) / np.sqrt(12)).repeat(L)
+    least = np.maximum(LIMITS.min_sigmas * sigma, max(1e-9 * float(np.nanmax(x) - np.nanmin(x)), smallest))
+    # A spike moves the running median beside it, by little where e is smooth.
+    beside = maximum_filter(d, LIMITS.median_window) / LIMITS.min_ratio
+    short = [(a, b) for a, b in runs(d > np.maximum(least, beside)).tolist() if b - a <= max_run]
+    bridged = _bridged(e, short)
+    is_spike, usual = np.zeros(len(e), dtype=np.bool_), _usual(d)
+    for first, end in short:
+        # Near an end a spike cannot be distinguished from a bend.
+        if not judged[first:end].any() or first <= n or end >= len(e) - n:
+            continue
+        around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
+        distance, scatter = _from_parabola(e, bridged, first, end)
+        is_lone = d[first:end].max() > max(LIMITS.min_ratio * np.quantile(around, LIMITS.quiet_share), usual)
+        if is_lone and distance > max(least[first], LIMITS.min_ratio * scatter):
+            is_spike[first:end] = True
+    return is_spike & judged
+
+
+def _bridged(e: FloatArray, gaps: Sequence[tuple[int, int]]) -> FloatArray:
+    """Signal (n,) with straight lines across gaps."""
+    good = np.ones(len(e), dtype=np.bool_)
+    for start, end in gaps:
+        good[start:end] = False
+    rows = np.arange(len(e))
+    return np.interp(rows, rows[good], e[good])
+
+
+def _lost_messages(x: FloatArray, q: float) -> BoolArray:
+    """Flags (n,) of values that repeat the one before, or are 0, as the channel with step q hardly does by chance."""
+    change = np.abs(np.diff(x, prepend=np.nan))
+    usual, flags = float(np.nanmedian(change)), np.zeros(len(x), dtype=np.bool_)
+    for distance in (change, np.abs(x)):
+        is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= usual)))
+        by_chance = n_near * q / max(2 * usual, 1e-300)
+        if by_chance < LIMITS.max_by_chance and is_equal.mean() < LIMITS.max_share:
+            flags |= is_equal
+    return flags
+
+
+def _usual(d: FloatArray) -> float:
+    """Distance that a spike exceeds, by the distances (n,) that are usual in parts of a log."""
+    parts = d[: len(d) // LIMITS.parts * LIMITS.parts].reshape(LIMITS.parts, -1)
+    return LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
+
+
+def _from_parabola(e: FloatArray, bridged: FloatArray, first: int, end: int) -> tuple[float, float]:
+    """Largest distances of a run of e (n,), and of its bridged neighbours, from the parabola through these."""
+    n = LIMITS.neighbours
+    sides = np.r_[first - 1 - n : first - 1, end + 1 : end + 1 + n]
+    away = np.abs(np.r_[bridged[sides], e[first:end]] - _PARABOLAS[end - first] @ bridged[sides])
+    return float(away[len(sides) :].max()), float(away[: len(sides)].max())
+
+
+def _parabola(length: int) -> FloatArray:
+    """Weights (2 n + length, 2 n) of the parabola through n neighbours on each side of a run, at these and in it."""
+    n = LIMITS.neighbours
+    sides = np.r_[-1 - n : -1, length + 1 : length + 1 + n]
+    powers = np.vander((np.r_[sides, 0:length] - (length - 1) / 2) / n, 3)
+    return np.asarray(powers @ np.linalg.pinv(powers[: len(sides)]))
+
+
+# Difference of a sample to the cubic through two neighbours on each side.
+_CUBIC = np.array([1, -4, 6, -4, 1]) / 6
+_PARABOLAS = {length: _parabola(length) for length in range(1, LIMITS.max_run + 1)}

@@ -1,0 +1,85 @@
+"""Repairs do no harm: a damaged log is nearer to the clean one after them, and a clean log stays as it is."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants.waves import N, wave
+
+from elastid.base.arrays import FloatArray
+from elastid.recorded.repair import Log
+from elastid.recorded.repair.missing import repair
+
+P = 3
+LOG, ROLES = Log("log.csv", ("torque", "angle"), 1000.0), {"r": [], "u": [0], "y": [1]}
+LINES = np.arange(2, 60)
+KINDS = ("missing", "zero", "repeated", "spike", "count")
+
+
+def _clean(seed: int, noise: float, q: float, transient: float) -> FloatArray:
+    """Torque about 0 and angle about 5 rms of itself, of rms 1, with a start that rings, rounded to steps q."""
+    t = np.arange(P * N)
+    x = wave(t, seed, LINES)
+    x = x / x.std(axis=0) + np.array([0.0, 5.0])
+    x += noise * np.random.default_rng(seed).normal(size=x.shape)
+    x += (transient * np.exp(-t / 60) * np.cos(2 * np.pi * t / 40))[:, None]
+    return q * np.round(x / q) if q else x
+
+
+def _damaged(x: FloatArray, kind: str, k: int, q: float, seed: int) -> FloatArray:
+    """k samples of each channel, at places of its own, none of two periods at one phase."""
+    rng, result = np.random.default_rng(seed), x.copy()
+    for c in range(x.shape[1]):
+        at = rng.choice(N, k, replace=False) + N * rng.integers(0, P, k)
+        at = at[(at > 20) & (at < len(x) - 20)]
+        values = {
+            "missing": np.full(len(at), np.nan),
+            "zero": np.zeros(len(at)),
+            "repeated": x[at - 1, c],
+            "spike": x[at, c] + rng.choice([-1, 1], len(at)) * rng.uniform(2, 20, len(at)),
+            "count": x[at, c] + q * rng.choice([-1, 1], len(at)),
+        }
+        result[at, c] = values[kind]
+    return result
+
+
+def _repaired(x: FloatArray) -> FloatArray:
+    return repair(x, ROLES, float(N), False, LOG, lambda drivers: None).signals
+
+
+def _spectra(x: FloatArray) -> FloatArray:
+    """Spectra (P - 1, F, 2) of the periods after the first one, which has the transient."""
+    return np.fft.rfft(x.reshape(P, N, 2)[1:], axis=1)[:, LINES]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    kind=st.sampled_from(KINDS),
+    k=st.sampled_from([1, 5, 20]),
+    noise=st.sampled_from([0.0, 1e-3, 3e-2]),
+    q=st.sampled_from([0.0, 1e-4, 1e-2]),
+    transient=st.sampled_from([0.0, 1.0]),
+    seed=st.integers(0, 10**6),
+)
+def test_repairs_bring_a_log_nearer_to_the_clean_one(
+    kind: str, k: int, noise: float, q: float, transient: float, seed: int
+) -> None:
+    """In every channel, and its mean spectrum within 0.2 of the standard deviations of noise and steps."""
+    clean = _clean(seed, noise, q, transient)
+    damaged = _damaged(clean, kind, k, q, seed)
+    result = _repaired(damaged)
+    before = np.nan_to_num(np.sum((damaged - clean) ** 2, axis=0), nan=np.inf)
+    assert np.all(np.sum((result - clean) ** 2, axis=0) <= before * (1 + 1e-9))
+    std = np.sqrt((noise**2 + max(q, 1e-3) ** 2 / 12) * N / (P - 1))
+    error = np.sqrt(np.mean(np.abs((_spectra(result) - _spectra(clean)).mean(axis=0)) ** 2, axis=0))
+    # A loss of k of n samples costs sqrt(k / n) of a standard deviation, whatever replaces them.
+    assert np.all(error <= max(0.2, 2 * np.sqrt(k / len(clean))) * std)
+
+
+@pytest.mark.parametrize("transient", [0.0, 1.0])
+def test_clean_logs_are_not_touched(transient: float) -> None:
+    """Of 200 logs with noise and steps of several sizes none changes in a sample."""
+    for seed in range(100):
+        q, noise = (0.0, 1e-4, 1e-2, 0.1)[seed % 4], (0.0, 1e-3, 3e-2)[seed % 3]
+        clean = _clean(seed, noise, q, transient)
+        np.testing.assert_array_equal(_repaired(clean), clean)
