@@ -23,8 +23,9 @@ from elastid.base.statistics import STD_OVER_MAD
 _POLYNOMIALS = ((0, 16), (3, 2), (1, 2))
 _WIDEST = 16
 # First periods that a reference may leave out, since they can contain a transient.
-_SKIPPED = (0, 1)
+_SKIPPED = (1, 0)
 _TRIALS = 32  # samples on each side of the gap in which trial gaps lie
+_QUANTILE_75 = 1.150349  # of the size of a normal variable, in standard deviations
 _TRIAL_GAP = 8  # samples of a trial gap at most
 MAX_BRIDGED = 2  # longest gap in samples that a polynomial bridges without another period
 _MAX_STEP = 2.0  # of an interpolated sample, over the largest step of the signal
@@ -89,7 +90,7 @@ def _bridge(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation
     trial_offsets = np.where(offsets < 0, offsets, offsets - g + g_trial)
     error = _trial_error(e, trial_offsets, _weights(trial_offsets, g_trial, degree))
     values = _weights(offsets, g, degree) @ e[gap.start + offsets]
-    return None if error is None else Interpolation(values, error)
+    return Interpolation(values, error)
 
 
 def _weights(offsets: IntArray, g: int, degree: int) -> FloatArray:
@@ -104,19 +105,19 @@ def _cached_weights(offsets: tuple[int, ...], g: int, degree: int) -> FloatArray
     return np.asarray(powers[len(offsets) :] @ np.linalg.pinv(powers[: len(offsets)]))
 
 
-def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float | None:
-    """Error of weights (g, k) on gaps that begin at any other sample of e (m,); None where none is measured.
+def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float:
+    """Error of weights (g, k) on gaps that begin at any other sample of e (m,); infinite where none is measured.
 
-    Robust standard deviation: other damaged samples nearby do not count.
+    From the quantile of 75 %: a few damaged samples nearby do not count, a transient on one side does.
     """
     inner = np.arange(len(weights))
     first, last = -min(int(offsets.min()), 0), max(int(offsets.max()), len(weights) - 1)
     if len(e) <= first + last:
-        return None
+        return np.inf
     windows = np.lib.stride_tricks.sliding_window_view(e, first + last + 1)
     errors = windows[:, first + inner] - windows[:, first + offsets] @ weights.T
     errors = errors[np.isfinite(errors).all(axis=1)]
-    return STD_OVER_MAD * float(np.median(np.abs(errors))) if errors.size else None
+    return float(np.quantile(np.abs(errors), 0.75) / _QUANTILE_75) if errors.size else np.inf
 
 
 def largest_step(x: FloatArray) -> float:

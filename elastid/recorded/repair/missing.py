@@ -63,7 +63,10 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     if not left_out:
         return Repaired(result, tuple(findings))
     numbers = ", ".join(str(p + 1) for p in left_out)
-    text = f"repetitions {numbers} of {P} lack samples that the others do not predict"
+    text = (
+        f"repetitions {numbers} of {P} lack more than {LIMITS.max_still:.0%} of a channel, or samples that the others "
+    )
+    text += "do not predict"
     if P - len(left_out) < 2:
         raise DataError(
             "records/missing-samples",

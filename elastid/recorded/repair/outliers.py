@@ -1,16 +1,16 @@
 r"""Outliers: one to three samples that the other periods contradict (Hampel's rule across periods).
 
 .. math:: e = x_p - x_{p+1},\; x_p - x_{p+2},\; x_p - \operatorname{median}_q x_q, \qquad
-          d = |e - \text{running median of } e| > 8 \sigma, \qquad
+          d = |e - \text{running median of } e| > 6 \sigma, \qquad
           \sigma^2 = (d_{75\,\%} / 1.15)^2 + q^2 / 12
 
-for each e, in which a transient is smooth; sigma of each period.  q: step of the converter.  A
-spike is also six times as far from the parabola through its neighbours as each of these, d is six times as large as at
-three quarters of the neighbours, and three times as large as at all but 5 % of the samples of most parts of the log:
-drift, transients, steps and bursts of oscillation are no spikes, nor are the pulses of a controller at the counts of an
+for each e, in which a transient is smooth; sigma of each period.  q: step of the converter.  A spike is also five times
+as far from the parabola through its neighbours as three quarters of these, d is five times as large as at three quarters
+of the neighbours, and three times as large as at all but 10 % of the samples of most parts of the log: drift,
+transients, steps and bursts of oscillation are no spikes, nor are the pulses of a controller at the counts of an
 encoder.  A value that repeats the one before exactly, or is exactly 0, is a lost message where the channel hardly has
-such values by chance.  A sample is replaced only if it is farther from its interpolation than four times (a lost
-message: twice) the error of the interpolation beside it.  Interpolated samples are references and are never judged.
+such values by chance, or where one e differs.  A sample is replaced only if it is farther from its interpolation than
+four times the error of the interpolation beside it.  Interpolated samples are references and are never judged.
 """
 
 from __future__ import annotations
@@ -31,11 +31,10 @@ from elastid.recorded.repair.masks import MASKED, step
 class OutlierLimits:
     """Limits that distinguish a spike from a signal, its noise, its steps and its transients."""
 
-    min_sigmas: float = 8.0
+    min_sigmas: float = 6.0
     noise_quantile: float = 0.75  # of d, from which sigma is taken
-    min_ratio: float = 6.0  # distance of a spike over that of its neighbours, at least
-    min_errors: float = 4.0  # distance of a spike from its interpolation, over the error of that
-    min_errors_lost: float = 2.0  # the same of a lost message
+    min_ratio: float = 5.0  # distance of a spike over that of its neighbours, at least
+    min_errors: float = 4.0  # distance of a spike or lost message from its interpolation, over the error of that
     max_by_chance: float = 0.01  # of values in a channel that repeat the one before, or are 0
     min_periods: int = 3
     max_share: float = 0.02  # spikes of this part of a channel and more are no single ones
@@ -45,7 +44,7 @@ class OutlierLimits:
     neighbours: int = 6
     quiet_share: float = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
     # Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
-    usual_share: float = 0.95
+    usual_share: float = 0.9
     parts: int = 20
     min_over_usual: float = 3.0
     rounds: int = 8  # large spikes are replaced before smaller ones beside them are judged
@@ -91,24 +90,23 @@ def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log
 def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     """Samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
     judged, full = np.isfinite(x), _interpolated(x, L, sign)
-    lost = runs(_lost_messages(x, step(x))).tolist()
-    full, is_spike = _replaced(full, lost, L, sign, LIMITS.min_errors_lost)
+    is_lost, may_be_lost = _lost_messages(x, step(x))
+    full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign)
     for _ in range(LIMITS.rounds):
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
         least = period_noise(full, L, sign)
         of_all = [_spikes(x, e, judged & ~is_spike, L, least, LIMITS.max_run) for e in _differences(full, L, sign)]
-        new = runs(_roughest(full, np.all(of_all, axis=0), L)).tolist()
+        candidates = np.all(of_all, axis=0) | (may_be_lost & np.any(of_all, axis=0))
+        new = runs(_roughest(full, candidates, L)).tolist()
         if not new:
             break
-        full, is_new = _replaced(full, new, L, sign, LIMITS.min_errors)
+        full, is_new = _replaced(full, new, L, sign)
         judged[np.concatenate([np.arange(start, end) for start, end in new])] = False
         is_spike |= is_new
     return np.flatnonzero(is_spike)
 
 
-def _replaced(
-    x: FloatArray, suspects: Sequence[tuple[int, int]], L: int, sign: int, min_errors: float
-) -> tuple[FloatArray, BoolArray]:
+def _replaced(x: FloatArray, suspects: Sequence[tuple[int, int]], L: int, sign: int) -> tuple[FloatArray, BoolArray]:
     """Signal (P L,) with interpolations of the suspects that are far from them, and flags of these samples."""
     result, is_replaced, without = np.copy(x), np.zeros(len(x), dtype=np.bool_), np.copy(x)
     for start, end in suspects:
@@ -116,7 +114,7 @@ def _replaced(
     max_step = largest_step(without)
     for start, end in suspects:
         gap = interpolate(without, start, end, L, sign, max_step)
-        if gap is not None and np.abs(x[start:end] - gap.values).max() > min_errors * gap.error:
+        if gap is not None and np.abs(x[start:end] - gap.values).max() > LIMITS.min_errors * gap.error:
             result[start:end], is_replaced[start:end] = gap.values, True
     return result, is_replaced
 
@@ -195,16 +193,17 @@ def _bridged(e: FloatArray, gaps: Sequence[tuple[int, int]]) -> FloatArray:
     return np.interp(rows, rows[good], e[good])
 
 
-def _lost_messages(x: FloatArray, q: float) -> BoolArray:
-    """Flags (n,) of values that repeat the one before, or are 0, as the channel with step q hardly does by chance."""
+def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
+    """Flags (n,) of values that repeat the one before, or are 0: as hardly by chance in steps of q, and as few do."""
     change = np.abs(np.diff(x, prepend=np.nan))
-    usual, flags = float(np.nanmedian(change)), np.zeros(len(x), dtype=np.bool_)
+    usual, is_lost, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
     for distance in (change, np.abs(x)):
         is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= usual)))
-        by_chance = n_near * q / max(2 * usual, 1e-300)
-        if by_chance < LIMITS.max_by_chance and is_equal.mean() < LIMITS.max_share:
-            flags |= is_equal
-    return flags
+        if is_equal.mean() < LIMITS.max_share:
+            is_rare |= is_equal
+            if n_near * q / max(2 * usual, 1e-300) < LIMITS.max_by_chance:
+                is_lost |= is_equal
+    return is_lost, is_rare
 
 
 def _usual(d: FloatArray) -> float:
@@ -214,11 +213,11 @@ def _usual(d: FloatArray) -> float:
 
 
 def _from_parabola(e: FloatArray, bridged: FloatArray, first: int, end: int) -> tuple[float, float]:
-    """Largest distances of a run of e (n,), and of its bridged neighbours, from the parabola through these."""
+    """Distances of a run of e (n,), the largest, and of its bridged neighbours from the parabola through these."""
     n = LIMITS.neighbours
     sides = np.r_[first - 1 - n : first - 1, end + 1 : end + 1 + n]
     away = np.abs(np.r_[bridged[sides], e[first:end]] - _PARABOLAS[end - first] @ bridged[sides])
-    return float(away[len(sides) :].max()), float(away[: len(sides)].max())
+    return float(away[len(sides) :].max()), float(np.quantile(away[: len(sides)], LIMITS.quiet_share))
 
 
 def _parabola(length: int) -> FloatArray:

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.waves import N, wave
+from plants.waves import wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.missing import repair
 
-P = 3
+N, P = 1000, 3
 LOG, ROLES = Log("log.csv", ("torque", "angle"), 1000.0), {"r": [], "u": [0], "y": [1]}
 LINES = np.arange(2, 60)
 KINDS = ("missing", "zero", "repeated", "spike", "count")
@@ -19,7 +19,7 @@ KINDS = ("missing", "zero", "repeated", "spike", "count")
 def _clean(seed: int, noise: float, q: float, transient: float) -> FloatArray:
     """Torque about 0 and angle about 5 rms of itself, of rms 1, with a start that rings, rounded to steps q."""
     t = np.arange(P * N)
-    x = wave(t, seed, LINES)
+    x = wave(t / 2, seed, LINES)
     x = x / x.std(axis=0) + np.array([0.0, 5.0])
     x += noise * np.random.default_rng(seed).normal(size=x.shape)
     x += (transient * np.exp(-t / 60) * np.cos(2 * np.pi * t / 40))[:, None]
@@ -52,7 +52,7 @@ def _spectra(x: FloatArray) -> FloatArray:
     return np.fft.rfft(x.reshape(P, N, 2)[1:], axis=1)[:, LINES]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     kind=st.sampled_from(KINDS),
     k=st.sampled_from([1, 5, 20]),
@@ -64,7 +64,10 @@ def _spectra(x: FloatArray) -> FloatArray:
 def test_repairs_bring_a_log_nearer_to_the_clean_one(
     kind: str, k: int, noise: float, q: float, transient: float, seed: int
 ) -> None:
-    """In every channel, and its mean spectrum within 0.2 of the standard deviations of noise and steps."""
+    """In every channel, and its mean spectrum within 0.2 of the standard deviations of noise and steps.
+
+    Samples within six of their standard deviations are not detected: k of n leave 6 sqrt(k / n) of one at most.
+    """
     clean = _clean(seed, noise, q, transient)
     damaged = _damaged(clean, kind, k, q, seed)
     result = _repaired(damaged)
@@ -72,8 +75,7 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(
     assert np.all(np.sum((result - clean) ** 2, axis=0) <= before * (1 + 1e-9))
     std = np.sqrt((noise**2 + max(q, 1e-3) ** 2 / 12) * N / (P - 1))
     error = np.sqrt(np.mean(np.abs((_spectra(result) - _spectra(clean)).mean(axis=0)) ** 2, axis=0))
-    # A loss of k of n samples costs sqrt(k / n) of a standard deviation, whatever replaces them.
-    assert np.all(error <= max(0.2, 2 * np.sqrt(k / len(clean))) * std)
+    assert np.all(error <= max(0.2, 6 * np.sqrt(k / len(clean))) * std)
 
 
 @pytest.mark.parametrize("transient", [0.0, 1.0])
