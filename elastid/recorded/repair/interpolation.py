@@ -33,7 +33,7 @@ _MAX_STEP = 2.0  # of an interpolated sample, over the largest step of the signa
 
 @dataclass(frozen=True)
 class Interpolation:
-    """values (g,): of the gap; error: standard deviation of the same interpolation on trial gaps beside it."""
+    """Interpolated values (g,) of a gap, and the standard deviation of the interpolation on trial gaps beside it."""
 
     values: FloatArray
     error: float
@@ -76,7 +76,7 @@ def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) ->
 
 
 def _bridge(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation | None:
-    """Polynomial (g,) through the finite samples e (m,) on both sides of a gap; None where these are too few."""
+    """Polynomial (g,) through the finite samples e (m,) on both sides of a gap, if they are enough."""
     g = gap.stop - gap.start
     offsets = np.r_[-width:0, g : g + width]
     at = gap.start + offsets
@@ -106,7 +106,7 @@ def _cached_weights(offsets: tuple[int, ...], g: int, degree: int) -> FloatArray
 
 
 def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float:
-    """Error of weights (g, k) on gaps that begin at any other sample of e (m,); infinite where none is measured.
+    """Error of weights (g, k) on gaps that begin at any other sample of e (m,).
 
     From the quantile of 75 %: a few damaged samples nearby do not count, a transient on one side does.
     """

@@ -151,10 +151,7 @@ CLIPPED = "samples at a limit"
 
 
 def step(x: FloatArray) -> float:
-    """Return the step q of a signal (n,) whose finite values are whole steps apart, or 0 if there is none.
-
-    Single samples off the grid, as of a spike, do not matter.
-    """
+    """Return the step q of a signal (n,) whose finite values are whole steps apart but for spikes; else 0."""
     values = np.unique(x[:: max(1, len(x) // LIMITS.step_samples)])
     values = values[np.isfinite(values)]
     gaps = np.diff(values)

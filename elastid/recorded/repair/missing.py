@@ -1,8 +1,8 @@
 """The repairs of a log: its period in whole samples, its clock, and missing samples (NaN), which are filled.
 
 Samples that other repetitions contradict are missing, too (`repair.outliers`). They are interpolated from other
-repetitions and from the samples beside the gap (`repair.interpolation`), without a period by a cubic through the
-samples beside a gap of one or two. A signal that does not repeat is refused; limits and steps are reported as logged.
+repetitions and from the samples beside the gap, without a period from the latter alone (`repair.interpolation`). A
+signal that does not repeat is refused; limits and steps are reported as logged.
 """
 
 from __future__ import annotations
@@ -31,8 +31,6 @@ from elastid.recorded.repair.time_stamps import at_times, resampled
 
 FILLED = "missing samples filled"
 INTERPOLATED = "missing samples interpolated"
-# Good samples on each side of a gap without a period that its cubic goes through.
-_CUBIC_SAMPLES = 2
 
 
 def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
@@ -63,10 +61,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     if not left_out:
         return Repaired(result, tuple(findings))
     numbers = ", ".join(str(p + 1) for p in left_out)
-    text = (
-        f"repetitions {numbers} of {P} lack more than {LIMITS.max_still:.0%} of a channel, or samples that the others "
-    )
-    text += "do not predict"
+    text = f"repetitions {numbers} of {P} lack a tenth of a channel, or samples that the others do not predict"
     if P - len(left_out) < 2:
         raise DataError(
             "records/missing-samples",
@@ -109,7 +104,7 @@ def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
             continue
         text = f"{_missing(missing, good, log, c)}, the first is {log.time_of(missing[0])}"
         gaps = runs(~good)
-        is_inside = missing[0] >= _CUBIC_SAMPLES and missing[-1] < len(good) - _CUBIC_SAMPLES
+        is_inside = missing[0] > 1 and missing[-1] < len(good) - 2
         is_short = np.ptp(gaps, axis=1).max() <= MAX_BRIDGED
         if not (is_inside and is_short and missing.size <= LIMITS.max_share * len(good)):
             pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
@@ -120,11 +115,7 @@ def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
                 f"piece without gaps is samples: [{log.number(first)}, {log.number(last)}]: use that, or measure again",
                 log.where,
             )
-        for start, end in gaps:
-            sides = np.flatnonzero(good[:start])[-_CUBIC_SAMPLES:].tolist()
-            sides += (end + np.flatnonzero(good[end:])[:_CUBIC_SAMPLES]).tolist()
-            cubic = np.polynomial.Polynomial.fit(sides, signals[sides, c], 3)
-            result[start:end, c] = cubic(np.arange(start, end))
+        result[:, c], _ = _interpolated(signals[:, c], len(signals), 1, log, text)
         findings.append(Finding(INTERPOLATED, missing.size, f"{text}: interpolated between their neighbours"))
     return Repaired(result, tuple(findings))
 

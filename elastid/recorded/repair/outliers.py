@@ -4,13 +4,13 @@ r"""Outliers: one to three samples that the other periods contradict (Hampel's r
           d = |e - \text{running median of } e| > 6 \sigma, \qquad
           \sigma^2 = (d_{75\,\%} / 1.15)^2 + q^2 / 12
 
-for each e, in which a transient is smooth; sigma of each period.  q: step of the converter.  A spike is also five times
-as far from the parabola through its neighbours as three quarters of these, d is five times as large as at three quarters
-of the neighbours, and three times as large as at all but 10 % of the samples of most parts of the log: drift,
-transients, steps and bursts of oscillation are no spikes, nor are the pulses of a controller at the counts of an
-encoder.  A value that repeats the one before exactly, or is exactly 0, is a lost message where the channel hardly has
-such values by chance, or where one e differs.  A sample is replaced only if it is farther from its interpolation than
-four times the error of the interpolation beside it.  Interpolated samples are references and are never judged.
+for each e, in which a transient is smooth, and for each period.  q: step of the converter.  A spike is also five times
+as far from the parabola through its neighbours as three quarters of these, d is five times as large as there, and three
+times as large as at 90 % of the samples of most parts of the log: drift, transients, steps and bursts of oscillation
+are no spikes, nor are the pulses of a controller at the counts of an encoder.  A value that repeats the previous one
+exactly, or is exactly 0, is a lost message where the channel hardly has such values by chance, or where one e differs.
+A sample is replaced only if its distance from the interpolation is more than four times the error of the interpolation
+beside it.  Interpolated samples are references and are never judged.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class OutlierLimits:
     noise_quantile: float = 0.75  # of d, from which sigma is taken
     min_ratio: float = 5.0  # distance of a spike over that of its neighbours, at least
     min_errors: float = 4.0  # distance of a spike or lost message from its interpolation, over the error of that
-    max_by_chance: float = 0.01  # of values in a channel that repeat the one before, or are 0
+    max_by_chance: float = 0.01  # repeated values, or zeros, in a channel
     min_periods: int = 3
     max_share: float = 0.02  # spikes of this part of a channel and more are no single ones
     # Samples: of the running median, of a spike at most, and of neighbours on each side.
@@ -132,7 +132,7 @@ def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
 
 
 def _roughest(x: FloatArray, candidates: BoolArray, L: int) -> BoolArray:
-    """Of the candidates (P L,) at one phase of a signal the roughest: where two are spikes, all seem to be."""
+    """Select the roughest candidate (P L,) at each phase of a signal: of three, two spikes make the third one."""
     roughness = np.where(candidates, np.abs(np.convolve(x, _CUBIC, mode="same")), -1.0).reshape(-1, L)
     return np.asarray(candidates & (roughness == roughness.max(axis=0)).ravel())
 
@@ -194,7 +194,7 @@ def _bridged(e: FloatArray, gaps: Sequence[tuple[int, int]]) -> FloatArray:
 
 
 def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
-    """Flags (n,) of values that repeat the one before, or are 0: as hardly by chance in steps of q, and as few do."""
+    """Flags (n,) of repeated values and zeros: where steps of q hardly make them by chance, and where they are few."""
     change = np.abs(np.diff(x, prepend=np.nan))
     usual, is_lost, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
     for distance in (change, np.abs(x)):
