@@ -25,7 +25,7 @@ _WIDEST = 16
 # First periods that a reference may leave out, since they can contain a transient.
 _SKIPPED = (1, 0)
 _TRIALS = 32  # samples on each side of the gap in which trial gaps lie
-_QUANTILE_75 = 1.150349  # of the size of a normal variable, in standard deviations
+QUANTILE_75 = 1.150349  # of the size of a normal variable, in standard deviations
 _TRIAL_GAP = 8  # samples of a trial gap at most
 MAX_BRIDGED = 2  # longest gap in samples that a polynomial bridges without another period
 _MAX_STEP = 2.0  # of an interpolated sample, over the largest step of the signal
@@ -117,7 +117,7 @@ def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float
     windows = np.lib.stride_tricks.sliding_window_view(e, first + last + 1)
     errors = windows[:, first + inner] - windows[:, first + offsets] @ weights.T
     errors = errors[np.isfinite(errors).all(axis=1)]
-    return float(np.quantile(np.abs(errors), 0.75) / _QUANTILE_75) if errors.size else np.inf
+    return float(np.quantile(np.abs(errors), 0.75) / QUANTILE_75) if errors.size else np.inf
 
 
 def largest_step(x: FloatArray) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
 from elastid.recorded.repair import Finding, Log, Repaired, flat
-from elastid.recorded.repair.interpolation import MAX_BRIDGED, interpolate, largest_step, period_noise
+from elastid.recorded.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolate, largest_step, period_noise
 from elastid.recorded.repair.masks import MASKED, step
 
 
@@ -32,7 +32,6 @@ class OutlierLimits:
     """Limits that distinguish a spike from a signal, its noise, its steps and its transients."""
 
     min_sigmas: float = 6.0
-    noise_quantile: float = 0.75  # of d, from which sigma is taken
     min_ratio: float = 5.0  # distance of a spike over that of its neighbours, at least
     min_errors: float = 4.0  # distance of a spike or lost message from its interpolation, over the error of that
     max_by_chance: float = 0.01  # repeated values, or zeros, in a channel
@@ -97,7 +96,7 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
         least = period_noise(full, L, sign)
         of_all = [_spikes(x, e, judged & ~is_spike, L, least, LIMITS.max_run) for e in _differences(full, L, sign)]
         candidates = np.all(of_all, axis=0) | (may_be_lost & np.any(of_all, axis=0))
-        new = runs(_roughest(full, candidates, L)).tolist()
+        new = runs(_roughest(full, candidates, judged & ~is_spike, L)).tolist()
         if not new:
             break
         full, is_new = _replaced(full, new, L, sign)
@@ -131,10 +130,17 @@ def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
     return [(X - reference).ravel() for reference in references]
 
 
-def _roughest(x: FloatArray, candidates: BoolArray, L: int) -> BoolArray:
-    """Select the roughest candidate (P L,) at each phase of a signal: of three, two spikes make the third one."""
-    roughness = np.where(candidates, np.abs(np.convolve(x, _CUBIC, mode="same")), -1.0).reshape(-1, L)
-    return np.asarray(candidates & (roughness == roughness.max(axis=0)).ravel())
+def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -> BoolArray:
+    """Select the roughest candidate (P L,) at each phase of a signal: of three, two spikes make the third one.
+
+    Where other periods are rougher by far at its phase, these have the spikes.
+    """
+    roughness = np.abs(np.convolve(x, _CUBIC, mode="same")).reshape(-1, L)
+    highest = np.where(candidates.reshape(-1, L), roughness, -1.0).max(axis=0)
+    rivals = roughness > np.maximum(2 * highest, LIMITS.min_ratio * np.quantile(roughness, LIMITS.quiet_share))
+    rivals &= highest >= 0
+    is_chosen = np.where(rivals.any(axis=0), rivals, roughness == highest)
+    return np.asarray(is_chosen.ravel() & judged)
 
 
 def _lone_distance(e: FloatArray) -> FloatArray:
@@ -161,10 +167,9 @@ def _spikes(x: FloatArray, e: FloatArray, judged: BoolArray, L: int, smallest: f
     a spike.
     """
     from scipy.ndimage import maximum_filter
-    from scipy.special import ndtri
 
     n, d = LIMITS.neighbours, _lone_distance(e)
-    noise = np.quantile(d.reshape(-1, L), LIMITS.noise_quantile, axis=1) / ndtri((1 + LIMITS.noise_quantile) / 2)
+    noise = np.quantile(d.reshape(-1, L), 0.75, axis=1) / QUANTILE_75
     sigma = np.hypot(noise, step(x) / np.sqrt(12)).repeat(L)
     least = np.maximum(LIMITS.min_sigmas * sigma, max(1e-9 * float(np.nanmax(x) - np.nanmin(x)), smallest))
     # A spike moves the running median beside it, by little where e is smooth.
