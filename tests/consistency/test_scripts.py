@@ -195,7 +195,12 @@ def test_a_number_beyond_the_budget_fails_until_it_falls(
     lowered = tomllib.loads(path.read_text())
     assert lowered["elastid"].pop("nodes") > 30
     assert lowered["prose"] == {"pages": 1, "package": 0}
-    assert lowered["elastid"] == {"lines": 7, "thresholds": 2, "sentences": 2, "commands": 0, "names": 1}
+    assert {k: n for k, n in lowered["elastid"].items() if n} == {
+        "lines": 7,
+        "thresholds": 2,
+        "sentences": 2,
+        "names": 1,
+    }
     path.write_text(path.read_text().replace("lines = 7", "lines = 8"))
     assert main([], tmp_path) == 0
 

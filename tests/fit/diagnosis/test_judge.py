@@ -41,7 +41,7 @@ def test_a_fault_is_named_first_with_its_size(fault: str) -> None:
     assert named.cause in (first.name, *(first.alike if named.has_tolerances else ()))
     assert named.has_tolerances or first.alike == named.alike
     assert first.place == 1
-    assert first.share > named.share
+    assert first.explained_fraction > named.share
     if named.steps:
         np.testing.assert_allclose(first.steps, np.broadcast_to(named.steps, len(first.steps)), atol=named.within)
     codes = {note.code for note in result.notes}
@@ -59,9 +59,9 @@ def test_two_faults_are_named_one_after_the_other() -> None:
     assert [(index.place, index.name) for index in sequence] == [(i + 1, FAULTS[n].cause) for i, n in enumerate(names)]
     for index, name in zip(sequence, names, strict=True):
         np.testing.assert_allclose(index.steps, FAULTS[name].steps, atol=FAULTS[name].within)
-    assert sum(index.share for index in sequence) == pytest.approx(1.0, abs=0.01)
+    assert sum(index.explained_fraction for index in sequence) == pytest.approx(1.0, abs=0.01)
     causes = [note.text for note in result.notes if note.code == "fit/likely-cause"]
-    assert f"{100 * (1 - sequence[0].share):.0f} %" in causes[0]
+    assert f"{100 * (1 - sequence[0].explained_fraction):.0f} %" in causes[0]
 
 
 @example(seed=0, decades=[-8.0, 0.0, 0.0], room=1.0)
@@ -180,7 +180,7 @@ def test_an_invented_hypothesis_is_found_first_where_it_is_true() -> None:
     result = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC, hypotheses=hypotheses)
     first = result.indices[0]
     assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)
-    assert first.share > 0.95
+    assert first.explained_fraction > 0.95
     assert first.steps[0] == pytest.approx(SHARE, rel=0.05)
     assert "fit/likely-cause" in {note.code for note in result.notes}
 

@@ -166,4 +166,4 @@ def test_noise_without_a_robot_in_it_has_no_cause() -> None:
     free = {name: ParameterSpec() for name in robot.parameters() if name[:2] in ("k_", "d_", "fm", "Jm", "I_")}
     result = identify([read], robot, FitSpec(parameters=free, starts=8, seed=1, profile=()))
     assert result.status == "model_error"
-    assert all(index.share < 0.5 for index in result.indices)
+    assert all(index.explained_fraction < 0.5 for index in result.indices)

@@ -45,7 +45,7 @@ def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed
     mass = m * np.expm1(change["m_fore_arm"])
     place = c + (m + mass) / mass * np.array([change[f"c_fore_arm_{axis}"] for axis in "xyz"])
     assert first.name == "payload_fore_arm"
-    assert first.share > 0.95
+    assert first.explained_fraction > 0.95
     assert mass == pytest.approx(load.mass, abs=0.5)
     np.testing.assert_allclose(place, load.center_of_mass, atol=0.06)
 
