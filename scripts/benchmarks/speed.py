@@ -27,8 +27,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-# Version 0.3.0 has no tag; this is the commit that completed its list of changes.
-RELEASE = "7744ab91"
+# Without a tag: the last state before the public names of format 10, which users have.
+RELEASE = "aafe4fe1"
 LIMITS = {"base": 1.05, "release": 1.15}
 PAIRS, CONFIDENCE = (9, 18), 0.99
 TEMPLATES = ("serial", "friction")
