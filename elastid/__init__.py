@@ -38,8 +38,6 @@ Floors, from the top; a room imports from the floors below it only:
 The names below are loaded when they are first used; all others live in their rooms.
 """
 
-from __future__ import annotations
-
 # Nothing is imported here: the program's first lines (`elastid.__main__`) come after this file.
 __version__ = "0.3.0"
 

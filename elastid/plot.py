@@ -1,7 +1,5 @@
 """Figures of a notebook: values in, matplotlib figures out, which a notebook displays and savefig writes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

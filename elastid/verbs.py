@@ -9,8 +9,6 @@
 Keyword arguments are keys of a study (`elastid explain`); the rooms below take the sections that are made of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar

@@ -10,8 +10,6 @@ public, `commands` are commands of `elastid`. `sentences` are texts of five word
 a sentence does or have holes for numbers. `prose` counts the sentences that scripts/prose.py flags.
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 import tomllib

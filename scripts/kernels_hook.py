@@ -5,8 +5,6 @@ vector types). Without one, or where it fails, the wheel is one of pure Python f
 so; `CC=none` asks for that. A wheel with the library serves every Python of its platform.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

@@ -5,8 +5,6 @@
 Refused are GPL, AGPL and non-commercial ones; the LGPL is that of libraries.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 import tomllib

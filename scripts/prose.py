@@ -8,8 +8,6 @@ scripts/budget.py compares the numbers of flagged sentences with scripts/budget.
 In Python files the rules apply to first paragraphs of docstrings and to texts of errors, warnings, notes and keys.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import itertools

@@ -8,8 +8,6 @@ is kept. Wheels for other platforms: `uvx cibuildwheel` on each of the three sys
 of pyproject.toml. The last line is one JSON object.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

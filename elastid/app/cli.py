@@ -4,8 +4,6 @@ Exit codes: 0 done; 1 the data or the fit are at fault; 2 usage or study; 3 done
 believed as it stands; 130 interrupted.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import sys

@@ -5,8 +5,6 @@ without a motor and rods that `robot.simplified` finds elastic. Both leave the s
 in compare.partial until all are there, from where an interrupted comparison or search is resumed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

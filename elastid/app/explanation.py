@@ -1,7 +1,5 @@
 """`elastid explain`: a key, a code, or a parameter with its nominal value in a study and its estimate in a run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from elastid.store.friction_study import read_friction_result

@@ -1,7 +1,5 @@
 """export: a fit -> export/<target>/ in the run folder, the identified model for another tool; or responses alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial

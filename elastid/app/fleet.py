@@ -4,8 +4,6 @@ Members are independent tasks, on the cores of this machine or on a Dask cluster
 was interrupted goes on, and a worker that dies costs the member that it was at.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date

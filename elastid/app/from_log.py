@@ -3,8 +3,6 @@
 Everything that is not in the logs is guessed, and marked so with its reason.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

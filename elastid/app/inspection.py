@@ -1,7 +1,5 @@
 """The content of a log of another program or of a result: names, shapes, units, rates, first and extreme values."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from itertools import chain

@@ -5,8 +5,6 @@
 MuJoCo trusts the file, which may name any other and ask for any amount of memory; so it works apart, within limits.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import sys

@@ -1,7 +1,5 @@
 """The summary that `elastid check` prints of a study without errors: robot, unknowns, experiments, stages."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from elastid.app.stage_table import stages_of_study

@@ -8,8 +8,6 @@ damping of their joint slows; a joint with a stiffness and no actuator is an ela
 limited by the ranges of forces and of controls that are forces. An angle here is MuJoCo's less that of its reference.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess

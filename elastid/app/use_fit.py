@@ -5,8 +5,6 @@ study of friction these are rigid body and friction; of a study of elasticity th
 and motion are compared with those of the logs.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

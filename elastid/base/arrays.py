@@ -80,6 +80,8 @@ _DTYPES: dict[str, type] = {
     "BoolArray": np.bool_,
     "IntArray": np.int64,
 }
+# Annotations are strings in modules with `from __future__ import annotations` and types in all others.
+_DTYPES |= {str(NDArray[dtype]): dtype for dtype in [*_DTYPES.values()]}
 T = TypeVar("T")
 
 

@@ -1,7 +1,5 @@
 """Codes of errors and notes, with meaning and remedy (codes.toml), and public names that changed (renamed.toml)."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache

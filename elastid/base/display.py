@@ -1,7 +1,5 @@
 """Values as text and HTML for a prompt, a notebook or a table: titles, short tables, numbers with their digits."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ the escapes hold for free texts and for what other programs have written, too. X
 written by ElementTree and Jinja2, which escape markup; JSON in a page by `embedded_json`.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable

@@ -7,8 +7,6 @@ HDF5 can name data in other files: external links, external storage, virtual dat
 any file that its reader may open read as a measurement.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import re

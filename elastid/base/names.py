@@ -5,8 +5,6 @@ one list, names differ in more than case. A name always stands for itself, whate
 name is equal to it, a text is a pattern (`*`, `?`, `[...]`).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass

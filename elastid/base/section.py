@@ -3,8 +3,6 @@
 Each section of a study lives in the room that uses it and knows no YAML; `study` only gathers them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from functools import cache, wraps

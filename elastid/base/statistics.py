@@ -10,8 +10,6 @@ How far a function of estimated numbers errs: by its slopes where they suffice, 
 l_k: one standard deviation of x along each principal axis of its covariance, xi_k standard normal.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, TypeVar

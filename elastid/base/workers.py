@@ -8,8 +8,6 @@ Large frozen arrays, and instances of `Kept`, which stay there as here, go to an
 know what the other one has by names. What is gone here is forgotten there with the next work.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import pickle

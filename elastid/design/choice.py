@@ -1,7 +1,5 @@
 """The choice of configurations: admissible candidates, optimal shares (`optimal`), rounded to whole experiments."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The design of an experiment: configurations chosen if the study asks for it, a plan within limits, its forecast."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 

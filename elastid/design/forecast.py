@@ -6,8 +6,6 @@ the covariance that the fit itself will state (`fit.covariance`) for the expecte
 c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes from line k of configuration q.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

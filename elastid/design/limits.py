@@ -9,8 +9,6 @@ then rehearsed as whole runs on the nominal robot with its friction and noise, a
 all peaks are inside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import partial

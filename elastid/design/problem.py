@@ -1,7 +1,5 @@
 """DesignProblem: the sections of a study that a plan depends on, and the amplitudes that a study leaves open."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import TypeAlias, TypeVar

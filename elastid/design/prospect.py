@@ -10,8 +10,6 @@ C_s: scatter of Coulomb friction (`friction_level`), the same in all periods; rh
 estimator's own covariance is in `frf.estimators`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

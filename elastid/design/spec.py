@@ -1,7 +1,5 @@
 """The `design` section of a study: candidates, the criterion of the choice, and the robot time that it may take."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import field
 from typing import Annotated

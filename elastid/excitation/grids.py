@@ -5,8 +5,6 @@ out of every few consecutive odd lines one at random. (Pintelon and Schoukens, S
 Approach, 2nd ed., chapter 4.)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Literal, TypeAlias

@@ -3,8 +3,6 @@ r"""Multisines: amplitudes of their lines, sets of n_u experiments (random phase
 .. math:: u(t) = \mathrm{Re} \sum_k U_k\, e^{2\pi j k t / T}, \qquad \sum_k |U_{k}|^2 / 2 = u_{rms}^2
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
 

@@ -9,8 +9,6 @@ the nonlinear distortions where averaging removes them; Schroeder's and Newman's
 (Pintelon and Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., chapters 2 and 5.)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

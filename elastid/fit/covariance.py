@@ -31,8 +31,6 @@ Without a floor and with an exact model noise and residuals agree and 95 % inter
 time. A model error that the parameters absorb equally in all configurations does not show; only the floor covers it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

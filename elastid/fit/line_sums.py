@@ -20,8 +20,6 @@ few configurations or blocks: the 97.5 % point of Student's distribution over th
 & Miller 2015, section VI; T as Cochran 1954, Biometrics 10.)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 StaticAgreement, ToolAgreement: load tests and responses at the tool next to what motor responses alone predict.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Annotated, TypeAlias

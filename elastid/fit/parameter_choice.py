@@ -14,8 +14,6 @@ Numbers of the robot's file within their tolerances are unknowns with a prior, n
 The starts are searched with the file's numbers held; the best of them is then released.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The `fit` section of a study: parameters, criterion, solver, weights."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import field
 from typing import Annotated, Literal, TypeAlias

@@ -17,8 +17,6 @@ sigma_l^2 holds the error of its model.  Noise that both share makes Delta small
 is a mean over neighbouring lines.  A mean over periods has a transient in its scatter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -10,8 +10,6 @@ A channel without a period is a hammer's where its force is far from 0 in a few 
 samples beyond a tenth of the largest one; two within 0.15 s are one hit that bounced.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

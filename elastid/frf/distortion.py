@@ -26,8 +26,6 @@ to about a third up to F of 0.3 rms torques, phases of delta Z to some TURNED_SH
 not be Coulomb friction. So a fit takes the sizes for the standard deviations of factors, of j delta Z also.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ at lines where r is known: all that move where it was recorded, else those betwe
 controllers, PID, and the cascades of robots; F is found by least squares.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

@@ -18,8 +18,6 @@ neither the (n_y + n_u) n_u square covariance of all spectra nor its Jacobian is
 Degrees of freedom are complex: a variance with dof of them scatters by 1 / sqrt(dof) of itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

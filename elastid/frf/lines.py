@@ -1,7 +1,5 @@
 """DFT lines to analyse: those planned, those of a grid, or those found excited in recorded inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Stacks of matrices (F, n, m), one for each line: in C (`base/kernels/matrices.c`), or with NumPy."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import reduce
 from typing import TypeAlias

@@ -8,8 +8,6 @@ In the windows of a local method a polynomial follows G where they are narrower 
 elsewhere; a rational function of degree d follows d modes in a window however narrow they are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The `estimator` section of a study."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal, TypeAlias
 

@@ -13,8 +13,6 @@ runs away for v < 0. |v| and sgn(v) are not smoothed: a smoothed |v| lets the br
 it creeps under load; at v = 0 both have the derivative 0, which is that of the equilibrium branch (a spring sigma_0).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -4,8 +4,6 @@ With the ratio n of a motor: \tau_a = |n| \tau_m, v_m = |n| v_a, so torques go w
 velocities with 1 / |n|.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

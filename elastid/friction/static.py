@@ -19,8 +19,6 @@ LiTH-ISY-R-2948, IROS 2010, with its temperatures about T_0). Numbers are named 
 is F_c + D_s, and that by load F_cl + F_sl.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, TypeAlias

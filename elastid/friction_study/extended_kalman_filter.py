@@ -27,8 +27,6 @@ numbers, and the slip of the bristle, (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_
 does not take its bristle for certain, one that slides by more than z_s in a sample has it at its end.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -3,8 +3,6 @@
 A joint is elastic where the robot's file has a spring, else rigid with the inertia that was identified.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -18,8 +18,6 @@ order of a state (angle, velocity) make a covariance of the same kind; where it 
 chance, it counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any

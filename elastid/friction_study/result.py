@@ -7,8 +7,6 @@ friction does not depend on it.
 The friction of a simulated robot stands beside the numbers, at the conditions at which they hold.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

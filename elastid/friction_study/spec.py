@@ -1,7 +1,5 @@
 """The sections `friction` and `filter` of a study: experiments, the law that is tested, numbers that are followed."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.names import OptionalName, check_different

@@ -14,8 +14,6 @@ relative temperature u, 1 where the largest power would lead, level = c_0 + c_1 
 as a thermometer. Without a thermometer kelvins, and with them h, cannot be known.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -7,8 +7,6 @@ forces in the loops balance. Redundant constraints leave lambda undetermined by 
 taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

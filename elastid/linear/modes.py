@@ -10,8 +10,6 @@ c_s, b_s: `ElasticModel.strain`. w_g: gravity, compensators and the turning of t
 soften the mode, as the weight of an upright arm does.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.linalg
 

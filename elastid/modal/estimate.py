@@ -19,8 +19,6 @@ passes has the variance of one,
 and the median of |d|^2 over some lines leaves resonances out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -10,8 +10,6 @@ CMIF: the singular values of G line by line.  (Allemang, Sound and Vibration 37,
 Guidance, Control and Dynamics 16, 1993; Shih, Tsuei, Allemang and Brown, Mech. Syst. Signal Processing 2, 1988.)
 """
 
-from __future__ import annotations
-
 from dataclasses import field
 
 import numpy as np

@@ -21,8 +21,6 @@ and pole.  Its probability is that of the largest of as many trials as there are
 common: that of an input is, at a resonance.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

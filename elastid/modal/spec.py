@@ -1,7 +1,5 @@
 """The `modal` section of a study: modes of a structure without a robot."""
 
-from __future__ import annotations
-
 from dataclasses import field
 from typing import Annotated
 

@@ -6,8 +6,6 @@ Most loops close in two ways. The passive joints are found at the start posture 
 `start` and followed from there to the angles wanted, in steps too small to change over. Many postures at once.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -51,8 +51,6 @@ X^T K_a (q_m - q_a), and c_s = 1 / k_s. Preload, which turns with the robot, is 
 the rest of the energy of K.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -24,8 +24,6 @@ Conventions, for all of `model`, `linear` and `simulation`:
   and inertia include the motor. A motor that rides `on` a body has both, from its kinetic energy: `drivetrain.rotors`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Any

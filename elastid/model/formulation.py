@@ -28,8 +28,6 @@ In a parallelogram y = l sin(angle between lever and rod): a spring that looks c
 parts between the two springs, crank and part of the rod, lose their own motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 

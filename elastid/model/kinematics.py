@@ -8,8 +8,6 @@ Where driven joints alone are given, elastic joints that are not driven stand at
 `ElasticModel.frame_velocity` is the same Jacobian in CasADi, in the frame's own axes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -18,8 +18,6 @@ elongation s is a coordinate (`stretching`) or, the rod cut, |p_2 - p_1| - L (`c
 Constraints may be redundant (a planar loop closed in space): redundant rows have no pivot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The `model` section of a study."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Literal, TypeAlias
 

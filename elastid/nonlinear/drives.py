@@ -14,8 +14,6 @@ turn with their joints, and joints that neither a motor nor a spring holds follo
 along Z. The same therefore in every formulation of a robot with loops.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Friction at the motors, from the records of all configurations of a measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial

@@ -23,8 +23,6 @@ The torque of a record is held between its samples, friction is not; so friction
 .. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

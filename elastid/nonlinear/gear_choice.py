@@ -12,8 +12,6 @@ f and its standard deviation by one Gauss-Newton step of parameters, found level
 along the motion under the effects that were found. Of a sine with its cosine the amplitude.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias

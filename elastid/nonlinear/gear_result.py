@@ -3,8 +3,6 @@
 The fit and the robot with what was found, as a robot's file states it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace

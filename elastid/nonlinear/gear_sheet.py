@@ -7,8 +7,6 @@ delta runs to and fro as in a maker's test, up to the largest torque of the reco
 of the spring over a third of that torque each; hysteresis the width of the loop where the torque is 0.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -14,8 +14,6 @@ of them, both together come out as friction that is 0.1 to 0.2 % too large in sl
 of that (`refined`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

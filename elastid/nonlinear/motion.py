@@ -1,7 +1,5 @@
 """The motion of a motor between its samples, from the DFT of its whole record."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

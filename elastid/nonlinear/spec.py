@@ -1,7 +1,5 @@
 """The `gears` section of a study."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from elastid.base.section import Key, section

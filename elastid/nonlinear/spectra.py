@@ -1,7 +1,5 @@
 """Torques and motions of all experiments of one configuration, at lines excited or not; their fine grid."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

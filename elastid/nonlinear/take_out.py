@@ -16,8 +16,6 @@ q_m', tau_m': angles and torques of the shafts, each referred to the link side b
 the robot's matrix of couplings.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial

@@ -8,8 +8,6 @@ Signals whose names say nothing are those that the others lack. Motions are comp
 Only what cannot be otherwise is doubted: relations that agree to a few per cent, off by a known factor.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

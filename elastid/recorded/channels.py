@@ -4,8 +4,6 @@ Logs that started at different times are aligned by the excitation that each of 
 are brought to the lowest. A start that all channels share does not matter: Y / U cancels it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

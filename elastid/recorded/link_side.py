@@ -8,8 +8,6 @@ Where gears couple motors with several joints, each channel is converted by its 
     tau_a = E^T tau_m',   q_a = E^-1 q_m'        (E: robot.mixing)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Sequence
 from itertools import combinations

@@ -10,8 +10,6 @@ Logs of one experiment may hold further periods, or repeats, of one excitation, 
 first; the record keeps where a log starts, since each has a transient and a drift of its own.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The answer of a command that uses a result, the same on its page and on the terminal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeAlias
 

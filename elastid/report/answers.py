@@ -1,7 +1,5 @@
 """Answers of commands that use a fit: a map of the workspace, a move, joint loops."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastid.base.display import Display, degrees, number, percent

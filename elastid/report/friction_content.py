@@ -1,7 +1,5 @@
 """The content of the page of a friction study as one value: its answer in words and its tables."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -30,8 +30,6 @@ l_l (ends of loop l, length of its rod), and zero_1 in rad (error of the zero of
 channels: gain_y_joint_1, gain_u_motor_1.
 """
 
-from __future__ import annotations
-
 from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
 from elastid.robot.connections import Anchor, CoilSpring, Compensator, GasSpring, Loop, Pin, Rod
 from elastid.robot.friction import (

@@ -1,7 +1,5 @@
 """Rigid bodies, the frames fixed to them, and the payload that one of them carries."""
 
-from __future__ import annotations
-
 from dataclasses import field
 from typing import Annotated, TypeAlias
 

@@ -12,8 +12,6 @@ the absolute pressure p_0, the piston's area A and the volume V_0. kappa: 1 whil
 motion too fast for heat to flow.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from elastid.base.names import PartName

@@ -7,8 +7,6 @@ theta_i = offset_i + q_i where the joint turns, d_i + q_i instead of d_i where i
 (standard or distal: Denavit and Hartenberg 1955, Paul 1981; modified or proximal: Craig 1986, Khalil and Kleinfinger.)
 """
 
-from __future__ import annotations
-
 from dataclasses import field
 from typing import Annotated, Literal
 

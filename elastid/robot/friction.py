@@ -6,8 +6,6 @@ The viscous part of every law is the `viscous` of the motor or joint itself: it 
 above the Stribeck region sees, and has a name.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

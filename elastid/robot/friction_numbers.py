@@ -4,8 +4,6 @@ With the ratio n of a motor, \tau_l = |n| \tau_m and v_m = |n| v_l: on the link 
 and a damping n^2 times as large. `TERMS` lists the names: Fc_m1 is Coulomb friction at the motor of joint 1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

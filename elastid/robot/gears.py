@@ -7,8 +7,6 @@ the couplings between the joints' springs and the links. A gear without a spring
 before the coupling moves it, by that spring alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated, Any, Literal

@@ -13,8 +13,6 @@ The model's response is that of the tangent under gravity, the limit of small mo
 spring by sigma rms makes a cubic one stiffer by about 3 k_3 sigma^2: keep sigma well below the deflection by gravity.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import field, is_dataclass

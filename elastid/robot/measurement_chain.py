@@ -13,8 +13,6 @@ a torque, so that the response that is measured is
 Every place has such gains; they are 1, and parameters only where a study names them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from typing import Annotated, Literal
 

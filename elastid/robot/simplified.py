@@ -1,7 +1,5 @@
 """Robots derived from a robot: rigid coordinates, no motor coupling, a point mass at the last frame."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """Tolerances of a robot's file: how far numbers from CAD, data sheets and drawings are commonly off."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal, TypeAlias
 

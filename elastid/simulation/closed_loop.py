@@ -13,8 +13,6 @@ CasADi's virtual machine in the same order, without contraction into fused multi
 arithmetic of pow, sin and cos, so that results are the same bit for bit. Nothing is left on the disk.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import platform

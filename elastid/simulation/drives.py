@@ -15,8 +15,6 @@ z: deflection of a gear's spring, m: angle of its motor on the link side, as row
 own angle, n the spring. F brakes, as friction does: it stands on the left of the equations of motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -12,8 +12,6 @@ singular where a rod weighs nothing. The dependent coordinates are eliminated wi
 and Z^T M Z, which is positive definite, is factorised: q'' = a_0 + Z y'', exactly the solution of the saddle point.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar

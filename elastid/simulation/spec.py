@@ -1,7 +1,5 @@
 """The section `controller` of a study: the joint controller, by a bandwidth or by its gains and filters."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal

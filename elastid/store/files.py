@@ -10,8 +10,6 @@ that a second writer gets.  The library filelock (4.2) would not make this short
 out the open file to write the name to, leaves its file in the folder, and follows rules of its own for links.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

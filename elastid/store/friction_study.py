@@ -1,7 +1,5 @@
 """The artefacts of a friction study: plan.h5, records.h5, constant_velocity.h5, friction.h5 and filter.h5."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from elastid.base.errors import Note

@@ -4,8 +4,6 @@ Whatever a file holds ends in a value of that type or in an exception, which `op
 those of the reader and never of the file, and no count in a file is believed that its data do not have.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -7,8 +7,6 @@ each instead.  A mapping is a group of `names` and `values`.  A column of anythi
 shape and dataclasses is JSON, a text for each row.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """A fleet: one study over many robots and dates, from a YAML file or a table."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A CSV file of static load tests -> entries of `loads.tests`, with the line of each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A study file and the overrides of the command line -> a checked Study; all errors in one StudyError."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ pydantic reports every branch of a union that failed, under labels of its own. I
 here, which drops the labels; of the errors about one union the most specific is kept.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Keys of a study: places, type in words, default and text (`Key` beside its field), for editors, terminal, pages."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Iterator, Mapping

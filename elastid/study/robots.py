@@ -1,7 +1,5 @@
 """A robot's file of bodies, Denavit-Hartenberg `links`, or a `urdf` (its keys decide which) -> Robot; and back."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

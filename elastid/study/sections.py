@@ -1,7 +1,5 @@
 """Study: the sections of one identification; and those of a fleet's file, one study over many robots and dates."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import field, replace
 from datetime import date

@@ -1,7 +1,5 @@
 """YAML text -> plain data and the place of every key. YAML is data here: tags construct nothing, they are refused."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

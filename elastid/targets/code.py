@@ -6,8 +6,6 @@ with the fitted numbers inserted, and where the robot rests in the postures of t
 `elastid.model.elastic`.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Export to python-control: the state space of every configuration in one .npz without pickles, and how to load it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The responses can be read back as `experiment.responses` of a study: columns freq_hz, re_<y>_<u>, im_<y>_<u>.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path

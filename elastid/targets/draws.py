@@ -1,7 +1,5 @@
 """Robots drawn from a fit, for Monte Carlo elsewhere: robot files, MJCF where it can carry them, a table of numbers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree as ET
 

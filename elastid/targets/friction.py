@@ -11,8 +11,6 @@ the identified law in steady sliding with viscous friction, turning around over 
 velocity near 0 does not reverse the torque. Link side, SI.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 

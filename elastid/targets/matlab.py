@@ -1,7 +1,5 @@
 """Export to MATLAB: a .mat with every configuration's matrices and responses, and a script that loads them."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path

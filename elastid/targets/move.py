@@ -3,8 +3,6 @@
 All on the link side, in SI, over time from the first sample, at rest before and after.
 """
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

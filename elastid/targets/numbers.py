@@ -1,7 +1,5 @@
 """Numbers as exported files carry them: in full, those of a fit with their intervals; a held number has no std."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ next free node, that of `tip y` as well, along x, any other name the next free o
 at which point and along which direction a place is. nodes.csv lists them.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Iterable, Sequence

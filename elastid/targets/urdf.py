@@ -5,8 +5,6 @@ and inertia, named frames. Springs, elastic joints (rigid here), rotors and gear
 file names them, with the targets that carry them.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from xml.etree import ElementTree as ET

@@ -1,7 +1,5 @@
 """Robots drawn from what a fit knows: parameters with their correlations, numbers of the robot's file included."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -10,8 +10,6 @@ eigenvalue of Re G (Altintas, Manufacturing Automation, 2nd ed., 2012, eq. 4.20)
 `FittedModel.response_shifts`, of first order, at the line of the extremum, which moves in second order.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any

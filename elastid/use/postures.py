@@ -6,8 +6,6 @@ within the limits of the joints, for all poses at once, each from the best of so
 J. Dyn. Sys. Meas. Control 108 (1986), 163).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

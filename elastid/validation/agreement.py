@@ -9,8 +9,6 @@ Responses measured at the tool, by a hammer or an accelerometer, stand next to t
 band, which has the errors of parameters, of the robot's file and of a misfit.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

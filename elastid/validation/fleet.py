@@ -17,8 +17,6 @@ The false discovery rate of all differences and trends together is held by Benja
 Statistical Society B 57, 1995).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

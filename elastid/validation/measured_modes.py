@@ -10,8 +10,6 @@ of the height of the peak |R| / (zeta omega), which itself is more than eight st
 resonances of a right model by less.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ elements do not count twice where they err together. Each test gives the probabi
 a verdict speaks against the model where p < FALSE_ALARM.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

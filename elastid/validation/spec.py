@@ -1,7 +1,5 @@
 """The sections `validation` and `compare` of a study."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from elastid.base.names import Name, check_different

@@ -16,8 +16,6 @@ of three models with the fitted numbers: springs left out and no viscous frictio
 is the difference), and with viscous friction (the same). Dry friction is what the estimator took out of the torque.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

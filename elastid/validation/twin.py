@@ -15,8 +15,6 @@ that counts. Below them the twin is held by a loop of a fifth of the lowest line
 holding torque of the model, since that of a log contains what no response shows.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace

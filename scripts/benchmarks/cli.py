@@ -10,8 +10,6 @@ cores and take some minutes, and --quick leaves them out. PYTHON is that of anot
 line is JSON.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

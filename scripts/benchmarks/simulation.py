@@ -9,8 +9,6 @@ and a damper at every motor, in steps of 0.25 ms; all run in turns in one proces
 CPU times counts. Before that their accelerations are compared. The last line is JSON.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import statistics

@@ -12,8 +12,6 @@ The interval is the distribution-free interval of the signed-rank test for the H
 and Chicken, Nonparametric Statistical Methods, 3rd ed. 2014, sections 3.2 and 3.3): pairs differ symmetrically.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

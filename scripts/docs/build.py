@@ -6,8 +6,6 @@
 which git ignores.  The last line is one JSON object with the numbers of pages and links.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """How Sphinx makes the pages; scripts/docs/build.py runs it on a copy with the generated pages beside the written."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys

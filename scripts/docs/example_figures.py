@@ -1,7 +1,5 @@
 """The figures of an example in the gallery: every matplotlib Figure among its variables, drawn once."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Pages that are made from the code: commands, keys of a study, files of a run, public names, equations."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import json

@@ -3,8 +3,6 @@
 uv run --group docs python scripts/docs/method_figures.py
 """
 
-from __future__ import annotations
-
 import contextlib
 import runpy
 import tempfile

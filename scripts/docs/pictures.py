@@ -8,8 +8,6 @@ beside this script in pictures/. First screens of reports need chromium; without
 a picture of an earlier page is found.
 """
 
-from __future__ import annotations
-
 import argparse
 import html
 import json

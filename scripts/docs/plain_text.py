@@ -1,7 +1,5 @@
 """Docstrings of the code as reStructuredText: equations and doctests stay, all other words are text and not markup."""
 
-from __future__ import annotations
-
 import re
 from textwrap import dedent, indent
 

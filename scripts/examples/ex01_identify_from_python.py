@@ -8,8 +8,6 @@ A motor drives a load through an elastic gear of ratio 100. The example simulate
 estimates the FRF, and fits stiffness and damping. The start value of the stiffness is wrong by a third.
 """
 
-from __future__ import annotations
-
 import elastid as ei
 
 joint = ei.Joint("1", "z", ei.Spring(stiffness=3e4, damping=30.0), ei.Motor(inertia=1e-3, ratio=100.0, viscous=1e-3))

@@ -5,8 +5,6 @@ Parallel linkage in two formulations
 The constrained and the minimal equations of a parallel linkage have the same frequency response, except for rounding.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -5,8 +5,6 @@ FRFs from python-control
 Fit stiffness to frequency responses from another tool, here python-control.
 """
 
-from __future__ import annotations
-
 import control
 import numpy as np
 

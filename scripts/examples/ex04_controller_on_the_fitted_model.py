@@ -5,8 +5,6 @@ Controller design on the fitted model
 Compute the gain margin of a motor controller on a fitted model with python-control.
 """
 
-from __future__ import annotations
-
 import control
 import ex03_responses_of_python_control as fitted
 import numpy as np

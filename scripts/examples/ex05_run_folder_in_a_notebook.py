@@ -6,8 +6,6 @@ Open a run folder in a notebook: results, tables, a figure and a prediction.
 """
 
 # sphinx_gallery_thumbnail_path = "pictures/frf.png"
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

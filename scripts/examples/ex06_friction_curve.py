@@ -7,8 +7,6 @@ Identify the friction of one axis from constant-velocity runs: design, simulatio
 The study equals `elastid new friction --template friction`; comments in that file explain every value.
 """
 
-from __future__ import annotations
-
 from importlib.resources import files
 
 import elastid as ei

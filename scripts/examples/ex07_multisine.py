@@ -6,8 +6,6 @@ Design a multisine with odd lines, random phases and a flat spectrum. The three 
 line.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

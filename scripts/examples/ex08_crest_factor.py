@@ -5,8 +5,6 @@ Low crest factor
 Optimised phases lower the crest factor of a multisine: smaller peaks at the same power.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -6,8 +6,6 @@ H1 treats the torque as noise-free. In closed loop, the torque contains feedback
 arithmetic mean and the joint input-output estimator have no such bias for the same records.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -6,8 +6,6 @@ Two motors move at once, in one experiment that starts at rest. The local ration
 the transient. The local polynomial method is biased at a resonance that is narrower than its window.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

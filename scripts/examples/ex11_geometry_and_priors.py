@@ -6,8 +6,6 @@ Mass and stiffness scale together if only the motors are measured. A prior of 2 
 The position of the centre of mass is identified together with the springs.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from exact_responses import measured
 

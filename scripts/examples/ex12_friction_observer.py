@@ -5,8 +5,6 @@ Friction tracking during warm-up
 A Kalman filter tracks Coulomb friction, viscous friction and a torque offset from angle and torque.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -5,8 +5,6 @@ Three axes
 Identify the seven springs of the demo arm from the FRFs of its three motors in four configurations.
 """
 
-from __future__ import annotations
-
 from importlib.resources import files
 
 import numpy as np

@@ -6,8 +6,6 @@ The measured torque drives the simulated fitted robot. The simulated motion equa
 noise. A robot with half the stiffness does not reproduce the log.
 """
 
-from __future__ import annotations
-
 import ex01_identify_from_python as bench
 import numpy as np
 from matplotlib.figure import Figure

@@ -7,8 +7,6 @@ robot has a softer gear, and the friction of another robot increases. elastid es
 between dates. It lists findings with a false discovery rate of 5 %.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

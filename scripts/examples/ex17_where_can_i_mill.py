@@ -6,8 +6,6 @@ Map static compliance and limiting depth of cut over the workspace of a fitted a
 posture.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from exact_responses import measured
 

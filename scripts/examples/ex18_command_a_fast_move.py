@@ -6,8 +6,6 @@ Move the tool of an arm with an elastic link in 0.8 s. The example compares rigi
 and identified stiffness, simulated with the true values.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import elastid as ei

@@ -5,8 +5,6 @@ Load tests for the wrist
 The motors identify the wrist stiffness to 8 % only. Eight dial-gauge measurements under load improve this to 0.7 %.
 """
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
 from exact_responses import measured

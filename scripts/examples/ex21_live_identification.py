@@ -6,8 +6,6 @@ Measure a two-axis arm experiment by experiment. Each posture and length contrib
 robot time. A simulation replaces the robot and writes its logs as files.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

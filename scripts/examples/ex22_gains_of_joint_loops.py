@@ -7,8 +7,6 @@ example maximises the bandwidth with a sensitivity peak below 6 dB, in two confi
 names the limiting modes.
 """
 
-from __future__ import annotations
-
 import elastid as ei
 from elastid.record import JointLoop
 from elastid.robot import Placement

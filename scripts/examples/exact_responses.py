@@ -1,7 +1,5 @@
 """Exact FRFs of a robot with noise of known variance. Several examples use them instead of a long measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

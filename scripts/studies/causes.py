@@ -6,8 +6,6 @@ without a right name has no hypothesis: there a doubt is right), and `workshop` 
 of robots that are off their files, too: of an axis in its middle, the last body, or the first posture; small and large.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -32,8 +32,6 @@ The median error of the response is 0.76 of the half width of its 95 % interval 
 the size of the residuals counts, too.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,7 +1,5 @@
 """elastid.run: a study from Python, its results as values, and what is done with them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from plants.refusals import refused

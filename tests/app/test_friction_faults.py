@@ -1,7 +1,5 @@
 """Each fault of friction logs has its sentence: what, where, why, and what to do next; clean logs have none."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The friction in viscous numbers of a study, their truth, and friction on the terminal."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`elastid inspect` shows rates, units and values of everything that elastid reads or writes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Links in a run folder: no command writes through one, and each is named in one sentence."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A live identification from the command line: to its goal, killed and begun again, and with logs that are wrong."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from dataclasses import replace

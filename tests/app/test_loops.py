@@ -1,7 +1,5 @@
 """Loops of a study from the command line: results that agree, a section that runs when pasted, and wrong input."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Maps of a study from the command line."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What is done with the fit of one elastic joint, and a live session: closed forms, and the truth in the intervals."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

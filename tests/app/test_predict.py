@@ -1,7 +1,5 @@
 """Friction of one study on the logs of another."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Logs at rest, of slow loops and of warm-ups through a whole study: numbers, page and refusals."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """summary.json has the same keys however a fit ends, and what was taken out of the responses."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Moves of a study from the command line, and friction compensation."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 from pathlib import Path

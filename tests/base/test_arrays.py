@@ -1,7 +1,5 @@
 """Arrays that cannot be edited, labels of fields, and the unit that a name states."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys

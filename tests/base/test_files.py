@@ -1,7 +1,5 @@
 """Files and folders below a run folder: none is reached through a symbolic link; tables with their lines."""
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Kernels in C: numbers of NumPy at every processor level, on edges too, and no library that does not fit."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path

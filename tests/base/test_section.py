@@ -1,7 +1,5 @@
 """Sections check the bounds that stand beside their keys."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated
 

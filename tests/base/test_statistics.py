@@ -1,7 +1,5 @@
 """Quantiles and tests as SciPy's distributions and the definitions have them."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Candidates for a configuration: limits, floor, boxes, and what is said where none is left."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

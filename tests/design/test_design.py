@@ -1,7 +1,5 @@
 """From a study to a plan with its forecast: choice, robot time, earlier measurements, what is reported and refused."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plans of friction studies: speeds within what a joint can do, and refusals by name."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

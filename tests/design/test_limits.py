@@ -1,7 +1,5 @@
 """Amplitudes that keep a robot inside its limits."""
 
-from __future__ import annotations
-
 import csv
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The next experiment informs what the goal still lacks, keeps all limits, and says where none leads to the goal."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """Optimal design: closed forms, certificates, whole experiments."""
 
-from __future__ import annotations
-
 from itertools import combinations_with_replacement
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Grids excite the lines that they name, and no others."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Multisines: orthogonal sets, the torques asked for, and their signals."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

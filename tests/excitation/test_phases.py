@@ -1,7 +1,5 @@
 """Phases and orthogonal sets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from plants.refusals import refused

@@ -1,7 +1,5 @@
 """Dynamic friction obeys its differential equations and bounds, and slides as Tustin's law says."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The friction of a robot on the link side, under load and temperature."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

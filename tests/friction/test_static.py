@@ -1,7 +1,5 @@
 """The function phi_1 of the exact updates."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import casadi as ca

@@ -1,7 +1,5 @@
 """A fitted model: numbers as functions of the fit, doubts, ports, bands, stiffness, modes; an integral as a state."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

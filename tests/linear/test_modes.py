@@ -1,7 +1,5 @@
 """Where a mode's potential energy is: closed forms, and what a change of each spring does to the frequencies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The motion of a measurement moves the robot out of its posture: closed forms, and one answer of all formulations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Friction that no contact has is refused."""
 
-from __future__ import annotations
-
 import pytest
 
 from elastid.base.errors import StudyError

@@ -1,7 +1,5 @@
 """Gear boxes: the springs that couplings join, the deflections that they allow, and the ratios of all motors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastid.robot import Body, GearCoupling, Joint, Motor, Robot, Spring

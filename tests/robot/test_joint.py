@@ -1,7 +1,5 @@
 """A joint has numbers, limits and units of its own; its motor's are on the motor side, its dry friction has one law."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A robot refuses what no mechanism can be, and its numbers have names."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

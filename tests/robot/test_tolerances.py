@@ -1,7 +1,5 @@
 """Tolerances of a robot's file: which number has which, and what is refused."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The loop is that of its sampled controller, and a motor that leaves it is named."""
 
-from __future__ import annotations
-
 import logging
 import shutil
 import tempfile

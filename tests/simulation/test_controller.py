@@ -1,7 +1,5 @@
 """The controller has its bandwidth, its feed-forward the inverse dynamics of the rigid robot."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Encoders count; drives clip, lag and ripple."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Accelerations obey the equations of motion, the integrator its order."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

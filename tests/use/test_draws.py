@@ -1,7 +1,5 @@
 """Robots drawn from what a fit knows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Maps: quantities against one posture at a time, slopes, order, limiting springs, intervals, postures without rest."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

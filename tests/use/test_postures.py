@@ -1,7 +1,5 @@
 """Postures of paths, grids and random ones; inverse kinematics."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

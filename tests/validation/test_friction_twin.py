@@ -1,7 +1,5 @@
 """The twin of a joint whose friction was identified from a motion, moved along it again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """design: a study -> plan.h5 with its forecast, and references/*.csv for a robot controller."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """estimate: records, or responses of other programs -> frf.h5, one response for each configuration."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

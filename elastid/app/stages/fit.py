@@ -1,7 +1,5 @@
 """fit: responses -> fit.h5 and summary.json, and the table of parameters at the end of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 

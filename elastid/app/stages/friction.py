@@ -1,7 +1,5 @@
 """The stages of a friction study, from its plan to its page; `follow` follows friction by a Kalman filter."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping
 from functools import partial

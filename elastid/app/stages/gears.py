@@ -3,8 +3,6 @@
 k and d of the linear fit are those of the amplitude of the records; k found beside the effects is that at zero torque.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """measure: a plan and a rig, or logs -> records.h5; an interrupted measurement is resumed. Static load tests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """report: all results of a run -> report.html and figures/, of each kind of study."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """validate: responses, records and a fit -> validation.h5 and validation.json."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial

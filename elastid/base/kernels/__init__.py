@@ -5,8 +5,6 @@ C compiler was there, NumPy does the same work instead, equal to rounding. Which
 the installation and the processor alone.
 """
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import logging

@@ -14,8 +14,6 @@ The order of the passes is random, since a joint warms up as it moves; one refer
 its drift is the warm-up.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Sequence

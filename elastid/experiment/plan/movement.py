@@ -13,8 +13,6 @@ The feed-forward torque is that of the rigid nominal robot on the reference and 
 is the experiment's period, repeated, under the ramp s.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import TypeAlias

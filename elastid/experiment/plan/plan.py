@@ -1,7 +1,5 @@
 """Plan: configurations x realisations x experiments x periods, and their torque spectra."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

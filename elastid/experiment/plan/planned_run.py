@@ -4,8 +4,6 @@ The plan was rehearsed on the robot as it is known so far, which may be off by a
 compared by the correlation of their mean periods over the excited lines, means by what hold the robot up.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

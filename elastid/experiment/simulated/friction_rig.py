@@ -4,8 +4,6 @@ Passes follow their reference; loops and multisines at rest are torques under a 
 the joint. Motions can be measured in any order and in any process: `heat_of` has all that a joint did before.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import TypeAlias

@@ -9,8 +9,6 @@ held torques that it contains, by central differences over 21 samples: to 1e-6 u
 quarter.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ Three masses in a row on springs to the ground, shaken at two of them: a structu
 .. math:: M \ddot x + D \dot x + K x = B u, \qquad Y = -\omega^2 C\, [K - \omega^2 M + j \omega D]^{-1} B\, U
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial

@@ -4,8 +4,6 @@ The robot of the study, some of its numbers replaced by a truth that the fit mus
 friction, encoders and noise. Its records are treated like measured ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The sections `recorded` and `responses` of an experiment: log files, and responses that were measured elsewhere."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 

@@ -3,8 +3,6 @@
 Disturbances of the simulated rig: noise of its sensors, ripple of its motors.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import field
 from typing import Annotated, Literal

@@ -14,8 +14,6 @@ To add one, write a function and an entry.  An entry may be put into this list, 
 takes relative to the usual one, and the plausibility of the family.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise

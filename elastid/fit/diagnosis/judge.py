@@ -19,8 +19,6 @@ its odds pi_h.  One linear step leaves a part of what even the true cause explai
 do not remain: tau^2 is the noise's variance and `linear_error` of the excess of V.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence

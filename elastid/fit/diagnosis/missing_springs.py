@@ -19,8 +19,6 @@ J is that without the spring, so V_k shows where it has a minimum rather than ho
 step of the fit with such a spring leads about as low as V of the fit without it, the solver follows with k free.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

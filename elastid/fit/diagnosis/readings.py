@@ -16,8 +16,6 @@ T follows by a search in one dimension, the parameters of the fit by one Gauss-N
 of one that was taken out where none is.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress

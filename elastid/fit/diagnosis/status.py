@@ -18,8 +18,6 @@ A damping that the responses do not show, or show as less than none, falls to ze
 bound is wide enough there.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -6,8 +6,6 @@ moved numbers within their tolerances to make up for such a cause ends where no 
 file, with the tolerances about their own numbers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress

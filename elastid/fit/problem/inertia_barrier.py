@@ -8,8 +8,6 @@ Wensing, Kim and Slotine (RA-L 2018). mu is a hundredth, so that an estimate ins
 standard deviation at most, while one that wants to leave ends at the border, and its message says so.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

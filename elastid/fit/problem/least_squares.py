@@ -14,8 +14,6 @@ r = sqrt(2) [Re e, Im e] / sigma has unit variance. (NLS and LLS of Wernholt and
 is the squared distance from the end of a solve to the stationary point, in standard deviations of the estimate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias

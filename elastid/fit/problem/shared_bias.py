@@ -11,8 +11,6 @@ G e_j z e_j^T G of a noisy G would be correlated with its noise, and the factors
 a few realisations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

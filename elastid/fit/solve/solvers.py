@@ -23,8 +23,6 @@ An increase s of a logarithmic parameter p is taken as one of p itself, p (1 + s
 first order: a response is nearly linear in a damping of little effect, whose step would otherwise span powers of e.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

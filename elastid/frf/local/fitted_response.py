@@ -23,8 +23,6 @@ the squared error (g - 1)(sum of the variances) is added to the variance of G wh
 richer models that with the largest error counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

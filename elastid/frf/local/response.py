@@ -33,8 +33,6 @@ A repeat that starts a little later has R_e = exp(-j omega tau) R, which no comm
 it is as dependent.  Such records stay apart, and do not count where windows are sized.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -9,8 +9,6 @@ are the same directions G is symmetric, and only the elements on and above its d
 lines the columns are held by their factors (`Sensitivity`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property

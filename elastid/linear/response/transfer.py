@@ -18,8 +18,6 @@ are images beyond the 64th, and resonances above the lowest image. A delay of th
 phase; gains and lags of the torque are part of G; lags of a sensor act on what was sampled.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Logs in formats of which libraries know the layout: HDF5, MATLAB, Parquet, and TDMS."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial

@@ -4,8 +4,6 @@ A further format is a function that opens a file, and one row; that of another p
 the entry point group `elastid.readers`.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager

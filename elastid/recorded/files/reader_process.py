@@ -4,8 +4,6 @@ Their libraries trust the lengths in a file: a damaged one asks for any amount o
 work in a process of their own with a limit on its memory, started for the first file and ended with the program.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import pickle

@@ -6,8 +6,6 @@ which a channel gives the column.  Each topic has its own time, `joint_states.ti
 stamp of its messages, or where they have none the time at which the bag received them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass

@@ -1,7 +1,5 @@
 """Text logs: CSV and its relatives, with or without headings, decimal points or commas, units rows and comments."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import re

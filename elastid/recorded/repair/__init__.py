@@ -4,8 +4,6 @@ Here the parts that all rules share: the repetitions of a signal. Arrays in, arr
 (n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import SupportsInt

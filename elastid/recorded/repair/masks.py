@@ -11,8 +11,6 @@ Where other noise is below half a step the error repeats with the signal, so tha
 does not show it (Widrow and Kollar, Quantization Noise, 2008).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ A part of the signal that repeats, and noise in the rest, have the same rho afte
 motion that resembles itself after some lag does not.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -23,8 +23,6 @@ Interpolation is by a sinc in a Kaiser window of half width W samples (Kaiser an
 with b = 1, or the ratio of the rates where the new one is lower.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ f_y, f_u turn the file's numbers into SI on the link side (scale, sign, unit, to
 into the requested one. H takes out the hold of a command, as in Y = G H U: 1 for a band-limited input.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path

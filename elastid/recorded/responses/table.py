@@ -10,8 +10,6 @@ pyuff, the extra `uff`. Nodes and directions are the names of inputs and outputs
 negative direction is the same place with the other sign.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise

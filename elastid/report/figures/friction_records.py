@@ -1,7 +1,5 @@
 """Friction in records: motions, and a filter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

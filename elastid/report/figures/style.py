@@ -1,7 +1,5 @@
 """One look for all figures: colour-blind safe colours and a matrix of panels; text is never a formula."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field

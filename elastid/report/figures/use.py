@@ -1,7 +1,5 @@
 """Figures of use: joint loops, a tuned move, a map of the workspace."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure

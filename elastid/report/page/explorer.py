@@ -1,7 +1,5 @@
 """The interactive parts of the page, response matrix and mode viewer: data, scripts and their content policy."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import re

@@ -3,8 +3,6 @@
 The first screen and the table of numbers as the template writes them, with the robot drawn in SVG.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import math

@@ -1,7 +1,5 @@
 """The page of a friction study: the answer first, the table of numbers, figures of each joint."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 from elastid.base.display import number

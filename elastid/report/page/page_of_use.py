@@ -1,7 +1,5 @@
 """Pages of use: a map of the workspace to explore, and the answer of any other command."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Callable, Collection
 from pathlib import Path

@@ -4,8 +4,6 @@ A check yields a Problem with the key path at which it stands. What the first st
 repeated here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`experiment`, `excitation`, `estimator` and `design` against each other and the robot, and studies without one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The sections `fit` and `loads` against robot and experiment: groups, weights, geometry, frames."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from elastid.base.errors import StudyError, did_you_mean

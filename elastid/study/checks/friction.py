@@ -1,7 +1,5 @@
 """The section `friction` against robot, experiment and logs: joints, windows, speeds, loads, other sections."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

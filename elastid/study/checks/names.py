@@ -1,7 +1,5 @@
 """Names that several sections refer to: configurations, places on the robot, inputs and outputs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 
 from elastid.base.errors import did_you_mean

@@ -3,8 +3,6 @@
 The section `experiment.recorded` against its logs, opened: channels, rate, period, length, units, signs, order.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Sequence

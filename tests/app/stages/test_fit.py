@@ -1,7 +1,5 @@
 """How a fit ends: everything is written, the last line says what its status means, the exit code what to make of it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

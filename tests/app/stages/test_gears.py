@@ -1,7 +1,5 @@
 """The stage gears, from a study to its files: on a simulated arm whose gears do everything at once."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A large log costs `measure` little more than its own bytes, on the disk and in memory."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

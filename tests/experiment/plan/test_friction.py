@@ -1,7 +1,5 @@
 """Plans of friction passes and their references."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Movements under a multisine: sines, square waves and constant velocities with their ramps."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any

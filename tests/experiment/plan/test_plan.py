@@ -1,7 +1,5 @@
 """Plans: configurations x realisations x experiments, from seed to torque."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

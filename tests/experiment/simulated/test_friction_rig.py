@@ -1,7 +1,5 @@
 """Motions of a friction study on the simulated rig."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

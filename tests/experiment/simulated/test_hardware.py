@@ -1,7 +1,5 @@
 """The simulated rig's hardware does what its numbers say."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The predicted closed loop and the references that a plan is given."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

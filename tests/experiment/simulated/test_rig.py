@@ -1,7 +1,5 @@
 """What the simulated rig logs is what theory says of the robot that it simulates."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The sections of an experiment: one rig, channels of a quantity that goes with them, controllers and noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

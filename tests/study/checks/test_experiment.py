@@ -1,7 +1,5 @@
 """What a study may ask of its excitation, and how it is refused: file, line, and what would fit."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, fields, replace
 from pathlib import Path

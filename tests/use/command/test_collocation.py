@@ -1,7 +1,5 @@
 """A planned move is the closed form of an elastic axis, keeps limits, and is exact where joints bend by themselves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

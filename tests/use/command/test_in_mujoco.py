@@ -1,7 +1,5 @@
 """The references on an arm that is written down again for MuJoCo, whose dynamics share no code with ours."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from plants.commanded_arm import arm, move

@@ -1,7 +1,5 @@
 """Moves are read with their times, keep to a path of poses, and are refused with file, line and column."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

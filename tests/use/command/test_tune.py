@@ -1,7 +1,5 @@
 """A tuned move at its limits, on draws; moves that cannot be made; a robot follows its own plan. Gains: example 18."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The arm about two postures, as a controller of 250 Hz sees it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from plants.arm import result

@@ -1,7 +1,5 @@
 """Designed gains keep their limit everywhere, and no nearby ones are faster."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import islice
 

@@ -1,7 +1,5 @@
 """Sensitivity, poles and bandwidths of sampled loops against python-control and closed forms."""
 
-from __future__ import annotations
-
 import control
 import numpy as np
 import pytest
