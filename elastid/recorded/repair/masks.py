@@ -150,17 +150,20 @@ CLIPPED = "samples at a limit"
 
 def step(x: FloatArray) -> float:
     """Return the step q of a signal (n,) whose finite values are whole steps apart but for spikes; else 0."""
-    values = np.unique(x[:: max(1, len(x) // LIMITS.step_samples)])
-    values = values[np.isfinite(values)]
-    gaps = np.diff(values)
-    gaps = gaps[gaps > 1e-9 * np.abs(values).max(initial=0.0)]
-    for smallest in np.sort(gaps)[: LIMITS.step_candidates]:
-        for q in smallest / np.arange(1, 4):
-            counts = np.round(gaps / q)
-            is_whole = np.abs(gaps / q - counts) < LIMITS.step_tolerance
-            if is_whole.mean() >= 1 - LIMITS.max_off_grid:
-                # Many steps together give a more exact size than one.
-                return float(gaps[is_whole].sum() / counts[is_whole].sum())
+    values, smallest_gap = (
+        np.unique(x[:: max(1, len(x) // LIMITS.step_samples)]),
+        1e-9 * np.nanmax(np.abs(x), initial=0),
+    )
+    # Spikes off the grid are many among the different values of a coarse grid, but few among the changes.
+    for gaps in (np.diff(values), np.abs(np.diff(x[: LIMITS.step_samples]))):
+        gaps = gaps[gaps > smallest_gap]
+        for smallest in np.sort(gaps)[: LIMITS.step_candidates]:
+            for q in smallest / np.arange(1, 4):
+                counts = np.round(gaps / q)
+                is_whole = np.abs(gaps / q - counts) < LIMITS.step_tolerance
+                if is_whole.mean() >= 1 - LIMITS.max_off_grid:
+                    # Many steps together give a more exact size than one.
+                    return float(gaps[is_whole].sum() / counts[is_whole].sum())
     return 0.0
 
 

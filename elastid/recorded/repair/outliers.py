@@ -90,7 +90,8 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     """Samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
     judged, full = np.isfinite(x), _interpolated(x, L, sign)
     is_lost, may_be_lost = _lost_messages(x, step(x))
-    full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign)
+    to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
+    full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign, to_nearest)
     for _ in range(LIMITS.rounds):
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
         least = period_noise(full, L, sign)
@@ -99,21 +100,30 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
         new = runs(_roughest(full, candidates, judged & ~is_spike, L)).tolist()
         if not new:
             break
-        full, is_new = _replaced(full, new, L, sign)
+        full, is_new = _replaced(full, new, L, sign, np.full(len(full), np.inf))
         judged[np.concatenate([np.arange(start, end) for start, end in new])] = False
         is_spike |= is_new
     return np.flatnonzero(is_spike)
 
 
-def _replaced(x: FloatArray, suspects: Sequence[tuple[int, int]], L: int, sign: int) -> tuple[FloatArray, BoolArray]:
-    """Signal (P L,) with interpolations of the suspects that are far from them, and flags of these samples."""
+def _replaced(
+    x: FloatArray, suspects: Sequence[tuple[int, int]], L: int, sign: int, to_nearest: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Signal (P L,) with interpolations of the suspects that are far from them, and flags of these samples.
+
+    to_nearest (P L,): distance to the nearest of the other periods. Where it is less than half of the distance from
+    the interpolation, another period has the spike.
+    """
     result, is_replaced, without = np.copy(x), np.zeros(len(x), dtype=np.bool_), np.copy(x)
     for start, end in suspects:
         without[start:end] = np.nan
     max_step = largest_step(without)
     for start, end in suspects:
         gap = interpolate(without, start, end, L, sign, max_step)
-        if gap is not None and np.abs(x[start:end] - gap.values).max() > LIMITS.min_errors * gap.error:
+        if gap is None:
+            continue
+        distance = np.abs(x[start:end] - gap.values).max()
+        if LIMITS.min_errors * gap.error < distance < 2 * to_nearest[start:end].max():
             result[start:end], is_replaced[start:end] = gap.values, True
     return result, is_replaced
 
@@ -135,10 +145,14 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
 
     Where other periods are rougher by far at its phase, these have the spikes.
     """
-    roughness = np.abs(np.convolve(x, _CUBIC, mode="same")).reshape(-1, L)
+    from scipy.ndimage import maximum_filter
+
+    extended = np.pad(x, 2, mode="reflect", reflect_type="odd")
+    roughness = np.abs(np.convolve(extended, _CUBIC, mode="valid")).reshape(-1, L)
     highest = np.where(candidates.reshape(-1, L), roughness, -1.0).max(axis=0)
     rivals = roughness > np.maximum(2 * highest, LIMITS.min_ratio * np.quantile(roughness, LIMITS.quiet_share))
-    rivals &= highest >= 0
+    # Beside a spike a signal is rough, too.
+    rivals &= (highest >= 0) & (roughness == maximum_filter(roughness, (1, len(_CUBIC))))
     is_chosen = np.where(rivals.any(axis=0), rivals, roughness == highest)
     return np.asarray(is_chosen.ravel() & judged)
 

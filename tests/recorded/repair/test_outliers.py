@@ -27,11 +27,10 @@ def _clean(seed: int, noise: float, q: float, transient: float) -> FloatArray:
 
 
 def _damaged(x: FloatArray, kind: str, k: int, q: float, seed: int) -> FloatArray:
-    """k samples of each channel, at places of its own, none of two periods at one phase."""
+    """Damage k samples of each channel at distinct phases after the transient, channels independent of each other."""
     rng, result = np.random.default_rng(seed), x.copy()
     for c in range(x.shape[1]):
-        at = rng.choice(N, k, replace=False) + N * rng.integers(0, P, k)
-        at = at[(at > 20) & (at < len(x) - 20)]
+        at = np.sort(200 + rng.choice(N - 220, k, replace=False) + N * rng.integers(0, P, k))
         values = {
             "missing": np.full(len(at), np.nan),
             "zero": np.zeros(len(at)),
@@ -40,6 +39,8 @@ def _damaged(x: FloatArray, kind: str, k: int, q: float, seed: int) -> FloatArra
             "count": x[at, c] + q * rng.choice([-1, 1], len(at)),
         }
         result[at, c] = values[kind]
+        for i in at[np.isin(at - 1, at)] if kind == "repeated" else ():
+            result[i, c] = result[i - 1, c]
     return result
 
 
@@ -55,7 +56,7 @@ def _spectra(x: FloatArray) -> FloatArray:
 @settings(max_examples=40, deadline=None)
 @given(
     kind=st.sampled_from(KINDS),
-    k=st.sampled_from([1, 5, 20]),
+    k=st.sampled_from([1, 5, 20, 50]),
     noise=st.sampled_from([0.0, 1e-3, 3e-2]),
     q=st.sampled_from([0.0, 1e-4, 1e-2]),
     transient=st.sampled_from([0.0, 1.0]),
@@ -66,7 +67,8 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(
 ) -> None:
     """In every channel, and its mean spectrum within 0.2 of the standard deviations of noise and steps.
 
-    Samples within six of their standard deviations are not detected: k of n leave 6 sqrt(k / n) of one at most.
+    A spike is five times as far from its neighbours as three quarters of them are from a parabola: within nine
+    standard deviations it may stay, and k of n samples add up to 9 sqrt(k / n) of one.
     """
     clean = _clean(seed, noise, q, transient)
     damaged = _damaged(clean, kind, k, q, seed)
@@ -75,7 +77,7 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(
     assert np.all(np.sum((result - clean) ** 2, axis=0) <= before * (1 + 1e-9))
     std = np.sqrt((noise**2 + max(q, 1e-3) ** 2 / 12) * N / (P - 1))
     error = np.sqrt(np.mean(np.abs((_spectra(result) - _spectra(clean)).mean(axis=0)) ** 2, axis=0))
-    assert np.all(error <= max(0.2, 6 * np.sqrt(k / len(clean))) * std)
+    assert np.all(error <= max(0.2, 9 * np.sqrt(k / len(clean))) * std)
 
 
 @pytest.mark.parametrize("transient", [0.0, 1.0])
