@@ -7,12 +7,17 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from elastid.app.cli import one_blas_thread
 
 one_blas_thread()  # before NumPy is loaded: two workers with two threads each would wait for each other
 
 from elastid.app import run as work  # noqa: E402
+
+# The same examples in every run of the same code; .ci/nightly draws others with the profile `default`.
+settings.register_profile("repeatable", derandomize=True)
+settings.load_profile("repeatable")
 
 TINY_ROBOT = """\
 name: one elastic joint

@@ -162,6 +162,7 @@ def test_few_elements_are_chosen_and_nearly_as_good() -> None:
     assert found.offset == pytest.approx(0.1, abs=0.01)
 
 
+@pytest.mark.slow
 def test_one_bristle_is_one_element() -> None:
     """A single stop operator: thresholds elsewhere get nothing, and one element is enough."""
     one = Elements(np.array([300.0]), np.array([4e-3]), 0.0)

@@ -61,6 +61,7 @@ def nees(track: Track, name: str, truth: FloatArray) -> float:
     return float(np.mean((((track.x[:, i] - np.log(truth)) / track.std[:, i]) ** 2)[round(SETTLED_S * RATE_HZ) :]))
 
 
+@pytest.mark.slow
 def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) -> None:
     """Torque within 0.4 %, NEES at most 1.2, NIS 0.9 to 1.1."""
     run = simulate(stops_and_moves(25), seed=1)

@@ -137,6 +137,7 @@ def test_run_downs_both_ways_have_the_law_and_no_balance(tmp_path: Path) -> None
     assert friction_balances(result.joints, FrictionRecords(())) == ()
 
 
+@pytest.mark.slow
 def test_a_known_torque_that_brakes_is_no_friction(tmp_path: Path) -> None:
     result = identified_run_down(tmp_path, (40.0,), drive=-1.0)
     number = next(number for number in result.numbers if number.symbol == "F_c")

@@ -30,6 +30,7 @@ def reasons(law: StaticLaw) -> dict[str, str]:
     return {held.part: held.reason for held in law.held}
 
 
+@pytest.mark.slow
 def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
     """All twelve numbers; simulated from the robot's file at any speed, load and temperature inside the ranges."""
     levels = published_levels()
@@ -49,6 +50,7 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
     assert law.measured.speed == pytest.approx((1.0, 280.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("conditions", "part", "count"),
     [

@@ -30,6 +30,7 @@ def bursts(rng: np.random.Generator) -> Equations:
     return Equations(column[:, None, None], np.zeros((len(t), 1, 0)), y[:, None], np.zeros((len(t), 0)))
 
 
+@pytest.mark.slow
 def test_a_number_that_is_learnt_in_few_moments_has_few_degrees_of_freedom() -> None:
     """Six moments against a minute of 24 cosines; 95 % of the intervals of 1000 draws hold the truth."""
     rng = np.random.default_rng(1)
@@ -40,6 +41,7 @@ def test_a_number_that_is_learnt_in_few_moments_has_few_degrees_of_freedom() -> 
     assert 0.93 < np.mean(np.abs(error) < 1.96) < 0.97
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("logs", "seconds"), [(1, 60.0), (4, 12.0)])
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
 def test_intervals_hold_the_truth_whatever_the_correlation(logs: int, seconds: float, correlation: float) -> None:

@@ -78,6 +78,7 @@ def test_levels_are_right_under_gravity_of_four_times_the_friction() -> None:
     assert found.notes == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [slow(0.0), 0.03])
 def test_levels_are_covered_whatever_the_noise_remembers(memory: float) -> None:
     """12 campaigns of 12 speeds: 95 % intervals hold 91 % or more."""
@@ -153,6 +154,7 @@ def found() -> FrictionResult:
     return identify_friction(study.as_robot(), levels, measured, study.as_friction(), simulated(loaded))
 
 
+@pytest.mark.slow
 def test_the_numbers_are_those_of_the_truth(found: FrictionResult) -> None:
     """Each within its interval of 99.9 %; parts that one load and no thermometer cannot show are held with reasons."""
     numbers = {number.name: number for number in found.numbers}

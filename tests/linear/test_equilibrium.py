@@ -42,6 +42,7 @@ def test_pendulum_on_a_spring_bends_by_its_weight(angle):
     assert point.u[0] == pytest.approx(-M * G * L * np.sin(q_a), abs=1e-8)
 
 
+@pytest.mark.slow
 @given(angles=st.tuples(*[st.floats(-3, 3)] * 3))
 @settings(deadline=None, max_examples=20)
 def test_at_rest_nothing_accelerates(angles):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 from plants.refusals import refused
 from scipy.signal import lfilter
@@ -41,6 +42,7 @@ def shaken(seed: int) -> Record:
     return Record("a", BENCH, 0, 0, 256.0, len(u), ("1",), ("1",), ("velocity",), u, y, is_periodic=False)
 
 
+@pytest.mark.slow
 def test_dampings_by_segments_have_no_leakage() -> None:
     """Five modes of a random shaker by H1, barely resolved: 20 dampings unbiased, too large by 3 % and more without."""
     ratios, without = [], []

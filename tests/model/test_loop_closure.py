@@ -84,6 +84,7 @@ def far(G, reference):
     return float((np.abs(G - reference).max(axis=(1, 2)) / np.abs(reference).max(axis=(1, 2))).max())
 
 
+@pytest.mark.slow
 @settings(max_examples=16, deadline=None)
 @example(crank=LEVER, length=LOWER, mass=6.2, stiffness=None, angles=(0.4, -0.3), bends=True, spatial=True)
 @example(crank=LEVER, length=LOWER, mass=0.0, stiffness=7.3, angles=(-0.6, 0.2), bends=True, spatial=True)

@@ -85,6 +85,7 @@ def test_backlash_is_the_smooth_dead_zone() -> None:
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 2.0, rtol=0.05)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-2e-3, 2e-3), min_size=7, max_size=7))
 @settings(deadline=None, max_examples=25)
 def test_torques_and_stiffness_are_derivatives_of_one_potential(numbers: list[float]) -> None:

@@ -91,6 +91,7 @@ def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity() -> None:
     assert "encoder of more counts" in result.notes[0].text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coulomb", [COULOMB, (0.0, 0.0)])
 def test_shapes_may_be_chosen_in_the_first_configuration_alone(
     coulomb: tuple[float, float], monkeypatch: pytest.MonkeyPatch
@@ -104,6 +105,7 @@ def test_shapes_may_be_chosen_in_the_first_configuration_alone(
     np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], coulomb, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval() -> None:
     """Half as much friction in the second: the level is between both, and each is within its 95 % interval."""
     (one, _), lines = measured()
@@ -117,6 +119,7 @@ def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval()
     assert result.sliding_level("motor 2")[1] < 0.02 * COULOMB[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["coulomb", slow("lugre"), "maxwell slip"])
 def test_friction_is_found_the_same_in_other_units_and_with_motors_in_another_order(law: str) -> None:
     """The level of sliding within 5 %, with its std; the distortion falls to less than a fifth; bristles bend."""

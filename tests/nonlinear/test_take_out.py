@@ -36,6 +36,7 @@ def found() -> FrictionTakenOut:
     return find_friction([records], COULOMB, lines)
 
 
+@pytest.mark.slow
 def test_the_errors_of_the_levels_are_what_the_response_changes_by(found: FrictionTakenOut) -> None:
     """With the friction of motor 1 off by its standard deviation, at every line to 5 % of the largest."""
     (records, _), lines = measured()
@@ -60,6 +61,7 @@ def test_couplings_of_gears_turn_the_errors_with_the_response(found: FrictionTak
     np.testing.assert_allclose(links.bias[2], turned, atol=1e-3 * np.abs(turned).max())
 
 
+@pytest.mark.slow
 def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: FrictionTakenOut) -> None:
     """Of Coulomb friction behind the gears, which stays in the response; not of that at the motors, taken out."""
     (behind, *_), lines = measured_bristles("joint")
@@ -82,6 +84,7 @@ def test_distortion_of_an_arm_that_swings_is_not_warned_of() -> None:
         assert (UNEXPLAINED in {one.code for one in response.notes}) is warned
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coulomb", [(0.0, 0.0), LEVELS])
 def test_a_log_of_two_periods_that_begins_with_its_excitation_bends_no_spring(coulomb: tuple[float, float]) -> None:
     """A transient lies between the excited lines, as distortion does: gears are not judged by it, and the second period

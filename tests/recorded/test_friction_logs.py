@@ -84,6 +84,7 @@ def warm_up(folder: Path, log: WarmLog) -> WarmUp:
     return read_warm_up(folder, log, FileSpec("warm.csv", purpose="warm_up"))
 
 
+@pytest.mark.slow
 def test_the_energy_of_a_log_is_kept_in_few_steps(warm_up: WarmUp, log: WarmLog) -> None:
     """Work of friction to 1 % of it, inertia and gravity taking no part; 500 steps of 180 000 samples."""
     assert len(warm_up.log.power) == 500
@@ -121,6 +122,7 @@ def test_a_warm_up_in_two_logs_is_the_warm_up(cycles: int, pause: float, hold: A
     np.testing.assert_allclose(two.temperature, 20 + 0.01 * (two.time_s - pause * late), atol=0.03)
 
 
+@pytest.mark.slow
 def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(
     warm_up: WarmUp, folder: Path, log: WarmLog
 ) -> None:

@@ -167,6 +167,7 @@ def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dic
     assert estimate([record], EstimatorSpec(method="local_rational", band_hz=(0.0, 10.0))).n_lines > 20
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     kind=st.sampled_from(["multisine", "hit"]),

@@ -214,6 +214,7 @@ def test_entries_are_named_and_axes_are_those_around_them(tmp_path) -> None:
         assert file["outer/freq_hz"].attrs["units"] == "Hz"
 
 
+@pytest.mark.slow
 def test_any_damage_under_a_checksum_that_fits_ends_in_a_sentence_or_a_value(tmp_path) -> None:
     """Members and attributes that are missing, of other types, lengths and shapes, and counts beyond their data."""
     path = tmp_path / "tree.h5"

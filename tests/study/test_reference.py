@@ -127,6 +127,7 @@ def test_advice_names_keys_that_exist() -> None:
             assert explain(path), f"{key.path}: {path}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("template", ["friction", "recorded", "responses", "serial"])
 def test_keys_that_a_template_proposes_can_be_set(template: str, tmp_path: Path) -> None:
     """Every line behind `Keys for further questions`, of the study and of its robot's file."""

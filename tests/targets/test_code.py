@@ -33,6 +33,7 @@ def read_back(model: FittedRobot, function: Any, B: FloatArray) -> ComplexArray:
     return np.array(G)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["casadi", "c"])
 def test_exported_functions_have_the_response(model: FittedRobot, kind: str, tmp_path: Path) -> None:
     """Loaded again; in C compiled without dependencies."""

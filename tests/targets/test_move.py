@@ -122,6 +122,7 @@ NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift={"Fc": 6
 OBSERVED = SimpleNamespace(filtered=FOLLOWED, noise=NOISE, rate_hz=RATE_HZ)
 
 
+@pytest.mark.slow
 @C
 def test_c_compiles_whatever_the_joints_are_called(tmp_path: Path) -> None:
     """CasADi refuses two underscores in a row in the name of a function, C much else."""
@@ -132,6 +133,7 @@ def test_c_compiles_whatever_the_joints_are_called(tmp_path: Path) -> None:
     assert (compiled.returncode, compiled.stderr) == (0, "")
 
 
+@pytest.mark.slow
 @C
 def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
     """States and covariance of a second, to rounding."""

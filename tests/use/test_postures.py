@@ -14,6 +14,7 @@ from elastid.model.kinematics import frame_poses
 from elastid.use.postures import grid_postures, inverse_kinematics, limits_of, random_postures, read_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["manutec", "linkage_arm minimal"])
 def test_poses_that_some_posture_has_are_reached_within_the_limits(name: str) -> None:
     """Six axes with orientation, and a linkage by its position."""

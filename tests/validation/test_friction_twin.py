@@ -76,6 +76,7 @@ def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[Twi
     return friction_twin(robot, (joint,), FrictionRecords((record,)), controller, Execution()).runs
 
 
+@pytest.mark.slow
 def test_known_pulses_push_the_twin_as_well() -> None:
     """Under its controller; one that is not pushed has another torque."""
     pushed = recorded(pulse=60.0)

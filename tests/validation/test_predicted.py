@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from plants.arm import result
 from plants.load_tests import tapped
 
@@ -22,6 +23,7 @@ def test_a_hammer_response_is_the_closed_form() -> None:
     assert "force tool x" in each.words
 
 
+@pytest.mark.slow
 def test_both_bands_hold_what_they_say() -> None:
     """Fits whose numbers are off by their std, noise of 5 %: 90 to 99.9 % of the lines agree."""
     shares = []

@@ -72,6 +72,7 @@ def test_nothing_is_tested_where_nothing_is_known():
     assert math.isnan(together([math.nan]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n_y", "n_u", "dof"), [(2, 2, 1), slow(3, 2, 4), slow(6, 6, 3)])
 def test_power_over_a_covariance_of_few_degrees_of_freedom_is_beyond_chance_as_often_as_the_test_says(n_y, n_u, dof):
     """200 draws of errors and their scatter, of noise on each output that grows with the fourth power of frequency."""

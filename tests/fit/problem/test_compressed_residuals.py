@@ -197,6 +197,7 @@ def same(first, second, x) -> bool:
     return pickle.dumps(first.evaluate(x)) == pickle.dumps(second.evaluate(x))
 
 
+@pytest.mark.slow
 def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses):
     """At two points, and after the models have moved on; of fewer configurations, too."""
     here, x = fit_at(responses), parameters().x
@@ -214,6 +215,7 @@ def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses
         assert same(replace(moved, parts=moved.parts[:3]), replace(followed, parts=followed.parts[:3]), x)
 
 
+@pytest.mark.slow
 def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(responses):
     """The smoothed covariance as well; of a response that cannot be weighed the first in order is named."""
     here, there = (each_at_home(partial(weigh, spec=NO_FLOOR), responses, home) for home in (HERE, Execution(2)))

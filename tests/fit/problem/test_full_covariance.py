@@ -58,6 +58,7 @@ def test_the_cost_is_the_mahalanobis_distance(form):
     assert fit.evaluate(x).cost == pytest.approx(V, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_full_weights_are_sharper_than_diagonal_ones_and_attain_the_cramer_rao_bound():
     """60 responses, two inputs and three outputs that a torque at the gear moves alike.
 

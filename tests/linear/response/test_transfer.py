@@ -22,6 +22,7 @@ FREQ_HZ = np.geomspace(0.5, 90, 130)
 angles = st.tuples(*[st.floats(-2, 2)] * 3)
 
 
+@pytest.mark.slow
 @given(configuration=angles)
 @settings(deadline=None, max_examples=10)
 def test_high_frequency_response_is_that_of_the_rotors(configuration):

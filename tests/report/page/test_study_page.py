@@ -102,6 +102,7 @@ def compare(drawn: dict[str, Any], known: dict[str, Any], quantity: str, output:
         assert shown[there] == pytest.approx(values[:, output, source][there], abs=within), (quantity, label)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tab", [0, 1])
 def test_every_choice_of_the_explorer_draws_the_numbers_of_the_files(opened, folder, tab):
     """Both configurations, each quantity as a matrix and each element alone, logarithmic and linear."""

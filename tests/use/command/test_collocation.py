@@ -36,6 +36,7 @@ def test_the_first_duration_is_a_tenth_more_than_a_rigid_axis_needs(kind: str, o
     assert load * np.abs(own.in_time(T).at(np.linspace(0, T, 201), order)).max() == pytest.approx(2.0, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("k", "end"), [(2e4, 0.6), (2e2, 0.2)])
 def test_the_shortest_time_is_that_in_which_the_error_is_just_kept(k: float, end: float) -> None:
     """3 % less time exceed it; shorter and longer than that of the rigid axis."""
@@ -82,6 +83,7 @@ def test_a_tool_behind_a_joint_that_bends_by_itself_stays_on_its_path(robot: Rob
     assert np.abs(free).max() < 2e-3 * np.abs(force.full()).max()  # the equations hold between the knots, too
 
 
+@pytest.mark.slow
 def test_limits_hold_where_they_keep_the_tool_off_its_path() -> None:
     """Of torque and velocity: with less of both the error grows, and they are never exceeded by half a per cent."""
     own, errors = move(0.4), []

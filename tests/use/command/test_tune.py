@@ -65,6 +65,7 @@ def test_a_draw_that_no_loop_moves_is_refused() -> None:
         tune_move(replace(asked, draws=(stiff,)), move(1.0), "arm")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("torque", "end", "duration"),
     [(20.0, END, 0.15), (900.0, np.array([END[0], HIGHEST]), 1.0)],
@@ -79,6 +80,7 @@ def test_an_end_that_no_motor_holds_is_refused(torque: float, end: FloatArray, d
 LINKAGE = Path(__file__).parents[3] / "configs" / "robots" / "linkage_arm.yml"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rod", ["elastic", "rigid"])
 def test_a_linkage_follows_its_own_plan(rod: str) -> None:
     """An elastic rod is cut, a rigid one is a constraint with its multiplier: to ten micrometres both."""

@@ -55,6 +55,7 @@ def test_slopes_of_peaks_are_exact(family: PostureFamily) -> None:
         np.testing.assert_allclose((ahead - behind) / 2e-4, slopes[:, p], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_gains_of_a_motor_are_the_best_that_its_delay_and_its_draws_allow(monkeypatch: pytest.MonkeyPatch) -> None:
     """As fast as the fastest of 1271 about it; of 21 inertias one may pass the limit, 5 % faster two do."""
     monkeypatch.setattr("elastid.use.loops.MAX_NOTCHES", 0)
@@ -71,6 +72,7 @@ def test_gains_of_a_motor_are_the_best_that_its_delay_and_its_draws_allow(monkey
     assert late.reached(Scene.of(one)) < alone.reached(Scene.of(one)) - 0.3
 
 
+@pytest.mark.slow
 def test_notches_are_added_while_they_make_a_motor_faster() -> None:
     """By 2 % each and more, all at the limit."""
     scene = Scene.of(motors(3.0), 60)
