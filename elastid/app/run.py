@@ -256,16 +256,16 @@ class Run:
         """Refuse to go on without the result of a stage; StudyError says which command makes it."""
         path, wanted = self.path(name), self.stamps[name]
         stamp = read_stamp(path)
-        command = f"run `elastid run {self.loaded.path} {name}` first, with the same options"
+        command = f"Run `elastid run {self.loaded.path} {name}` first, with the same options"
         if stamp is None or stamp.inputs != wanted.inputs:
             raise StudyError(
                 "run/earlier-stage",
-                f"{path} is missing, damaged, or made from another study, other data or other options: {command}",
+                f"{path} is missing, damaged, or made from another study, other data or other options. {command}",
             )
         why = "" if stamp.code == wanted.code else f"was made by other code or versions ({stamp.software})"
-        if doubt := why or ("" if has_checksum(path) else "carries no checksum, so that damage would go unnoticed"):
-            again = f"`elastid run {self.loaded.path} {name}` makes it again"
-            self.console.warn(f"{path} {doubt}, and is used as is; {again}")
+        if doubt := why or ("" if has_checksum(path) else "has no checksum, so that damage is not detectable"):
+            again = f"To make it again: `elastid run {self.loaded.path} {name}`"
+            self.console.warn(f"{path} {doubt} and is used unchanged. {again}")
 
 
 @contextmanager
@@ -305,7 +305,7 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
                 run.require(name)
                 carry_out(run, name)
             elif run.is_current(name):
-                run.console.say(f"{name}: nothing has changed, {run.path(name).name} is kept")
+                run.console.say(f"{name}: up to date, {run.path(name).name} kept")
                 # Of a stage that was killed after its result was written and before it had tidied up.
                 shutil.rmtree(run.partial(name), ignore_errors=True)
                 keep_checksums(run.folder, stage.texts)
@@ -313,7 +313,7 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
                 path, damaged = run.path(name), [run.folder / file for file in changed_texts(run.folder, stage.texts)]
                 damaged += [path] if path.suffix == ".h5" and path.is_file() and not is_intact(path) else []
                 for file in damaged:
-                    run.console.warn(f"{file} has changed since it was written; it is made again")
+                    run.console.warn(f"{file} was modified after it was written and is made again")
                 carry_out(run, name)
         run.console.shows_tables = True
         for conclude in dict.fromkeys(stage.conclude for stage in stages.values() if stage.conclude):

@@ -131,5 +131,10 @@ def percent(value: float | None, digits: int = 2) -> str:
     return f"{number(value, digits)} times" if abs(value) > 2 else f"{number(100 * value, digits)} %"
 
 
+def capital(text: str) -> str:
+    """A sentence with a capital first letter, the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
 def _exponent(value: float) -> int:
     return math.floor(math.log10(abs(value)))

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
-from elastid.base.display import Display, as_html, as_text, digits, interval_of, number
+from elastid.base.display import Display, as_html, as_text, capital, digits, interval_of, number, percent
 from elastid.base.errors import Named, Note, StudyError, UnknownNameError, did_you_mean, index_of, installed
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_of
@@ -101,29 +101,34 @@ Status: TypeAlias = Literal[
     "converged", "noise_unknown", "at_bound", "misfit", "not_converged", "ill_conditioned", "model_error"
 ]
 
+# The meaning for the parameters; after the full stop the next action.
 MEANING: dict[Status, str] = {
-    "converged": "every parameter is determined, and nothing shows an error of the model beyond the intervals, which "
-    "hold noise and distortion, but no error that all responses share",
-    "noise_unknown": "the responses came without a covariance, so that the intervals are those of the residuals and "
-    "nothing says whether the model describes the data: measure two periods or more, or give the covariance",
-    "at_bound": "a parameter was held by its bound, and the others adapted to it: widen it if values beyond it are "
-    "plausible; where it ends at a wider one, too, the model may lack something",
-    "misfit": "the parameters are not to be believed as they stand, since a wrong model moves them by more than their "
-    "noise: correct or identify what the warnings name and fit again",
-    "not_converged": "the search stopped before an optimum: give it more starts, or one nearer to the robot",
-    "ill_conditioned": "the data do not determine all parameters: fix, tie or give a prior to those that are named",
-    "model_error": "the model does not describe these responses, and its parameters mean nothing: check channels, "
-    "configurations and robot",
+    "converged": "all parameters identified. The intervals do not cover errors that all responses share",
+    "noise_unknown": "no residual test, because the responses have no covariance; the intervals are computed from the "
+    "residuals. To test the model, measure two periods or more, or give the covariance",
+    "at_bound": "a parameter ended at its bound, and the others are estimated with this value. Widen the bound; if the "
+    "estimate then ends at the new bound, the model may lack an effect",
+    "misfit": "significant model error: the parameters are biased, do not use them. Correct or free the cause that is "
+    "named first, and fit again",
+    "not_converged": "the search stopped before an optimum. Give it more starts, or start values nearer to the robot",
+    "ill_conditioned": "the data do not determine all parameters. Fix or tie those that are named, or give a prior",
+    "model_error": "the model does not describe these responses, do not use its parameters. Check channels, "
+    "configurations and robot model",
 }
-
 
 # Code of the note on errors of held numbers that no residual shows.
 HELD_AS_EXACT = "fit/fixed-values"
-# Of a fit that converged, with residuals beyond the noise.
-DOUBTFUL = "every parameter is determined, and some are not to be believed, as the warnings and their verdicts say"
-EXCEEDING = (
-    "every parameter is determined, but the residuals exceed the noise, by which the intervals are widened; they do "
-    "not hold an error that all responses share: the warnings name what the model may lack"
+# Codes of notes on causes of model errors: two sentences each, the cause and its remedy.
+CAUSES = (
+    "fit/frequency-unit", "fit/likely-cause", "fit/inconsistent-responses", "fit/loads", "fit/tool",
+    "fit/prior-contradicted",
+)  # fmt: skip
+NO_CAUSE = "no tested cause explains the excess residuals"
+OTHER_JOINTS = (
+    "Add the joints that may be elastic to the robot model, and search among them: `elastid compare STUDY --search`"
+)
+OTHER_AMPLITUDE = (
+    "Measure at half the torque, too: residuals of a nonlinear effect change with it, those of a missing joint do not"
 )
 
 
@@ -156,13 +161,16 @@ def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
     """A note for each pair that the noise correlates; covariance by noise: a file that is off moves all alike."""
     correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
     for i, j in np.argwhere(np.abs(correlation) > CORRELATED):
-        text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
+        text = f"{names[i]} and {names[j]} are indistinguishable (correlation {correlation[i, j]:.4f}). Fix one of them"
         yield Note("fit/correlated", text)
 
 
-DOUBTED = "not to be believed"  # the beginning of a verdict on a number
+# Verdicts on a parameter; one on a biased parameter begins so, and its reason follows.
+GOOD, BY_PRIOR, UNCERTAIN, AT_BOUND = "good", "dominated by the prior", "uncertain: std above 50 %", "at its bound"
+BIASED = "biased"
 DISTORTED = (
-    f"{DOUBTED}: distortion that no motor explains may be records that disagree, hysteresis of a gear or a bent spring"
+    f"{BIASED}: nonlinear distortion that motor friction does not explain (inconsistent records, gear hysteresis or a "
+    "nonlinear spring)"
 )
 # Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
 # it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
@@ -278,10 +286,49 @@ class Result:
 
     @property
     def meaning(self) -> str:
-        """The meaning of the status for the parameters, and the next action."""
-        if self.status == "converged" and any(verdict.startswith(DOUBTED) for verdict in self.verdicts):
-            return DOUBTFUL
-        return EXCEEDING if self.status == "converged" and self.exceeds_noise else MEANING[self.status]
+        """The meaning of the status for the parameters, with the next action."""
+        meaning, _, action = MEANING[self.status].partition(". ")
+        if self.status != "converged":
+            return f"{meaning}. {action}"
+        but = ", but some are biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
+        return f"{meaning}{but}; {self.residual_test}. {capital(self.cause[0]) or action}"
+
+    @property
+    def residual_test(self) -> str:
+        """Verdict of the residual test, the residuals over the noise, and the limit."""
+        if not self.noise_is_known:
+            return "no residual test, because the noise is unknown"
+        verdict, limit = "failed" if self.exceeds_noise else "passed", math.sqrt(largest_by_chance(self.cost_dof))
+        text = f"residual test {verdict}: rms residual / noise {self.residual_ratio:.3g} (limit {limit:.3g},"
+        return f"{text} false-alarm rate 0.14 %)"
+
+    @property
+    def base_remarks(self) -> dict[str, str]:
+        """For each stiffness that a typical base lowers beyond its interval: by how much, and the limit."""
+        limits, remarks = QUANTILE_95 * np.sqrt(np.diag(self.covariance)), {}
+        for part in self.assumed_rigid:
+            for p, change, limit in zip(self.parameters.asked, part.changes.tolist(), limits.tolist(), strict=False):
+                if p.name.startswith("k") and -change > limit:
+                    remarks[p.name] = (
+                        f"{percent(-math.expm1(change))} below the stiffness of the gear alone with a typical base "
+                        f"({part.name}, {part.stiffness:.2g} N*m/rad); negligible above "
+                        f"{-part.stiffness * change / limit:.2g} N*m/rad"
+                    )
+        return remarks
+
+    @property
+    def cause(self) -> tuple[str, str]:
+        """The first cause of a model error, and its remedy; empty where none is known."""
+        notes = [str(note) for note in self.notes if note.code in CAUSES]
+        if self.exceeds_noise:
+            notes.append(f"{NO_CAUSE}. {self.test_of_causes}")
+        statement, _, remedy = min(notes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
+        return statement, remedy
+
+    @property
+    def test_of_causes(self) -> str:
+        """The action where no cause explains the residuals."""
+        return OTHER_AMPLITUDE if self.status == "converged" else OTHER_JOINTS
 
     @property
     def noise_is_known(self) -> bool:

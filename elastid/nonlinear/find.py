@@ -203,11 +203,10 @@ class _Found:
                 C += (Q - n + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(f, f)
                 level, low, high = result.sliding_level(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
                 text = (
-                    f"{place}: friction is {level * factor[high]:.4g} {result.place_units[i]} in "
-                    f"{result.configurations[high]} and {level * factor[low]:.4g} in {result.configurations[low]}, "
-                    f"and {level:.4g} was taken out of all: it depends on the angle, the temperature or the gear's "
-                    "load, and this level holds for these postures alone; a study of friction with `loads` says on "
-                    "which"
+                    f"{place}: friction varies from {level * factor[low]:.4g} {result.place_units[i]} in "
+                    f"{result.configurations[low]} to {level * factor[high]:.4g} in {result.configurations[high]}; "
+                    f"{level:.4g} is compensated in all. To find whether angle, temperature or load is the cause, run "
+                    "a friction study with `loads`"
                 )
                 notes.append(Note("nonlinear/friction-varies", text))
         result = replace(result, covariance=C)
@@ -221,16 +220,14 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
         if place in result.taken_places():
             level, std = result.sliding_level(place)
             text = (
-                f"{place}: friction of {level:.4g} +- {std:.2g} {unit} in sliding "
-                "(link side, at the loads and temperatures of these records) was found in them and taken out of the "
-                f"torque; {share:.2g} % of the power of distortion and noise is left"
+                f"{place}: Coulomb friction {level:.4g} +- {std:.2g} {unit} (link side) estimated and compensated; "
+                f"residual power reduced to {share:.2g} %"
             )
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
         else:
             text = (
-                f"{place}: no friction was taken out of the torque, since levels found in some realisations leave "
-                f"{share:.3g} % of the power of distortion and noise in the others; it may be small, or no friction "
-                "of this motor"
+                f"{place}: friction not compensated, because it is not significant (in cross-validation "
+                f"{share:.3g} % of the residual power remains)"
             )
             notes.append(Note("nonlinear/friction-not-compensated", text, severity="information"))
     return tuple(notes)

@@ -24,10 +24,10 @@ from elastid.robot.simplified import with_joints, with_straight_springs, without
 # Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit: 5 right models leave
 # at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
 EXPLAINED = 0.25
-NOT_EXPLAINED = "the effects found in its gears do not explain that"
+NOT_EXPLAINED = "the effects found in its gears do not explain it"
 # Codes of notes on a fit and its responses that ask for what effects of gears have explained.
 ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
-NOT_OPENED = "its gears were not laid open, as the line `gears` says"
+NOT_OPENED = "the effects of the gears were not estimated (see the line `gears`)"
 # Makers' units over SI.
 ARCMIN, ARCSEC = 180 * 60 / math.pi, 180 * 3600 / math.pi
 _MAKERS: dict[str, tuple[str, float]] = {
@@ -166,13 +166,13 @@ def with_gears(result: Result, gears: GearResult | None) -> Result:
         return replace(final, message=f"{result.message}; {NOT_EXPLAINED}") if is_misfit else final
     if not is_misfit and DISTORTED not in result.verdicts and not result.exceeds_noise:
         return final
-    message = f"{result.message.partition(';')[0].partition(', though ')[0]} beside the effects of the gears"
+    message = f"{result.message.partition('. ')[0].partition(', but ')[0]} with the effects of the gears"
     if is_misfit:
         good: Status = "converged" if result.noise_is_known else "noise_unknown"
         final = replace(final, status=good, at_bound=np.zeros_like(result.at_bound))
         message = (
-            "the linear fit is a misfit, which the effects of the gears explain: of the motion they leave "
-            f"{100 * gears.after:.2g} %, the linear fit {100 * gears.before:.2g} %"
+            "the effects of the gears explain the misfit of the linear fit: they leave "
+            f"{100 * gears.after:.2g} % of the position signal unexplained, the linear fit {100 * gears.before:.2g} %"
         )
     excess = max(result.cost - result.cost_expected, 0.0) * (gears.after / gears.before) ** 2
     notes, cost = gears.left_open(result.notes), result.cost_expected + excess

@@ -172,7 +172,7 @@ class ParameterRow:
 
     deviation: estimate less truth in standard deviations of the solver's variable, so of ln p for a logarithmic one.
     contains: in words, of a viscous coefficient that may contain dry friction.  std_parts:
-    contributions to std, none for an exact robot model.  verdict: of the fit, in words.
+    contributions to std, none for an exact robot model.  verdict: of the fit.  base: effect of a typical base.
     """
 
     name: str
@@ -188,6 +188,7 @@ class ParameterRow:
     contains: str = ""
     std_parts: Mapping[str, float] = field(default_factory=dict)
     verdict: str = ""
+    base: str = ""
 
     @property
     def reference(self) -> float:
@@ -201,7 +202,7 @@ def parameter_rows(
 ) -> tuple[ParameterRow, ...]:
     """One row for each parameter that was asked for, in the order of x; truth and contents may name some only."""
     known, estimates, stds = truth or {}, result.values, result.std
-    std_x = np.sqrt(np.diag(result.covariance))
+    std_x, bases = np.sqrt(np.diag(result.covariance)), result.base_remarks
     rows = []
     verdicts = result.verdicts or ("",) * len(result.parameters.asked)
     for i, parameter in enumerate(result.parameters.asked):
@@ -214,7 +215,8 @@ def parameter_rows(
         given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
         contained = (contents or {}).get(name, "")
         parts = {kind: part[name] for kind, part in result.std_parts.items()}
-        rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, parts, verdicts[i]))
+        of_base = bases.get(name, "")
+        rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
     return tuple(rows)
 
 

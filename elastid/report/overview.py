@@ -1,4 +1,4 @@
-r"""The first screen of the page as values: verdict, width of each interval, where the model fails, what to do next.
+r"""The first screen of the page as values: verdict, width of each interval, model errors, next action.
 
 .. math:: \sigma_p'^2 = \sigma_p^2 / (1 + s_{qp} (m - 1))
 
@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elastid.base.display import number, percent
+from elastid.base.display import capital, number, percent
 from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.plan.plan import Plan
-from elastid.fit.result import DISTORTED, DOUBTED, HELD_AS_EXACT, Result
+from elastid.fit.result import BIASED, DISTORTED, HELD_AS_EXACT, MEANING, NO_CAUSE, UNCERTAIN, Result
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
@@ -84,12 +84,16 @@ def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
 
 
 def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[Agreement] = ()) -> str:
-    """Verdict of the fit on the numbers; the cause first where it did not converge, with unknown noise if it is."""
+    """Verdict of the fit on the estimates, its message if it did not converge; then their accuracy."""
+    return "; ".join(filter(None, (_of_status(result, agreements), accuracy(result, rows))))
+
+
+def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
+    """Half-widths of the intervals, if they mean anything, and the number of true values inside."""
     known = [row for row in rows if row.truth is not None]
     inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in known if row.truth is not None)
     truths = f"{inside} of {len(known)} true values inside their intervals" if known else ""
-    widths = "" if is_wrong(result) else _of_widths(rows)
-    return "; ".join(filter(None, (_of_status(result, agreements), widths, truths)))
+    return "; ".join(filter(None, ("" if is_wrong(result) else _of_widths(rows), truths)))
 
 
 def is_wrong(result: Result) -> bool:
@@ -97,42 +101,33 @@ def is_wrong(result: Result) -> bool:
     return result.status in ("misfit", "model_error")
 
 
-MOTION_LEFT = 0.01  # of the motion, which effects of the gears may leave unexplained beside numbers that are good
-BASE_SIZE = 0.005  # of a stiffness, by which a usual base moves it where the answer says so
+MOTION_LEFT = 0.01  # of the position signal, which effects of the gears may leave unexplained
 
 
 def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
-    """A sentence on the quality of the numbers that agrees with the status, the verdicts and the intervals."""
+    """One sentence on the quality of the estimates, consistent with status, verdicts, causes and intervals."""
     most = widest(rows)
     if result.status != "converged":
-        return f"Not yet: {result.meaning}."
+        return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning)}."
     if most is None:
-        return "No number was identified."
+        return "No parameter was identified."
     if result.exceeds_noise:
-        return "With reserve: residuals beyond the noise widen the intervals."
+        return "With reserve: the residuals exceed the noise, which widens the intervals."
+    if result.cause[0]:
+        return f"With reserve: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
-        return f"With reserve: {percent(gears.after)} of the motion is explained by nothing that the gears show."
-    doubted = {row.name: row.verdict for row in rows if row.verdict.startswith(DOUBTED)}
-    if doubted:
-        return f"Not all of them: {', '.join(doubted)}, {'; '.join(sorted({*doubted.values()}))}."
+        return f"With reserve: gears and springs leave {percent(gears.after)} of the position signal unexplained."
+    reasons = {row.name: row.verdict for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))}
+    if reasons:
+        return f"Not all of them: {', '.join(reasons)} ({'; '.join(sorted({*reasons.values()}))})."
     if half_width(most) > WIDTH_CLASSES[-1]:
-        return "Not all of them."
+        return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
     held = next((note.text for note in result.notes if note.code == HELD_AS_EXACT), "")
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
         return "Yes."
-    based = _with_its_base(result, rows)
-    series = f", of each gear in series with its base (a usual one would move {based})" if based else ""
-    return f"Yes{series}{held and ', if what the fit held is exact: '}{held.partition('; ')[2].partition(':')[0]}."
-
-
-def _with_its_base(result: Result, rows: Sequence[ParameterRow]) -> str:
-    """The stiffness that a base as elastic as is usual would move most, by more than users ask for; empty for none."""
-    std, stiffness = result.std_with_base, {row.name: row.estimate for row in rows if row.name.startswith("k")}
-    moved = {
-        name: std[name] / k for name, k in stiffness.items() if std[name] > max(2 * result.std[name], BASE_SIZE * k)
-    }
-    worst = max(moved, key=moved.__getitem__, default="")
-    return worst and f"{worst} by {percent(moved[worst])}"
+    base = next((f", for a rigid base ({row.name} is {row.base})" for row in rows if row.base), "")
+    exact = f", if the fixed values are exact ({held.partition('. ')[0]})" if held else ""
+    return f"Yes{base}{exact}."
 
 
 def needs_floor(agreements: Sequence[Agreement]) -> bool:
@@ -141,42 +136,39 @@ def needs_floor(agreements: Sequence[Agreement]) -> bool:
 
 
 def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
-    """Sentence on residuals beyond what the fit allows them, and the number that would explain it."""
+    """The residual test and the first cause of a model error, in sentences."""
     if not result.noise_is_known:
-        return "The noise is unknown: the residuals cannot be judged."
-    if result.exceeds_noise:
-        cause = excess_sentence(result) or "No number that was held explains a tenth of the excess."
-        return f"The residuals are {number(result.inflation_factor, 3)} times the noise. {cause}"
+        return "Unknown: without a measured noise no residual test is possible."
+    if result.cause[0]:
+        return f"{capital(result.cause[0])}. {capital(result.residual_test)}."
     if needs_floor(agreements):
-        return "Nowhere beyond the floor of the fit; the noise alone does not explain the residuals."
+        return "Nowhere beyond the declared model error; the noise alone does not explain the residuals."
     if DISTORTED in result.verdicts:
-        return "In no residual, but distortion is left that no friction of the motors explains (see the warning)."
-    return "Nowhere: no residual beyond what the noise explains."
+        return "Not in the residuals, but motor friction does not explain the nonlinear distortion (see the warning)."
+    return f"Nowhere: {result.residual_test}."
 
 
 def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
     if result.status != "converged":
         return result.message.rstrip(".")
-    if not result.noise_is_known:
-        return "the noise is unknown, so that nothing says whether the model describes the data"
     if result.exceeds_noise:
-        return f"residuals {number(result.inflation_factor, 3)} times the noise, which the intervals include"
-    return f"the model describes the data{' within its floor' if needs_floor(agreements) else ''}"
+        return f"residuals {number(result.residual_ratio, 3)} times the noise, which the intervals include"
+    return f"residuals consistent with noise{' and declared model error' if needs_floor(agreements) else ''}"
 
 
 def _of_widths(rows: Sequence[ParameterRow]) -> str:
     judged = springs_and_dampers(rows)
     if not judged:
         return ""
-    kind = "springs and dampers" if any(row.name.startswith(("k", "d")) for row in judged) else "numbers"
+    kind = "stiffnesses and dampings" if judged[0].name.startswith(("k", "d")) else "parameters"
     widths = [half_width(row) for row in judged]
     if max(widths) <= WIDTH_CLASSES[-1]:
-        return f"{len(judged)} of {len(judged)} {kind} known to {percent(max(widths))} or better"
+        return f"{len(judged)} of {len(judged)} {kind} identified to ±{percent(max(widths))} or better"
     for limit in WIDTH_CLASSES:
         within = sum(width <= limit for width in widths)
         if within >= len(judged) / 2:
-            return f"{within} of {len(judged)} {kind} known to {percent(limit)} or better"
-    return f"most of {len(judged)} {kind} known no better than to {percent(WIDTH_CLASSES[-1])}"
+            return f"{within} of {len(judged)} {kind} identified to ±{percent(limit)} or better"
+    return f"most of {len(judged)} {kind} have intervals wider than ±{percent(WIDTH_CLASSES[-1])}"
 
 
 def strip(agreements: Sequence[Agreement]) -> Strip:
@@ -206,18 +198,6 @@ def _titles(agreements: Sequence[Agreement]) -> tuple[str, tuple[str, ...], tupl
     return kinds.pop(), last[0], last[1]
 
 
-def excess_sentence(result: Result) -> str:
-    """The first number that would explain the residuals beyond the noise; empty without a large share."""
-    first = next((index for index in result.indices if index.place == 1), None)
-    if first is None or first.explained_fraction < 0.1:
-        return ""
-    has_change = len(first.values) == 1 and first.values[0]
-    change = f" {100 * (first.changed[0] / first.values[0] - 1):+.1f} %" if has_change else ""
-    is_known = not first.members or first.name in result.parameters.names  # others are names of the diagnosis alone
-    name = first.name if is_known or change else "the likeliest cause"
-    return f"{percent(min(first.explained_fraction, 1.0), 3)} of the excess would go with {name}{change}."
-
-
 def summary_line(content: ReportContent) -> str:
     """Configurations, experiments and the robot's time."""
     n = len(content.frf)
@@ -228,9 +208,8 @@ def summary_line(content: ReportContent) -> str:
     return " · ".join(parts)
 
 
-# Of advice, none of them measured: actions that are shown, relative std of the prior of a number that explains the
-# residuals, and half-width of an interval that needs no further measurement.
-MOST_ACTIONS, PRIOR_STD, NARROW = 3, 0.05, 0.005
+# Actions that are shown, and the half-width of an interval that needs no further measurement.
+MOST_ACTIONS, NARROW = 3, 0.005
 
 
 @dataclass(frozen=True)
@@ -243,30 +222,25 @@ class Action:
 
 
 OPEN_GEARS = Action(
-    "Where all records are of one time, unit and load, lay the gears open, once.",
-    "Stiffness at zero torque and the law beyond it.",
+    "Estimate the nonlinear effects of the gears, if time, unit and load are the same in all records.",
+    "The result is the stiffness at zero torque and its dependence on torque.",
     "--set 'gears={}'",
 )
 
 
 def next_steps(result: Result, rows: Sequence[ParameterRow], plan: Plan | None = None) -> tuple[Action, ...]:
-    """The most useful first: what the status asks for, what explains the residuals, what narrows the widest number.
+    """The most useful first: the remedy of the first cause, the action of the status, a narrower interval.
 
-    More experiments do not narrow an interval that holds an error of the model.
+    More experiments do not narrow an interval that includes a model error.
     """
     poor = widest(rows)
-    candidates = [_action_of_status(result), _of_residuals(result)]
-    if result.status == "model_error" and any(index.place == 1 and not index.members for index in result.indices):
-        candidates.reverse()  # a reading of the channels says more than to check them
+    candidates = [_of_cause(result), _action_of_status(result)]
+    if result.cause[0].startswith(NO_CAUSE):
+        candidates.reverse()
     if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
         candidates.append(None if result.exceeds_noise else _of_experiments(result, plan, poor))
     actions = [action for action in candidates if action is not None]
-    if is_wrong(result):
-        last = Action(
-            "Correct what the first warning names, and fit again.", "The model is wrong, not the noise large."
-        )
-    else:
-        last = Action("Use the numbers.", "No interval or residual asks for another measurement.")
+    last = Action("Use the numbers.", "No interval or residual requires another measurement.")
     return tuple(actions[:MOST_ACTIONS] or [last])
 
 
@@ -278,34 +252,21 @@ COMMANDS = tuple(
 
 
 def _action_of_status(result: Result) -> Action | None:
-    if DISTORTED in result.verdicts:
-        is_tried = any(words in result.message for words in (NOT_EXPLAINED, NOT_OPENED))
-        return None if is_tried else OPEN_GEARS
-    if result.status in ("converged", "misfit"):
+    if DISTORTED in result.verdicts and not any(words in result.message for words in (NOT_EXPLAINED, NOT_OPENED)):
+        return OPEN_GEARS
+    if result.status == "converged" or (result.status == "misfit" and result.cause[1]):
         return None
-    meaning, _, advice = result.meaning.partition(": ")
-    return Action(f"{(advice or meaning)[:1].upper()}{(advice or meaning)[1:]}.", "")  # the cause stands above it
+    return Action(f"{MEANING[result.status].partition('. ')[2]}.", "")  # the cause stands above it
 
 
-def _of_residuals(result: Result) -> Action | None:
-    """The number that explains them, else, where they exceed the noise, another model."""
-    first, excess = next((index for index in result.indices if index.place == 1), None), excess_sentence(result)
-    if first is not None and excess:
-        if not first.members:
-            return Action(f"Check the reading “{first.name}”.", excess)
-        # A prior of a share is of one positive number; the common factor of an inertia's entries is none of a study.
-        tied = {p.tie.to for p in result.parameters if p.tie is not None}
-        if not {*first.members} <= {*result.parameters.names} - tied or len(first.members) > 1 or not first.log[0]:
-            return Action("Do what the first warning says.", excess)
-        text = f"--set 'fit.parameters.{first.name}={{prior: {{std: {PRIOR_STD}}}}}'"
-        return Action(f"Free {first.name}, with a prior of {percent(PRIOR_STD)}.", excess, text)
-    if not result.exceeds_noise:
-        return None
-    if result.status == "converged":  # distortion by the arm's own swing leaves a little more than the noise
-        gain = "Residuals that the arm's own swing leaves fall with its square; those of a missing joint stay."
-        return Action("Measure at half the torque, too, to learn what the residuals are.", gain)
-    advice = "Declare further joints as elastic, and let the search find those that the data show."
-    return Action(advice, "No number that was held explains the residuals.", "elastid compare STUDY --search")
+def _of_cause(result: Result) -> Action | None:
+    """The remedy of the first cause."""
+    what, _, command = result.cause[1].partition(": `")
+    first, tied = result.indices[:1], {p.tie.to for p in result.parameters if p.tie is not None}
+    # A command that frees a number is of use if a study can free it.
+    is_free = all({*index.members} <= {*result.parameters.names} - tied for index in first)
+    text = command.rstrip("`") if is_free or command.startswith("elastid") else ""
+    return Action(f"{what}.", "", text) if what else None
 
 
 def _of_experiments(result: Result, plan: Plan | None, poor: ParameterRow) -> Action | None:
@@ -323,7 +284,7 @@ def _of_experiments(result: Result, plan: Plan | None, poor: ParameterRow) -> Ac
     count = f" ({2 * counts[name]} realisations instead of {counts[name]})" if name in counts else ""
     return Action(
         f"Measure twice as long in “{name}”{count}.",
-        f"It holds {percent(share)} of the information on {poor.name}: ±{before} would become ±{after}.",
+        f"{percent(share)} of the information on {poor.name} is from there; its ±{before} becomes ±{after}.",
     )
 
 

@@ -275,43 +275,28 @@ def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
 def _verdict(agreements: Sequence[Agreement]) -> str:
     fitted, left_out = ([a for a in agreements if a.is_validation is is_out] for is_out in (False, True))
     judged = left_out or fitted
-    db, deg = _over(judged)
+    (db, deg), (ratio, dof), p, white = _over(judged), power_ratio(judged), noise_p(judged), are_white(judged)
     if math.isnan(db):
-        return "The model cannot be judged: no line of the measured FRFs is above 2 sigma."
-    sentence = f"off by {db:.2g} dB and {deg:.2g} deg rms"
-    if left_out and not fitted:
-        sentence = f"On the responses of these logs, which were not fitted, the model is {sentence}"
-    elif left_out:
+        return "Validation not possible: no line of the measured FRFs is above 2 sigma."
+    is_less = exceeds_by_chance(1 / max(ratio, 1e-300), dof) < FALSE_ALARM
+    color = f"{'white' if white else 'coloured'}{', noise overestimated (intervals too wide)' if is_less else ''}"
+    error = f"error {db:.2g} dB and {deg:.2g} deg rms"
+    if not left_out:  # the residual test of the fit has the ratio of these residuals to the noise
+        residuals = "" if math.isnan(p) else f"; residuals {color}"
+        advice = "Name validation.configurations to measure the prediction error"
+        return f"Fitted configurations: {error}{residuals}. {advice}."
+    compared, is_larger = f"{error} in {', '.join(a.configuration for a in left_out)}", False
+    if fitted:
         fitted_db, fitted_deg = _over(fitted)
-        # Of a left-out configuration with more noise than the fitted ones no error is the model's.
-        carries = db <= 1.5 * fitted_db + 0.1 or noise_p(left_out) >= FALSE_ALARM
-        sentence = (
-            f"On the left-out configurations ({', '.join(a.configuration for a in left_out)}) the model is {sentence}, "
-            f"on the fitted ones by {fitted_db:.2g} dB and {fitted_deg:.2g} deg: "
-            f"it {'generalises' if carries else 'does not generalise'} to other postures"
-        )
-    else:
-        sentence = (
-            f"On the fitted configurations the model is {sentence}; its error on others is unknown, because "
-            "validation.configurations names none"
-        )
-    return sentence + _noise_clause(judged) + "."
+        compared += f", {fitted_db:.2g} dB and {fitted_deg:.2g} deg in the fitted configurations"
+        # A configuration with more noise than the fitted ones has an error that is not the model's.
+        is_larger = db > 1.5 * fitted_db + 0.1 and not p >= FALSE_ALARM
+    verdict = "failed" if is_larger or p < FALSE_ALARM or not white else "passed"
+    test = f"rms residual / noise {math.sqrt(ratio):.3g}, {color} (false-alarm rate {100 * FALSE_ALARM:g} % per test)"
+    return f"Validation {verdict}: {compared}; {'noise unknown' if math.isnan(p) else test}."
 
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
     """Magnitude and phase error over all judged lines of several configurations."""
     db, deg, lines = np.array([(a.overall_rms_log_db, a.overall_phase_rms_deg, a.lines.sum()) for a in agreements]).T
     return pooled_rms(db, lines), pooled_rms(deg, lines)
-
-
-def _noise_clause(agreements: Sequence[Agreement]) -> str:
-    if math.isnan(p := noise_p(agreements)):
-        return ""
-    white, (ratio, dof) = are_white(agreements), power_ratio(agreements)
-    meaning = "more than the noise" if p < FALSE_ALARM or not white else "no more than the noise"
-    if exceeds_by_chance(1 / max(ratio, 1e-300), dof) < FALSE_ALARM:
-        meaning = "less than the noise, which is overestimated: the intervals are too wide rather than too narrow"
-    return (
-        f"; residuals are {math.sqrt(ratio):.3g} times the noise{'' if white else ' and coloured'}, {meaning} (of a "
-        f"true model, each of these two tests says more in {100 * FALSE_ALARM:g} % of measurements)"
-    )

@@ -1,6 +1,7 @@
 """Validation reports the truth about constructed pairs of responses."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -83,13 +84,16 @@ def test_a_configuration_is_judged_as_left_out_where_others_were_fitted():
     assert ("c2" in none.verdict, "c2" in one.verdict) == (False, True)
 
 
-@pytest.mark.parametrize(("sigmas", "says"), [(0.5, "less"), (1.0, "no more"), (2.0, "more")])
-def test_the_verdict_compares_white_residuals_with_the_noise(sigmas, says):
-    """Twice the noise is white, and yet more than it."""
+@pytest.mark.parametrize(("sigmas", "is_passed"), [(0.5, True), (1.0, True), (2.0, False)])
+def test_validation_compares_white_residuals_with_the_noise(sigmas, is_passed):
+    """Twice the noise is white and fails."""
     G = two_inertias(*BENCH, 0.05)
     std = 0.02 * np.abs(G)
     measured = response(G + sigmas * std * circular(np.random.default_rng(9), G.shape), std)
-    assert f", {says} than the noise" in validate([measured], [response(G)], []).verdict
+    verdict = validate([measured], [response(G)], ["c1"]).verdict
+    assert verdict.startswith("Validation passed") == is_passed
+    ratio = re.findall(r"noise (\d[.\d]*)", verdict)[0]
+    assert float(ratio) == pytest.approx(sigmas, rel=0.05)
 
 
 def test_a_missing_mode_is_beyond_the_noise_and_correlated():

@@ -49,18 +49,18 @@ def design(study: Study, work: Work) -> Artefacts:
         console.say(f"design: {limit_use.closest}")
         console.say(
             f"design: {len(plan.experiments)} experiments in {len(plan.configurations)} configurations, "
-            f"{len(plan.lines)} lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, {plan.robot_time_s:g} s of "
-            "the robot's time"
+            f"{len(plan.lines)} DFT lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, "
+            f"{plan.robot_time_s:g} s of robot time"
         )
         console.say(
-            f"design: references/ has one period of torque for each experiment, to be added to that of the controller "
-            f"{plan.periods + plan.transient_periods} times without a pause, and whole movements"
+            f"design: references/*.csv: the trajectories, and one period of injected torque per experiment (play it "
+            f"{plan.periods + plan.transient_periods} times without a gap, on top of the controller's torque)"
         )
         if forecast.choice:
             console.say(f"design: {forecast.choice}")
         # Relative standard deviations below 1e-9 are those of rounding.
         if np.nanmax(np.where(np.isfinite(forecast.relative), forecast.relative, 0.0)) < 1e-9:
-            console.say("design: no noise is stated (experiment.simulated.noise), so that no interval is predicted")
+            console.say("design: no predicted intervals, because experiment.simulated.noise is missing")
         else:
             console.table(forecast_table(forecast))
         console.notes(forecast.notes)

@@ -93,7 +93,7 @@ def _artefacts(
     def report(console: Console) -> None:
         console.notes(notes)
         counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
-        console.say(f"estimate: {len(responses)} response{'s' * (len(responses) != 1)} (lines: {counts})")
+        console.say(f"estimate: {len(responses)} response{'s' * (len(responses) != 1)} (DFT lines: {counts})")
         for note in () if friction is None else friction.notes:
             if note.code == "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")

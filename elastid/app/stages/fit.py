@@ -7,6 +7,7 @@ from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
+from elastid.base.display import capital
 from elastid.base.errors import FitError, MisfitError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
@@ -16,7 +17,14 @@ from elastid.fit.result import Result
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
-from elastid.report.overview import OPEN_GEARS, next_steps, numbers_answer, residual_sentence, verdict_sentence
+from elastid.report.overview import (
+    OPEN_GEARS,
+    accuracy,
+    next_steps,
+    numbers_answer,
+    residual_sentence,
+    verdict_sentence,
+)
 from elastid.response import Response
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
@@ -64,7 +72,8 @@ def fit(study: Study, work: Work) -> Artefacts:
     def report(console: Console) -> None:
         console.notes(result.notes, on_page=True)
         seconds = (second.words for second in (result.static, result.tool) if second is not None)
-        for words in (result.message, *seconds):
+        # The warning has the first cause.
+        for words in (result.message.removeprefix(f"{result.cause[0]}. "), *seconds):
             console.say(f"fit: {words}")
 
     files = robot_files(study.name, robot, result, friction, responses.names)
@@ -92,13 +101,13 @@ def current_fit(run: Run) -> Result:
 def warn_of_distrust(run: Run, command: str, result: Result) -> None:
     """A warning where the fit that a command works with cannot be trusted."""
     if result.status not in TRUSTED:
-        run.console.warn(f"{command}: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+        run.console.warn(f"{command}: do not use this fit. {capital(result.message)}")
 
 
 def conclude(run: Run) -> None:
     """Show the parameters, three answers as on the page, the files, and in the last line the meaning of the status.
 
-    MisfitError where the fit is not to be believed as it stands, FitError where it cannot be trusted at all.
+    MisfitError for a significant model error, FitError for a fit without a usable optimum.
     """
     opened = read_gears(run.path("gears")) if "gears" in run.stages and run.path("gears").exists() else None
     linear = read_fit(run.path("fit"))
@@ -111,36 +120,35 @@ def conclude(run: Run) -> None:
         run.console.table(gear_table(opened))
     if opened is not None:
         run.console.say(f"gears: {gear_line(opened)}")
-    for words in dict.fromkeys(row.contains for row in rows if estimated and row.contains):
-        run.console.say(f"{', '.join(row.name for row in rows if row.contains == words)}: {words}")
+    for words in dict.fromkeys(words for row in rows for words in (row.contains * estimated, row.base) if words):
+        run.console.say(f"{', '.join(row.name for row in rows if words in (row.contains, row.base))}: {words}")
     explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
         run.console.say(line)
     run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
     status, meaning = result.status.replace("_", " "), result.meaning
     if result.status == "misfit":
-        raise MisfitError("fit/misfit", f"{result.message.partition(':')[0]}; {meaning}", "done, but a misfit")
+        raise MisfitError("fit/misfit", meaning, "misfit")
     if result.status not in TRUSTED:
-        raise FitError("fit/not-trusted", f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
+        raise FitError("fit/not-trusted", meaning, status)
     run.console.say(f"{status}: {result.message if explained else meaning}")
 
 
-# The answers where the effects of gears explain the misfit of the linear fit, whose residuals say nothing of the rest.
 def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
-    answer = numbers_answer(result, rows, gears)
-    beside = "Yes, those beside the effects of the gears; of the linear fit they are off."
-    yield f"Are the numbers good? {beside if answer.startswith('Yes') else answer}"
-    yield "Where does the model fail? Where it is linear: the line `gears` says what is left unexplained."
-    yield "What next? Take identified_robot.yml, which states the effects."
+    """The answers where the effects of the gears explain the misfit of the linear fit."""
+    yield f"Are the numbers good? {numbers_answer(result, rows, gears)}"
+    yield "Where does the model fail? The linear fit is biased; the line `gears` has the unexplained fraction."
+    yield "What next? Use identified_robot.yml, which contains the effects."
 
 
 def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
     """How good the numbers are, where the model fails, what to do next; a page has the details."""
     judged = read_validation(run.path("validate")).configurations if run.is_current("validate") else ()
-    sentence = verdict_sentence(result, rows, judged)
-    yield f"Are the numbers good? {numbers_answer(result, rows, gears)} {sentence[:1].upper()}{sentence[1:]}."
+    # Of other fits the line `fit` has the message.
+    detail = verdict_sentence(result, rows, judged) if result.status == "converged" else accuracy(result, rows)
+    yield f"Are the numbers good? {numbers_answer(result, rows, gears)}{detail and f' {capital(detail)}.'}"
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
     if step is OPEN_GEARS and "gears" in run.stages:
-        step = replace(step, what="Lay the gears open.", text=f"elastid run {run.loaded.path} gears")
+        step = replace(step, what="Run the stage gears.", text=f"elastid run {run.loaded.path} gears")
     yield " ".join(filter(None, ("What next?", step.what, step.gain, step.text and f"`{step.text}`")))

@@ -73,7 +73,7 @@ def measure_parts(
     finished = [name for name, stamp in stamps.items() if stamp is not None and stamp.is_of(work.stamp)]
     remaining = [(files[p.name], p) for p in parts if p.name in files and p.name not in finished]
     if finished:
-        work.console.say(f"measure: resumed, {len(finished)} of {len(parts)} {noun} are kept")
+        work.console.say(f"measure: resumed, {len(finished)} of {len(parts)} {noun} kept")
     with work.execution() as execution:
         execution.ordered(partial(_measure_part, measure, write, work.stamp), remaining)
     notes: list[Note] = []
@@ -97,7 +97,7 @@ def _measure_part(
 def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
     """Notes and number of records."""
     console.notes(notes)
-    console.say(f"measure: {count} records")
+    console.say(f"measure: {count} record{'s' * (count != 1)}")
 
 
 def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> tuple[PlacedTest, ...]:

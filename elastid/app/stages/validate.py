@@ -51,7 +51,7 @@ def validate(study: Study, work: Work) -> Artefacts:
     basis = Validated(study, fitted, read_friction(work.sources["estimate"]), gears)
     records = work.sources.get("measure")
     if records is None and study.experiment.responses is None:
-        work.console.say("validate: records.h5 is not there as it was measured; nothing is simulated in time")
+        work.console.say("validate: no simulation in time, because records.h5 is missing or outdated")
     left_out = study.validation.configurations
     with work.execution() as execution:
         judged, twin = judge(basis, left_out, records, work.console, execution)
@@ -64,7 +64,7 @@ def validate(study: Study, work: Work) -> Artefacts:
     judged = replace(judged, predictions=tuple(predictions))
 
     def report(console: Console) -> None:
-        console.say(f"validate: {judged.verdict}")
+        console.say(f"validate: {judged.verdict.removeprefix('Validation ')}")
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
         worst = sorted(twin.balances, key=lambda balance: balance.unexplained_fraction)[-1:]
@@ -107,7 +107,7 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
     try:
         rigid = rigid_linearisation(fitted, basis.study.model)
     except StudyError as error:
-        console.say(f"validate: the torque is not divided into parts: {error}")
+        console.say(f"validate: no torque balance: {error}")
         return ()
     models = [
         (parts, response)

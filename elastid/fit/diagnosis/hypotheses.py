@@ -41,16 +41,16 @@ DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be th
 def gain(index: ModificationIndex) -> str:
     """Factor by which a channel, or all channels of one kind, read wrongly."""
     _, role, where = index.name.split("_", 2)
-    signals, factor = "torques" if role == "u" else "motions", relative(math.exp(float(index.steps[0])))
+    signals, factor = "torques" if role == "u" else "positions", relative(math.exp(float(index.steps[0])))
     if where == "*":
-        return f"{signals} of all channels that read {factor}"
-    return f"{signals[:-1]} at {where.replace('_', ' ')} that reads {factor}"
+        return f"gain of all {signals} {factor}"
+    return f"gain of the {signals[:-1]} at {where.replace('_', ' ')} {factor}"
 
 
 def angle(index: ModificationIndex) -> str:
     """Offset of an axis, in one configuration or in all."""
     where = "" if "@" in index.name else " in all configurations"
-    return f"an angle of axis {axis(index)} {math.degrees(float(index.steps[0])):+.2g} deg{where}"
+    return f"angle of axis {axis(index)} wrong by {math.degrees(float(index.steps[0])):+.2g} deg{where}"
 
 
 def angles(index: ModificationIndex) -> str:
@@ -59,7 +59,7 @@ def angles(index: ModificationIndex) -> str:
     where = ", ".join(
         f"{math.degrees(step):+.2g} deg in {member.partition('@')[2]}" for step, member in by_size[: LIMITS.named]
     )
-    return f"angles of axis {axis(index)} that are off by {where}"
+    return f"angles of axis {axis(index)} wrong by {where}"
 
 
 def compliance(index: ModificationIndex) -> str:
@@ -92,7 +92,7 @@ def late(index: ModificationIndex) -> str:
     if form == "delay":
         return f"a delay of {T / 1e-3:.3g} ms{on}"
     size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
-    return f"{size}{on}" if T > 0 else f"{size} that was taken out where there is none{on}"
+    return f"{size}{on}" if T > 0 else f"{size} that was compensated and does not exist{on}"
 
 
 def scale(index: ModificationIndex) -> str:
@@ -104,24 +104,24 @@ def scale(index: ModificationIndex) -> str:
 
 def load(index: ModificationIndex) -> str:
     """Change of a gear's stiffness with the torque it carries."""
-    gear, percent = f"a stiffness of gear {axis(index)} that rises with the torque", 100 * float(index.steps[0])
+    gear, percent = f"gear {axis(index)} whose stiffness increases with torque", 100 * float(index.steps[0])
     if index.name.startswith("play"):
-        return f"{gear} out of a gap ({-percent:+.2g} % at the smallest torque of these postures)"
-    return f"{gear} it carries ({percent:+.2g} % at the largest torque of these postures)"
+        return f"{gear} above its backlash ({-percent:+.2g} % at the smallest torque of these postures)"
+    return f"{gear} ({percent:+.2g} % at the largest torque of these postures)"
 
 
 def coupling(index: ModificationIndex) -> str:
     """Turns of a motor with another axis."""
     motor, joint = index.name.split("_")[1:3]
-    return f"a gear that turns motor {motor} along by {float(index.steps[0]):+.3g} of its ratio when axis {joint} turns"
+    return f"gear coupling of motor {motor} with axis {joint}, {float(index.steps[0]):+.3g} of its ratio"
 
 
 def words_of_one_posture(index: ModificationIndex) -> str:
     """Delay, torques or stiffness of one configuration."""
     if index.name.startswith("delay"):
         return late(index)
-    what = "torques that read" if index.name.startswith("torques") else f"a stiffness of gear {axis(index)} of"
-    return f"{what} {100 * float(index.steps[0]):+.2g} %"
+    quantity = "gain of the torques" if index.name.startswith("torques") else f"stiffness of gear {axis(index)}"
+    return f"{quantity} {100 * float(index.steps[0]):+.2g} %"
 
 
 LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
@@ -136,28 +136,28 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         LATE,
         False,
         late,
-        "check time stamps, filters and `hold` of its channel; of all channels, free delay (fit.parameters: {{delay: "
-        "{{}}}}), or give the robot's chain its lags, sensor_lag of its encoders and torque_lag of its drives",
+        "check time stamps, filters and hold of the channel; if all channels are delayed, state sensor_lag and "
+        "torque_lag in the robot model's chain, or free the delay: `--set 'fit.parameters.delay={{}}'`",
         columns=channel_delays,
         search=find_lateness,
     ),
     Hypothesis("time", ("torque", "sensor", "differentiator"), Size(0.3, math.log(10), True)),
     Hypothesis(
-        "gear ratio", ("ratio",), RATIO, True, advice="check the ratios in the robot's file", columns=gear_ratios
+        "gear ratio", ("ratio",), RATIO, True, advice="check the ratios in the robot model", columns=gear_ratios
     ),
     Hypothesis(
         "angle",
         ("angle", "zero"),
         Size(0.02, 0.6, unit="rad"),
         phrase=angle,
-        advice="check the zero of the axis, the angles that the configurations have, its brake and its encoder",
+        advice="check the zero of the axis, the angles of the configurations, its brake and its encoder",
         columns=posture_angles,
     ),
     Hypothesis(
         "angles by posture",
         ("angles",),
         phrase=angles,
-        advice="check the angles that the configurations have; does its brake hold, and does its encoder slip?",
+        advice="check the angles of the configurations, the brake of the axis and its encoder",
     ),
     # The robot's file.
     Hypothesis("motor inertia", ("Jm",), INERTIA, True),
@@ -171,14 +171,14 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis(
         "payload",
         phrase=payload,
-        advice="is a payload forgotten? give it as payload in the robot's file, or check body {where}",
+        advice="add a forgotten payload to the robot model, or correct mass and centre of body {where}",
         plausibility=20.0,  # what a robot carries changes, its links do not
         columns=of_one_posture,
     ),
     Hypothesis(
         "payload of one posture",
         phrase=payload,
-        advice="was it measured with another load? leave it out, or say which configurations carry the payload",
+        advice="state the payload of each configuration (without_payload), or exclude the configuration",
         is_stated=False,
     ),
     Hypothesis(
@@ -186,8 +186,8 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         ("delay@", "torques@", "spring@"),
         Size(0.03, 2.0, unit="1"),
         phrase=words_of_one_posture,
-        advice="check the time stamps and the start of its files; was it measured warm, on another day, or on another "
-        "robot? leave it out, or measure it again",
+        advice="check time stamps and start of its files, and whether robot, day and temperature are the same; else "
+        "exclude or repeat it",
         is_stated=False,
     ),
     # What gears do besides.
@@ -196,7 +196,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         ("load", "play"),
         Size(0.1, 1.0, unit="1"),
         phrase=load,
-        advice="does the gear harden, or has it backlash? give its spring cubic or backlash in the robot's file",
+        advice="give the spring of the gear cubic (hardening) or backlash in the robot model",
         columns=stiffening,
         is_stated=False,
     ),
@@ -205,7 +205,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         ("coupling",),
         Size(0.1, 2.0, unit="1"),
         phrase=coupling,
-        advice="give it as gears in the robot's file",
+        advice="add the coupling as gears in the robot model",
         columns=gear_couplings,
         is_stated=False,
     ),
@@ -222,34 +222,34 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         ("torsion", "gear", "base"),
         Size(math.inf, math.inf, unit="rad/(N*m)", grows=True),
         phrase=compliance,
-        advice="add it to the robot's file with a spring, and let elastid compare --search judge it",
+        advice="add it to the robot model with a spring, and compare: `elastid compare STUDY --search`",
         search=find_missing_springs,
     ),
     Hypothesis(
         "gravity",
-        phrase="{name} instead of the file's",
-        advice="check gravity in the robot's file: how is its base mounted?",
+        phrase="{name} instead of the stated gravity",
+        advice="check gravity in the robot model, and the mounting of the base",
         search=find_variants,
     ),
     Hypothesis(
         "postures",
         phrase="{name}",
-        advice="check unit, direction and order of the angles of experiment.configurations against the robot's axes",
+        advice="check unit, direction and order of the angles in experiment.configurations",
     ),
     Hypothesis(
         "side of the gear",
         phrase="{name}",
-        advice="the robot's file takes the inertia of a motor on the motor side, in kg*m^2",
+        advice="give the inertia of a motor on the motor side in the robot model, in kg*m^2",
     ),
     Hypothesis(
         "side of the encoder",
         phrase="the {name}",
-        advice="give its channel the place that it reads, `motor` before the elastic gear or `joint` behind it",
+        advice="correct the location of its channel: motor before the elastic gear, joint behind it",
     ),
     Hypothesis(
         "payload of the file",
         phrase="{name}",
-        advice="take payload out of the robot's file, or say which configurations carry it",
+        advice="remove payload from the robot model, or list the configurations without it (without_payload)",
     ),
     Hypothesis("number", ("*",), Size(0.1, 1.0, True)),
 )

@@ -8,7 +8,7 @@ A hypothesis proposes its causes in one of these ways, each a plain function:
 
 A number that is a parameter of the equations needs none of them: its name, its usual size and words are enough.
 
-The sentence on a cause states the change, its share of the excess, its effect on k, and what to do.
+The note on a cause has two sentences: the change with its fraction of the excess and its effect on k, and the remedy.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.display import capital
 from elastid.base.errors import Note
 from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
@@ -30,7 +31,7 @@ from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse, Reading
 from elastid.fit.problem.least_squares import error_gain, is_far_from_noise
-from elastid.fit.result import ModificationIndex, Result
+from elastid.fit.result import NO_CAUSE, ModificationIndex, Result
 
 Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
 Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Reading]]
@@ -107,8 +108,9 @@ class Limits:
 
 LIMITS = Limits()
 SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
-FREE_MOTORS = "free the viscous friction of all motors, which its file lacks (fit.parameters: {fm_*: {}})"
-CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prior: {{std: {usual:g}}}}}}})"
+# Remedies; a command to copy is at the end, after a colon.
+FREE_MOTORS = "Free the viscous friction of all motors, which the robot model lacks: `--set 'fit.parameters.fm_*={}'`"
+CHECK_OR_PRIOR = "Check {name}, or free it with a prior: `--set 'fit.parameters.{name}={{prior: {{std: {usual:g}}}}}'`"
 
 
 @dataclass(frozen=True)
@@ -270,50 +272,46 @@ def against(
 
 
 def explanations(evidence: Evidence) -> tuple[Note, ...]:
-    """A note on each index of the sequence that explains enough, and one where none does."""
-    sequence = [index for index in evidence.result.indices if index.place]
-    texts = [_sentence(index, evidence) for index in sequence if index.explained_fraction >= LIMITS.stated_share]
-    is_alone = not (sequence or evidence.apart) and evidence.result.status == "misfit" and evidence.result.exceeds_noise
-    if is_alone or (sequence and sequence[0].explained_fraction < LIMITS.reason_share):
-        best = f" more than {_percent(sequence[0].explained_fraction)}" if sequence else " a part"
-        which = f" ({phrase(sequence[0], evidence)} does)" if sequence else ""
-        advice = (
-            FREE_MOTORS
-            if sequence and _is_motor_friction(sequence[0])
-            else "an elastic joint may be missing in the robot's file; add those that are possible and let elastid "
-            "compare --search find which the data show"
-        )
-        beyond = f"what the residuals have beyond the noise{which}"
-        texts = [f"no cause that was tried explains{best} of {beyond}: {advice}"]
-    return tuple(Note("fit/likely-cause", text) for text in texts)
+    """Notes on the causes in the order of the ranking, or one that no cause explains enough."""
+    result, sequence = evidence.result, [index for index in evidence.result.indices if index.place]
+    stated = [index for index in sequence if index.explained_fraction >= LIMITS.stated_share]
+    is_without = not (sequence or evidence.apart) and result.status == "misfit" and result.exceeds_noise
+    if sequence and exceeded_tolerance(sequence[0], result):
+        stated = stated or sequence[:1]
+    elif (sequence and sequence[0].explained_fraction < LIMITS.reason_share) or is_without:
+        best = "".join(f" (best: {phrase(i, evidence)}, {_percent(i.explained_fraction)})" for i in stated[:1])
+        is_friction = any(map(_is_motor_friction, sequence[:1]))
+        return (Note("fit/likely-cause", f"{NO_CAUSE}{best}. {FREE_MOTORS if is_friction else result.test_of_causes}"),)
+    return tuple(Note("fit/likely-cause", f"{fault(i, evidence)}. {_remedy(i, evidence)}") for i in stated)
 
 
-def _sentence(index: ModificationIndex, evidence: Evidence) -> str:
+def exceeded_tolerance(index: ModificationIndex, result: Result) -> float:
+    """Tolerances by which the data move a value of the robot model, the most of a cause; 0 if not significant."""
+    priors = {p.name: p.prior.std for p in result.parameters.free if p.is_nuisance and p.prior is not None}
+    steps = zip(index.members, np.abs(index.steps).tolist(), strict=True)
+    return max((step / priors.get(name, math.inf) for name, step in steps if index.drop > LIMITS.drop), default=0.0)
+
+
+def fault(index: ModificationIndex, evidence: Evidence) -> str:
+    """The cause with its evidence: `likely cause: m_fore = 75 kg instead of 71 kg (+5.6 %), explains 99 % of ...`."""
     result = evidence.result
     by_name = {index.name: phrase(index, evidence) for index in reversed(result.indices)}
     alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.named]]
-    same = f" (or {', or '.join(alternatives)}: the data cannot distinguish them)" if alternatives else ""
+    same = f", or {', or '.join(alternatives)} (indistinguishable)" if alternatives else ""
+    tolerances = exceeded_tolerance(index, result)
+    of_tolerance = f", {tolerances:.2g} times its tolerance" if tolerances else ""
     name, change = index.most_moved(result.parameters.free_names)
-    effect = f" and change {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""
+    effect = f"changes {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""
+    named = f"{phrase(index, evidence)}{same}{of_tolerance}"
     if not evidence.is_unexplained:
-        beyond = "is beyond its tolerance" if len(index.members) == 1 else "is beyond the tolerances of the file"
-        return (
-            f"{phrase(index, evidence)}{same} {beyond}, and V would be lower by {index.drop:.0f} with it in the "
-            f"file{effect}: {_advice(index, evidence)}"
-        )
-    doubt = "" if index.place > 1 or index.explained_fraction >= LIMITS.certain_share else (
-        "; it is the likeliest of the causes that were tried, but not certain, since "
-        f"{_percent(max(1 - index.explained_fraction, 0.0))} remain"
-    )  # fmt: skip
-    return (
-        f"{'besides that, ' if index.place > 1 else ''}{phrase(index, evidence)}{same} would explain "
-        f"{_percent(index.explained_fraction)} of what the residuals have beyond the noise{effect}: "
-        f"{_advice(index, evidence)}{doubt}"
-    )
+        return f"the data contradict the robot model: {named}{effect and f' ({effect})'}"
+    certainty = "likely" if index.explained_fraction >= LIMITS.certain_share else "possible"
+    facts = f"explains {_percent(index.explained_fraction)} of the excess residuals{effect and f', {effect}'}"
+    return f"{'further' if index.place > 1 else certainty} cause: {named} ({facts})"
 
 
 def phrase(index: ModificationIndex, evidence: Evidence) -> str:
-    """The change itself: `m_fore -4.8 % (75 to 71.4 kg)`, `a delay of 0.294 ms`."""
+    """The change itself: `m_fore = 71.4 kg instead of 75 kg (-4.8 %)`, `a delay of 0.294 ms`."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     if hypothesis is not None and hypothesis.phrase:
         words, where = hypothesis.phrase, index.name.partition("@")[2]
@@ -330,14 +328,15 @@ def axis(index: ModificationIndex) -> str:
 def number_phrase(index: ModificationIndex) -> str:
     """The change of a number, or of a common factor of several, with its values."""
     unit = "" if index.units[0] == "1" else f" {index.units[0]}"
-    step, by = float(index.steps[0]), index.changed[0]
-    if index.name.endswith("*"):
-        return f"{index.name} {relative(math.exp(step)) if index.log[0] else f'{step:+.3g}'}"
+    step = float(index.steps[0])
     change = relative(math.exp(step)) if index.log[0] else f"{step:+.3g}{unit}"
-    return f"{index.name} {change} ({float(index.values[0]):.4g} to {by:.4g}{unit})"
+    if index.name.endswith("*"):
+        return f"{index.name} {change}"
+    return f"{index.name} = {index.changed[0]:.4g}{unit} instead of {float(index.values[0]):.4g}{unit} ({change})"
 
 
-def _advice(index: ModificationIndex, evidence: Evidence) -> str:
+def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
+    """The next action as a sentence."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
     if _is_motor_friction(index):
@@ -346,7 +345,7 @@ def _advice(index: ModificationIndex, evidence: Evidence) -> str:
     # The common factor of an inertia's entries is no parameter of a study; they are.
     is_factor = index.name.startswith("I_") and index.name not in evidence.assembly.linearisation.model.parameters
     name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name
-    return advice.format(name=name, where=index.name.partition("_")[2], usual=usual)
+    return capital(advice.format(name=name, where=index.name.partition("_")[2], usual=usual))
 
 
 def _is_motor_friction(index: ModificationIndex) -> bool:

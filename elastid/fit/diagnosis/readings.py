@@ -186,7 +186,7 @@ _READINGS: tuple[tuple[str, Changes, str], ...] = (
     ("direction", directions, "check the axis of its joint, the sign of its ratio and the signs of its channels"),
     ("exchanged channels", exchanged_channels, "check which channel is which"),
     ("exchanged postures", exchanged_postures, "check which record is of which posture, and the angles of both"),
-    ("phase", conjugates, "they were written with the convention exp(-j omega t); take their complex conjugates"),
+    ("phase", conjugates, "take the complex conjugates of the responses: their convention is exp(-j omega t)"),
     ("quantity", quantities, "check the quantity (position, velocity, acceleration) of the y channels"),
 )
 READINGS = tuple(Hypothesis(family, changes=changes, advice=advice) for family, changes, advice in _READINGS)

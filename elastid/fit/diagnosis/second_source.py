@@ -36,8 +36,8 @@ from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
 _UNKNOWN = (
-    "no single cause explains it: check place, direction, sign, unit and std of what is farthest off, the angles, and "
-    "whether the motors were as stated; a gear with friction or backlash is another spring to small motions"
+    "check location, direction, sign, unit and std of the largest residual, the angles, and the state of the motors "
+    "(no single cause explains it; a gear with friction or backlash has another stiffness for small motions)"
 )
 # r (n,) and its slopes (n, n_z) at x (n_x,) along a root of C, with a factor 1 + c, None without one, by parts.
 Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float | None], Iterable[tuple[FloatArray, FloatArray]]]
@@ -124,10 +124,8 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
     now = SecondSource.of(alone, partial(_residuals, loads, alone.parameters), loads.n_residuals)
     compared, least = agreement(now, alone)
     if compared.disagrees and np.isfinite(least):
-        does = "softer at rest than in motion, as gear hysteresis makes them under slow loads"
-        if compared.ratio < 1:
-            does = "stiffer at rest than in motion, as friction in the gears makes them that carries part of the load"
-        cause = f"all springs are {does}, or the loads or the gauge are in another scale"
+        why = "stiffer under static load (gear friction)" if compared.ratio < 1 else "softer (gear hysteresis)"
+        cause = f"check the scale of loads and gauge; if it is right, all springs are {why}"
         compared = replace(compared, cause=cause)
     predicted, slopes = loads.predicted(alone.parameters, alone.x)
     rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
@@ -164,8 +162,8 @@ def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
         is_misread = explains(now, result.chi_square, least)
         if with_factor < least and abs(result.ratio - 1) < LIMITS.largest:
             is_misread, reading = False, (
-                f"all responses at the tool are {result.ratio:.4g} times as large: check unit and calibration of "
-                "hammer and sensor, and whether the current of the motors is their torque"
+                "check unit and calibration of hammer and sensor, and the torque constants of the motors: all "
+                f"responses at the tool are {result.ratio:.4g} times as large"
             )  # fmt: skip
             result = replace(result, cause=reading)
         result = replace(result, cause=reading if is_misread else result.cause)
@@ -196,14 +194,20 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
             every.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
         return tuple(every)
 
-    yield turned(-1.0, 0), "force and motion have opposite signs: reverse the sign of one of them"
+    yield turned(-1.0, 0), "reverse the sign of force or motion: they have opposite signs"
     orders = {order: name for name, order in MOTION_ORDER.items()}
     for power in (-2, -1, 1, 2):
         stated = {MOTION_ORDER[G.quantity] for G in responses}
         if len(stated) == 1 and (held := orders.get(min(stated) - power)):
-            yield turned(1.0, power), f"the file holds the {held}, not the {orders[min(stated)]}"
+            yield (
+                turned(1.0, power),
+                f"correct the quantity: the file has the {held}, not the {orders[min(stated)]}",
+            )
     moves = any(place.startswith("motor ") for G in responses for place in G.outputs)
     ways: tuple[Literal["locked", "free"], ...] = ("free",) if moves else ("locked", "free")
     for motors in ways:
         if any(G.motors != motors for G in responses):
-            yield tuple(replace(G, motors=motors, loop=None) for G in responses), f"the motors were {motors}"
+            yield (
+                tuple(replace(G, motors=motors, loop=None) for G in responses),
+                f"correct tool.motors to {motors}",
+            )

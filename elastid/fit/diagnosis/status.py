@@ -25,14 +25,18 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.display import percent
+from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.base.names import matching, posture_of
 from elastid.fit.covariance import Uncertainty
-from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, phrase
+from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, exceeded_tolerance, fault, phrase
 from elastid.fit.result import (
+    AT_BOUND,
+    BIASED,
+    BY_PRIOR,
     DISTORTED,
-    DOUBTED,
+    GOOD,
+    UNCERTAIN,
     ModificationIndex,
     Result,
     Status,
@@ -61,82 +65,72 @@ def bound_notes(result: Result) -> Iterator[Note]:
         low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
         side, value = ("lower", parameter.lower) if low else ("upper", parameter.upper)
         advice = (
-            "it is a number of the robot's file, and that is far outside its tolerance"
+            "This is far outside its tolerance: check its nominal value in the robot model"
             if parameter.is_nuisance
-            else "widen it if values beyond it are plausible; where it ends at a wider one, too, the responses show "
-            "that it is small or large and no more, or the model lacks something that they show"
+            else "Widen the bound; if the estimate then ends at the new bound, the data only show that it is small or "
+            "large, or the model lacks an effect"
         )
-        text = f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}: {advice}"
+        text = f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}. {advice}"
         yield Note("fit/at-bound", text)
 
 
-GOOD, BY_FILE = "good", "depends on the file"  # verdicts on a parameter
-
-
 def with_status(evidence: Evidence) -> Result:
-    """The result with the worst status that applies, and a sentence with the numbers."""
+    """The result with the worst status that applies, and a message: the verdict first, then the residual test."""
     result, end, unreached = evidence.result, evidence.optimum.end, evidence.uncertainty.unreached
     free = result.parameters.free_names
     starts = f"{result.n_converged_starts} of {len(result.starts)} starts reached this optimum"
-    fit = f"{_compared_with_noise(result)}; {starts}"
     held = f" with {listed(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
+    explained = f"the model explains {percent(max(evidence.explained, 0.0))} of the measured responses"
 
     def ended(status: Status, message: str) -> Result:
-        return replace(result, status=status, message=f"{message}; {fit}")
+        return replace(result, status=status, message=f"{message}. {capital(result.residual_test)}; {starts}")
 
     misread = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
-    if evidence.is_suspect and any(index.place and index.group in misread for index in result.indices):
-        return ended(
-            "model_error",
-            "the model does not describe the responses as they were read: it explains "
-            f"{percent(max(evidence.explained, 0.0))} of them, and another reading of them far more (see the first "
-            "warning)",
-        )
+    readings = [index for index in result.indices if index.place and index.group in misread]
+    if evidence.is_suspect and readings:
+        return ended("model_error", f"{explained}. {capital(fault(readings[0], evidence))}")
     too_large = result.inflation_factor > LIMITS.model_error or not result.noise_is_known
     if too_large and evidence.explained < LIMITS.half:
-        far = "" if end.converged else f" (and the fit did not converge: {end.message})"
-        return ended(
-            "model_error",
-            f"the model does not describe the robot: it explains {percent(max(evidence.explained, 0.0))} of the "
-            f"measured response{far}; check signs, units and places of the channels, gear ratios, bounds, and what is "
-            "known of the robot",
-        )
+        far = "" if end.converged else f", and the search stopped before an optimum ({end.message})"
+        return ended("model_error", f"{explained}{far}. Check channels, gear ratios, bounds and the robot model")
     if not end.converged:
-        return ended("not_converged", f"not converged ({end.message})")
+        return ended("not_converged", f"the search stopped before an optimum ({end.message})")
     if unreached.any():
-        return ended("ill_conditioned", f"the data do not determine a combination of {listed(free, unreached)}")
+        return ended("ill_conditioned", f"not identifiable: a combination of {listed(free, unreached)}")
     result = replace(result, verdicts=_verdicts(evidence))
     by_blocks, cause = _by_blocks(evidence), evidence.cause
     if by_blocks and cause is not None and cause.explained_fraction >= LIMITS.reason_share:
-        by_blocks += f"; the likeliest cause is {phrase(cause, evidence)}"
+        by_blocks = f"{fault(cause, evidence)}. {capital(by_blocks)}"
     if misfit := by_blocks or _by_held_number(evidence) or next((note.text for note in contradictions(result)), ""):
-        return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}")
-    doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
-    but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""
+        return ended("misfit", f"{misfit}{held and f'. The fit ended{held}'}")
+    biased = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(BIASED)]
+    but = f", but {', '.join(biased)} biased" if biased else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"
     return ended("at_bound" if held else good, f"converged{held}{but}")
 
 
 def _verdicts(evidence: Evidence) -> tuple[str, ...]:
-    """Verdict on each parameter asked for: good, depends on the file, at its bound, or not believed and why."""
+    """Verdict on each parameter asked for: good, uncertain, dominated by the prior, at its bound, or biased and why."""
     result, n = evidence.result, len(evidence.result.parameters.asked)
     index = decisive_index(result, evidence.uncertainty, result.indices)
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
     by_blocks = _shifts(evidence) if _blocks_disagree(evidence) else np.zeros(n)
-    std, file = result.std, result.std_prior
+    std, prior = result.std, result.std_prior
     is_distorted = any(note.code == UNEXPLAINED for G in evidence.assembly.responses for note in G.notes)
     verdicts = []
     for i, parameter in enumerate(result.parameters.asked):
         if result.at_bound[i]:
-            verdicts.append("at its bound")
+            verdicts.append(AT_BOUND)
         elif index is not None and by_index[i] > LIMITS.shift:
-            verdicts.append(f"{DOUBTED}: {phrase(index, evidence)} would move it by {by_index[i]:.1f} std")
+            verdicts.append(f"{BIASED}: {phrase(index, evidence)} would move it by {by_index[i]:.1f} std")
         elif is_distorted and parameter.name.startswith("d_"):
             verdicts.append(DISTORTED)
         elif by_blocks[i] > LIMITS.shift:
-            verdicts.append(f"{DOUBTED}: configurations and bands disagree about it by {by_blocks[i]:.1f} std")
+            verdicts.append(f"{BIASED}: configurations and bands differ in it by {by_blocks[i]:.1f} std")
+        elif parameter.log and std[parameter.name] > LIMITS.stiffness_std * result.values[parameter.name]:
+            verdicts.append(UNCERTAIN)
         else:
-            verdicts.append(BY_FILE if 2 * file[parameter.name] ** 2 > std[parameter.name] ** 2 else GOOD)
+            verdicts.append(BY_PRIOR if 2 * prior[parameter.name] ** 2 > std[parameter.name] ** 2 else GOOD)
     return tuple(verdicts)
 
 
@@ -169,15 +163,6 @@ def _decides(evidence: Evidence) -> BoolArray:
     return np.array([name in matched or not matched for name in names])
 
 
-def _compared_with_noise(result: Result) -> str:
-    """The residuals relative to the noise, and how far chance goes."""
-    if not result.noise_is_known:
-        return "the noise is unknown, so that the residuals cannot be judged and the intervals come from them alone"
-    most = math.sqrt(largest_by_chance(result.cost_dof))
-    times = f"{result.residual_ratio:.3g} times the noise, rms"
-    return f"the residuals are {times}, where a true model reaches {most:.3g} once in 700 fits"
-
-
 def decisive_index(
     result: Result, uncertainty: Uncertainty, indices: Sequence[ModificationIndex]
 ) -> ModificationIndex | None:
@@ -207,9 +192,8 @@ def decisive_index(
 
 
 def is_beyond_tolerance(result: Result, indices: Sequence[ModificationIndex]) -> bool:
-    """True if the likeliest cause are numbers of the file that the fit has moved beyond their tolerances."""
-    moved = {p.name for p in result.parameters.free if p.is_nuisance}
-    return any(i.place == 1 and i.drop > LIMITS.drop and bool(moved & set(i.members)) for i in indices)
+    """True if the likeliest cause are values of the robot model that the fit has moved beyond their tolerances."""
+    return any(index.place == 1 and exceeded_tolerance(index, result) > 0 for index in indices)
 
 
 def _blocks_disagree(evidence: Evidence) -> bool:
@@ -228,12 +212,9 @@ def _by_blocks(evidence: Evidence) -> str:
         return ""
     worst = moved[np.argsort(-uncertainty.shift[moved])]
     names = ", ".join(result.parameters.free_names[i] for i in worst[: LIMITS.named])
-    more = f" and {len(worst) - LIMITS.named} more" if len(worst) > LIMITS.named else ""
     return (
-        "the model is wrong by more than noise and floor explain: blocks of a configuration and a band disagree about "
-        f"the parameters {uncertainty.disagreement:.3g} times as much as noise would let them, and move {names}{more} "
-        f"by up to {uncertainty.shift[worst[0]]:.3g} of the standard deviations that noise and floor leave; the "
-        "intervals are by blocks, and do not hold an error that all blocks share"
+        f"{len(worst)} of {len(shift)} parameters are biased by up to {shift[worst[0]]:.3g} std (first {names}), as "
+        "configurations and bands disagree"
     )
 
 
@@ -246,12 +227,10 @@ def _by_held_number(evidence: Evidence) -> str:
     worst = int(np.argmax(moved))
     if moved[worst] <= LIMITS.shift:
         return ""
-    same = f", or {' or '.join(index.alike)}, which the data cannot distinguish from it," if index.alike else ""
     left = max(result.cost - index.drop, 0.0) / max(result.cost_expected, 1e-300)
     return (
-        f"the model is wrong by more than the intervals say: {phrase(index, evidence)}{same} would lower the residuals "
-        f"from {result.residual_ratio:.3g} to {math.sqrt(left):.3g} times the noise, and move "
-        f"{result.parameters.free_names[worst]} by {moved[worst]:.1f} of its standard deviations"
+        f"{fault(index, evidence)}. Freeing it lowers rms residual / noise from {result.residual_ratio:.3g} to "
+        f"{math.sqrt(left):.3g} and moves {result.parameters.free_names[worst]} by {moved[worst]:.1f} std"
     )
 
 
@@ -280,9 +259,10 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
             V, count = sums.get(name, (0.0, 0))
             sums[name] = V + cost, count + part.n_residuals
     level = np.sqrt([V / count for V, count in sums.values()])
-    others = "those of the other configurations; is it of the same robot, with the same load, at the stated angles?"
+    others = "the residuals of the other configurations"
+    checks = "Check that robot, load and angles are as stated, or exclude its records"
     return tuple(
-        Note("fit/inconsistent-responses", f"its residuals are {ratio:.0f} times {others}", f"configuration {name}")
+        Note("fit/inconsistent-responses", f"residuals {ratio:.0f} times {others}. {checks}", f"configuration {name}")
         for name, ratio in zip(sums, level / float(np.median(level)), strict=True)
         if len(sums) > 2 and ratio > LIMITS.residual_ratio
     )
@@ -306,8 +286,9 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
         return ()
     unit, taken = ("rad/s", "Hz") if typical > 0 else ("Hz", "rad/s")
     text = (
-        f"{math.exp(typical):.3g} times the start: are frequencies in {unit}, where {taken} was taken (39 times), "
-        "motions in degrees (57 times), or torques on the other side of a gear (its ratio)? No residual shows it"
+        f"all estimates are {math.exp(typical):.3g} times their start, which no residual shows. Check whether the "
+        f"frequencies are in {unit} instead of {taken} (39 times), the positions in degrees (57 times), or the torques "
+        "on the other side of the gear (its ratio)"
     )
     return (Note("fit/frequency-unit", text, ", ".join(result.parameters.free[i].name for i in stiff)),)
 
@@ -318,15 +299,16 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     if unreached.any():
         yield Note(
             "fit/not-identifiable",
-            f"{listed(names, unreached)}: only some combination of them is determined (smallest singular value "
-            f"{values[-1]:.1e}, largest {values[0]:.1e}); fix or tie one",
+            f"{listed(names, unreached)}: only a combination of them is identifiable (smallest singular value "
+            f"{values[-1]:.1e}, largest {values[0]:.1e}). Fix or tie one of them",
         )
     wanted = result.parameters.asked
     for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
         low, high = result.interval(parameter.name)
         if not high < LIMITS.interval_factor * low:
             # Without the interval: that of the table may be found later, by profile likelihood.
-            yield Note("fit/weakly-identifiable", f"{parameter.name} is barely constrained by the data")
+            text = f"{parameter.name} is weakly identifiable. Fix it, or measure a posture that excites it"
+            yield Note("fit/weakly-identifiable", text)
     # A file that is off moves all alike.
     yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))
 
@@ -334,30 +316,28 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
 def _search(result: Result) -> Iterator[Note]:
     starts = result.starts
     if lost := [start.message for start in starts if not math.isfinite(start.cost)]:
-        yield Note("fit/starts", f"{len(lost)} of {len(starts)} starts failed; the first with: {lost[0]}")
+        yield Note("fit/starts", f"{len(lost)} of {len(starts)} starts failed, the first with: {lost[0]}")
     if result.n_converged_starts == 1 < len(starts) - len(lost):
         yield Note(
             "fit/starts",
-            f"only 1 of {len(starts)} starts reached the best optimum, and the next has residuals "
-            f"{math.sqrt(starts[1].cost / max(starts[0].cost, 1e-300)):.4g} times as large: there may be a better "
-            "optimum; raise fit.starts or lower fit.start_factor",
+            f"only 1 of {len(starts)} starts reached the best optimum; the residuals of the next are "
+            f"{math.sqrt(starts[1].cost / max(starts[0].cost, 1e-300)):.4g} times as large. To look for a better "
+            "optimum, raise fit.starts or lower fit.start_factor",
         )
-
-
-_KEPT = "the numbers are those of the motors' responses alone"
-_BOTH = ", and their intervals contain those of both together"
 
 
 def contradictions(result: Result) -> tuple[Note, ...]:
     """Warnings where load tests, or responses at the tool, contradict the responses of the motors."""
-    notes = []
-    if result.static is not None and result.static.disagrees:
-        text = f"static load tests contradict the responses: {result.static.words}; {result.static.cause}"
-        notes.append(Note("fit/loads", f"{text}; {_KEPT}{_BOTH}"))
-    if result.tool is not None and result.tool.disagrees:
-        text = f"responses at the tool contradict those of the motors: {result.tool.words}; {result.tool.cause}"
-        notes.append(Note("fit/tool", f"{text}; {_KEPT}{'' if result.tool.is_misread else _BOTH}"))
-    return tuple(notes)
+    sources = ("fit/loads", "static load tests", result.static), ("fit/tool", "responses at the tool", result.tool)
+    return tuple(
+        Note(
+            code,
+            f"{source} contradict the responses of the motors ({found.words}). {capital(found.cause)}. The estimates "
+            "are from the motors alone",
+        )
+        for code, source, found in sources
+        if found is not None and found.disagrees
+    )
 
 
 def listed(names: tuple[str, ...], chosen: BoolArray) -> str:

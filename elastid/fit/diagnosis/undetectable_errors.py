@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.display import percent
+from elastid.base.display import capital
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import LIMITS, Scores
@@ -90,9 +90,9 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     free = result.parameters.free_names
     moves = ", ".join(f"{error.amount(error.per_std)} moves {free[error.parameter]}" for error in named)
     text = (
-        f"the intervals take as exact what the fit held: {moves} by one standard deviation; up to "
-        f"{named[0].amount(named[0].error)} shows in no residual: measure them as exactly, or fit those that can be "
-        "with a prior"
+        f"an error of {named[0].amount(named[0].error)} is not detectable from the residuals. The intervals assume "
+        f"that the fixed values are exact, but {moves} by one standard deviation. Measure these values as accurately, "
+        "or free them with a prior"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 
@@ -141,14 +141,10 @@ def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
 
 
 def find_elastic_base(result: Result) -> tuple[Note, ...]:
-    """A sentence on the base that takes most, where it would leave an interval."""
-    base = next((part for part in result.assumed_rigid if part.detection_limit > part.stiffness), None)
-    taken = base.most_moved([parameter.name for parameter in result.parameters.asked]) if base else {}
-    if base is None or not taken:
+    """A note on the base that lowers the stiffnesses most, where they would leave an interval."""
+    remarks = result.base_remarks
+    if not remarks:
         return ()
-    text = (
-        f"no response shows what the robot stands on: as stiff as is usual ({base.stiffness:.2g} N*m/rad, {base.name}) "
-        f"it takes {', '.join(f'{percent(-change)} from {name}' for name, change in taken.items())}, and is within the "
-        f"intervals from {base.detection_limit:.2g} N*m/rad on; measure it, and give it a spring in the robot's file"
-    )
+    text = "; ".join(f"{name} is {remark}" for name, remark in remarks.items())
+    text = f"the base stiffness is not identifiable. {capital(text)}. Add a measured base stiffness to the robot model"
     return (Note("fit/assumed-rigid", text, severity="information"),)

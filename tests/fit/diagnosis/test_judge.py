@@ -50,7 +50,7 @@ def test_a_fault_is_named_first_with_its_size(fault: str) -> None:
 
 
 def test_two_faults_are_named_one_after_the_other() -> None:
-    """Each with its size and its share of all, and the sentence on the first says how much it leaves."""
+    """Each with its size and its share of all, which the sentence on the first states."""
     case, names = true_case(), ("soft day", "torques of a posture")
     for name in names:
         case = FAULTS[name].fault(case)
@@ -61,7 +61,7 @@ def test_two_faults_are_named_one_after_the_other() -> None:
         np.testing.assert_allclose(index.steps, FAULTS[name].steps, atol=FAULTS[name].within)
     assert sum(index.explained_fraction for index in sequence) == pytest.approx(1.0, abs=0.01)
     causes = [note.text for note in result.notes if note.code == "fit/likely-cause"]
-    assert f"{100 * (1 - sequence[0].explained_fraction):.0f} %" in causes[0]
+    assert f"{100 * sequence[0].explained_fraction:.0f} %" in causes[0]
 
 
 @example(seed=0, decades=[-8.0, 0.0, 0.0], room=1.0)
