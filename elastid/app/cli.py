@@ -1,7 +1,7 @@
 """The command line: each word calls one function. Heavy imports stay inside the bodies.
 
-Exit codes: 0 done; 1 the data or the fit are at fault; 2 usage or study; 3 done and written, but a misfit, not to be
-believed as it stands; 130 interrupted.
+Exit codes: 0 done; 1 error in the data or the fit; 2 error in usage or study; 3 done and written, but a misfit (a
+significant model error); 130 interrupted.
 """
 
 import os
@@ -83,7 +83,7 @@ _GROUPS = {
 
 
 class InGroups(click.Group):
-    """A group whose help lists the commands by what they are for, each with its first sentence in full."""
+    """A group whose help lists the commands by purpose, each with its first sentence in full."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of the help."""
@@ -106,14 +106,14 @@ class InGroups(click.Group):
 @click.group(cls=InGroups, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="elastid")
 def cli() -> None:
-    """Identify the elasticity of industrial robots from frequency responses, with honest intervals."""
+    """Identify the elasticity and friction of industrial robots, with confidence intervals."""
     one_blas_thread()  # before any command loads NumPy: several threads add in an order of their own
 
 
 @cli.command()
 @options_of("run", "jobs", "verbose", "quiet")
 def demo(**options: Any) -> None:
-    """Identify a simulated three-axis arm, from excitation to report."""
+    """Identify a simulated three-axis arm, from the excitation to the report (about one minute)."""
     from elastid.app import scaffold
 
     folder = options["folder"] or Path("runs") / "demo"
@@ -131,25 +131,25 @@ def demo(**options: Any) -> None:
 )  # fmt: skip
 @click.option(
     "--from", "logs", multiple=True, type=click.Path(path_type=Path),
-    help="Guess it from these logs, a URDF or MJCF file, or both.",
+    help="Derive the study from these logs, a URDF or MJCF file, or both.",
 )  # fmt: skip
 @click.argument("more", type=click.Path(path_type=Path), nargs=-1, metavar="")
 def new(folder: Path, template: str, logs: tuple[Path, ...], more: tuple[Path, ...]) -> None:
-    """Write a study to edit, its robot and the schema for editors into a new folder.
+    """Write a new study, its robot model and the schema for editors into a new folder.
 
-    Templates recorded and frf (responses and their modes, without a robot) come with a small simulated log in logs/.
+    The templates recorded and frf (responses and their modes, without a robot) contain a small simulated log in logs/.
     """
     from elastid.app import scaffold
 
     study = scaffold.new_from_logs(folder, logs, more) if logs or more else scaffold.new(folder, template)
-    click.echo(f"{printable(str(study))} is yours to edit; then `elastid check {study}` and `elastid run {study}`")
+    click.echo(f"Edit {printable(str(study))}, then run `elastid check {study}` and `elastid run {study}`")
 
 
 @cli.command()
 @study_argument
 @options_of("set")
 def check(study: Path, overrides: tuple[str, ...]) -> None:
-    """Show all errors of a study with file, line and column, its logs opened; else a summary of it and its stages."""
+    """Check a study and its logs: show all errors with file, line and column, or a summary with the stages."""
     from elastid.app.overview import overview
     from elastid.study import load_with_logs
 
@@ -162,19 +162,19 @@ def check(study: Path, overrides: tuple[str, ...]) -> None:
 @options_of("png")
 @stage_options
 def run(study: Path, stages: tuple[str, ...], png: bool = False, **options: Any) -> None:
-    """Run all stages in order, except those whose inputs have not changed; or the stages that are named, in any case.
+    """Run all stages in order and skip those that are up to date; stages named on the command line always run.
 
     \b
     design    configurations, excitation, predicted intervals: plan.h5, references/*.csv
-    measure   the simulated experiments, or the recorded logs: records.h5
-    estimate  the frequency responses with their covariance: frf.h5
-    fit       the elastic parameters: fit.h5, summary.json
-    gears     (gears: {}) friction, stiffening, hysteresis and errors of the gears: gears.h5
-    validate  the fit on left-out configurations, and its residuals: validation.h5
-    constant_velocity  (friction) friction torque by speed, load and temperature: constant_velocity.h5
-    friction  (friction) its law: friction.h5, summary.json
-    follow    (filter: {}) the friction over the motions, by a Kalman filter: filter.h5
-    report    the page and, where asked for, figures: report.html, figures/
+    measure   simulated experiments or recorded logs: records.h5
+    estimate  frequency responses with covariance: frf.h5
+    fit       elastic parameters: fit.h5, summary.json
+    gears     (with gears: {}) gear friction, hardening, hysteresis and transmission error: gears.h5
+    validate  prediction error on the validation configurations, residual tests: validation.h5
+    constant_velocity  (friction study) friction torque by speed, load and temperature: constant_velocity.h5
+    friction  (friction study) friction model: friction.h5, summary.json
+    follow    (with filter: {}) friction over time, by a Kalman filter: filter.h5
+    report    page and, if requested, figures: report.html, figures/
     """
     asked = run_of(study, options | {"overrides": (*options["overrides"], *["report.formats=[png]"] * png)})
     from elastid.app.run import run_all
@@ -184,18 +184,18 @@ def run(study: Path, stages: tuple[str, ...], png: bool = False, **options: Any)
 
 @cli.command()
 @click.argument("studies", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="STUDY [STUDY ...]")
-@click.option("--search", is_flag=True, help="Search for the elastic gears, joints and rods.")
+@click.option("--search", is_flag=True, help="Search for the set of elastic gears, joints and rods.")
 @stage_options
 def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
-    """Rank models by their prediction error on left-out configurations of the first study: compare.json.
+    """Rank models by cross-validation over the configurations of the first study: compare.json.
 
-    The models are those of the study's section `compare` (by default the robot without motor coupling, and without each
-    elastic joint that is not driven), and those of further studies. With --search the models come from a stepwise
-    search: it starts from elastic gears of the driven joints alone and frees or stiffens one gear, elastic joint or rod
-    at a time; a free one must lower the left-out error by more than its standard error, and the criterion too.
+    The models come from the section `compare` of the study and from further studies. The default is the robot without
+    motor coupling, and the robot without each passive elastic joint. With --search the models come from a stepwise
+    search, which starts with the gears of the driven joints as the only springs. Each step frees or locks one gear,
+    elastic joint or rod. A free one must lower the prediction error by more than its standard error, and QAIC too.
     """
     if search and len(studies) > 1:
-        raise click.UsageError(f"--search takes one study, and there are {len(studies)}; leave it out, or the others")
+        raise click.UsageError(f"--search takes one study, not {len(studies)}. Give one study, or omit --search")
     asked = run_of(studies[0], options)
     from elastid.app import compare as comparing
     from elastid.study import load
@@ -211,10 +211,11 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 @options_of("with", "log")
 @stage_options
 def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -> None:
-    """Judge the numbers that another study has identified on logs: prediction.json and prediction.png.
+    """Validate the parameters of another run on the logs of a study: prediction.json and prediction.png.
 
-    Of friction, with the rigid body, or of elasticity: the torque that each part of the model explains and leaves, by
-    axis and octave, and the motion of the robot simulated along the logs. The logs are those of STUDY, or those given.
+    The run has identified friction (with the rigid body) or elasticity. The result is the torque that each part of the
+    model explains, by axis and octave, and a simulation of the robot along the logs. Without --log the logs are from
+    STUDY.
     """
     from elastid.app import use_fit
 
@@ -223,25 +224,25 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
 
 @cli.command(name="map")
 @study_argument
-@click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last one).")
+@click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last).")
 @click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
 @click.option("--grid", is_flag=False, flag_value=12, type=click.IntRange(2, 60), metavar="[N]",
-    help="A grid over the workspace, N points along its longest side (12 if not given).")  # fmt: skip
+    help="Grid over the workspace with N points along its longest side (default: 12).")  # fmt: skip
 @click.option("--random", type=click.IntRange(1, 100_000), metavar="N",
-    help="Random postures (1000 if nothing is given).")  # fmt: skip
+    help="Number of random postures (default without path and grid: 1000).")  # fmt: skip
 @click.option("--load", type=float, nargs=3, default=(0.0, 0.0, -100.0), show_default=True, metavar="X Y Z",
     help="Force at the frame in N, axes of the base.")  # fmt: skip
 @click.option("--cutting", type=float, default=700e6, show_default=True, metavar="N/M^2", help="Cutting coefficient.")
-@click.option("--normal", type=float, nargs=3, metavar="X Y Z", help="Normal of the cut (default: the worst one).")
+@click.option("--normal", type=float, nargs=3, metavar="X Y Z", help="Normal of the cut (default: worst case).")
 @click.option("--cutting-force", "force", type=float, nargs=3, metavar="X Y Z", help="Its force (default: --normal).")
 @stage_options
 def map_command(study: Path, **options: Any) -> None:
-    """Map the fitted robot over its workspace: map.html, map.csv and map.h5.
+    """Map stiffness and modes of the fitted robot over its workspace: map.html, map.csv and map.h5.
 
-    At every posture of a path, a grid or at random, with the motors held and with intervals: static compliance and its
-    softest direction, natural frequencies, largest dynamic compliance, limiting depth of cut without chatter,
-    deflection under a load, and the spring that limits it. A path is a CSV file with a column for each driven joint
-    (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad.
+    The postures are from a path, a grid or random; the motors are locked. For each posture the map has intervals of the
+    static compliance and its softest direction, the natural frequencies, the largest dynamic compliance, the
+    chatter-free depth of cut, the deflection under a load, and the spring that contributes most. A path is a CSV file
+    with a column for each driven joint (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad.
     """
     asked = run_of(study, options)
     from elastid.app.use_fit import map_study
@@ -252,27 +253,27 @@ def map_command(study: Path, **options: Any) -> None:
 @cli.command()
 @study_argument
 @click.option("--path", type=click.Path(path_type=Path), required=True, metavar="FILE",
-    help="CSV of joint angles or poses, with times in a column t, or without.")  # fmt: skip
+    help="CSV of joint angles or poses, optionally with a column t for the time.")  # fmt: skip
 @click.option("--time", "duration", type=POSITIVE, metavar="S", help="Duration in s.")
-@click.option("--fastest", is_flag=True, help="The shortest time in which the error is kept.")
+@click.option("--fastest", is_flag=True, help="Find the shortest time that keeps the error.")
 @click.option("--error", "error_mm", type=POSITIVE, default=1.0, show_default=True,
-    metavar="MM", help="That the tool may have, as planned.")  # fmt: skip
-@click.option("--frame", metavar="NAME", help="Frame that follows the path (default: tool, else the last one).")
+    metavar="MM", help="Largest error of the tool path.")  # fmt: skip
+@click.option("--frame", metavar="NAME", help="Frame that follows the path (default: tool, else the last).")
 @click.option("--rate", "rate_hz", type=RATE, metavar="HZ",
-    help="Of the references (default: that of the study, else 500).")  # fmt: skip
+    help="Sample rate of the references (default: the study's, else 500).")  # fmt: skip
 @click.option("--bandwidth", "bandwidth_hz", type=POSITIVE, default=4.0,
-    show_default=True, metavar="HZ", help="Of the drives' position loops, in the simulation.")  # fmt: skip
+    show_default=True, metavar="HZ", help="Bandwidth of the position loops in the simulation.")  # fmt: skip
 @click.option("--samples", type=click.IntRange(0, 200), default=20, show_default=True, metavar="N",
-    help="Posterior samples of the robot on which the limits must hold.")  # fmt: skip
+    help="Number of posterior samples that must keep the limits.")  # fmt: skip
 @stage_options
 def tune(study: Path, **options: Any) -> None:
-    """Command a move so that the tool follows its path: tune.csv, tune.h5, tune.html and files for controllers.
+    """Optimise motor references so that the tool follows a path: tune.csv, tune.h5, tune.html, controller files.
 
-    Motor references with velocities and torque feedforward by optimal control of the fitted elastic model with its
-    friction, within the limits of the robot's joints, on robots drawn from the fit, too. A path is a CSV file with a
-    column for each driven joint (rad, or `1 deg`) or with poses x, y, z in m and rx, ry, rz in rad, and a column t in
-    s. Without t it is a way that starts and ends at rest, such as two rows, and --time or --fastest says how long it
-    takes; with t these stretch it.
+    Optimal control of the fitted elastic model with friction returns motor positions, velocities and feedforward
+    torques. The joint limits hold for the fitted robot and for all posterior samples. A path is a CSV file with a
+    column for each driven joint (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad, and a column t in
+    s. Without t the path starts and ends at zero velocity (two rows are enough), and --time or --fastest sets its
+    duration. With t these options stretch it.
     """
     asked = run_of(study, options)
     from elastid.app.use_fit import tune_study
@@ -282,18 +283,18 @@ def tune(study: Path, **options: Any) -> None:
 
 @cli.command()
 @study_argument
-@click.option("--rate", "rate_hz", type=RATE, metavar="HZ", help="Of the controller (default: the study's).")
+@click.option("--rate", "rate_hz", type=RATE, metavar="HZ", help="Rate of the controller (default: the study's).")
 @click.option("--delay", type=click.IntRange(0, 20), metavar="N",
-    help="Samples from reading to torque (default: the study's, else 0).")  # fmt: skip
+    help="Delay from encoder to torque in samples (default: the study's, else 0).")  # fmt: skip
 @click.option("--samples", type=click.IntRange(0, 5000), default=200, show_default=True, metavar="N",
-    help="Posterior samples of the robot, of which 95 % keep the limit.")  # fmt: skip
+    help="Number of posterior samples, of which 95 % must keep the limit.")  # fmt: skip
 @stage_options
 def loops(study: Path, **options: Any) -> None:
-    """Sensitivity of the joint controllers, and gains for the fitted robot: loops.html, a section to paste.
+    """Analyse and design the joint control loops for the fitted robot: loops.html and loops.yml.
 
-    Of today's controller, as the study states it, sensitivity peak and bandwidths; and gains of position and velocity,
-    notches and low passes with the largest bandwidth whose sensitivity stays below 6 dB in all postures of the study,
-    and on 95 % of the robots drawn from the fit. The gains are written as the section `controller` of a study, too.
+    The analysis returns sensitivity peak and bandwidths of the controller in the study. The design returns position and
+    velocity gains, notch filters and low-pass filters with the largest bandwidth. Its sensitivity peak stays below 6 dB
+    in all postures of the study and for 95 % of the posterior samples. loops.yml has the gains as a section of a study.
     """
     asked = run_of(study, options)
     from elastid.app.use_fit import loops_study
@@ -304,20 +305,20 @@ def loops(study: Path, **options: Any) -> None:
 @cli.command()
 @study_argument
 @click.option("--goal", "goals", multiple=True, required=True, metavar="TEXT",
-    help='Half width of 95 % intervals, such as "k_*: 1 %"; again for more.')  # fmt: skip
-@click.option("--simulate", is_flag=True, help="The simulated rig of the study takes the place of the robot.")
+    help='Half-width of 95 % intervals, such as "k_*: 1 %"; can be repeated.')  # fmt: skip
+@click.option("--simulate", is_flag=True, help="Measure the simulated robot of the study.")
 @click.option("--robot-time", "robot_time", type=POSITIVE, metavar="S",
-    help="That it may take (default: that of the study's own plan).")  # fmt: skip
+    help="Largest robot time in s (default: as in the plan of the study).")  # fmt: skip
 @stage_options
 def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float | None, **options: Any) -> None:
-    """Measure experiment by experiment until the parameters are known as well as the goal says.
+    """Design, measure and fit one experiment after the other until all intervals reach the goal.
 
-    Each experiment, its posture and its length, is the one that brings most towards the goal in a second of the
-    robot's time, given all logs so far, and keeps the limits of the robot on every robot that they allow. It is written
-    into DIR/live/references, a file for each run; its logs are awaited in DIR/live/logs under the same names. A log
-    that contradicts its plan ends the command. It can be ended at any time; the same command goes on from there. At
-    the end DIR holds the results as `elastid run` leaves them, of the study DIR/live/study.yml. Default of --run:
-    runs/<name of the study>-live, with --simulate runs/<name of the study>-live-simulated.
+    Each experiment (posture and duration) is the most informative per second of robot time, given all logs so far. It
+    keeps the limits for every robot that is consistent with these logs. The references are written into
+    DIR/live/references, a file for each run; the command waits for logs of the same names in DIR/live/logs. A log that
+    contradicts its plan ends the command. You can interrupt it at any time; the same command resumes. At the end DIR
+    contains the results of `elastid run` for the study DIR/live/study.yml. Default of --run: runs/<name of the
+    study>-live, with --simulate runs/<name of the study>-live-simulated.
     """
     given, asked = options["folder"], run_of(study, options)
     from elastid.app.live import live_study
@@ -329,17 +330,21 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
 
 @cli.command()
 @study_argument
-@click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
-@click.option("--count", type=click.IntRange(1, 100_000), default=1000, show_default=True, help="Of --to samples.")
+@click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="Target tool or format.")
+@click.option("--count", type=click.IntRange(1, 100_000), default=1000, show_default=True, help="Number of samples.")
 @stage_options
 def export(study: Path, target: str, count: int, **options: Any) -> None:
-    """Write the identified model for another tool into export/<target>/ of the run folder, with its intervals.
+    """Write the identified model with its intervals for another tool into export/<target>/ of the run folder.
 
-    The target robot is the robot's file with the identified numbers, of a study of elasticity or of friction; samples
-    are --count such robots from the posterior, as robot files, MJCF and a table; compensation is the friction of the
-    motors over velocity in C; observer is the filter of a friction study in C; all others take the fitted model of a
-    study of elasticity. A study without a robot exports its measured responses to control, matlab, csv or uff; uff
-    takes the responses of any study.
+    \b
+    robot         robot model with the identified parameters (elasticity or friction)
+    samples       --count posterior samples as robot models, MJCF and a table
+    compensation  motor friction over velocity, in C
+    observer      filter of a friction study, in C
+    uff           measured responses of any study
+    others        fitted model of a study of elasticity
+
+    A study without a robot exports its measured responses to control, matlab, csv or uff.
     """
     asked = run_of(study, options)
     from elastid.app.export import export as export_model
@@ -351,13 +356,12 @@ def export(study: Path, target: str, count: int, **options: Any) -> None:
 @click.argument("fleet", type=click.Path(path_type=Path))
 @options_of("run", "jobs", "dask", "verbose", "quiet")
 def fleet(fleet: Path, **options: Any) -> None:
-    """Run one study over many robots and dates, and report which parameters differ and which drift.
+    """Run one study for many robots and dates, and report the parameters that differ or drift.
 
-    FLEET is a YAML file that names the study and its members: a list, or a table (CSV with the columns robot and date
-    and keys of the study). It leaves fleet.parquet, a row for each parameter of each member, and
-    the page fleet.html. Members that are finished are kept, and a worker that dies costs the member that it was at.
-    With --dask the workers of a cluster, which must see the same files, run the members. The exit code is 1 where
-    members failed, and 3 where some are misfits.
+    FLEET is a YAML file with the study and its members: a list, or a CSV table with the columns robot, date and keys of
+    the study. The results are fleet.parquet, with a row for each parameter of each member, and the page fleet.html.
+    Finished members are kept. With --dask the workers of a cluster run the members; they need access to the same files.
+    The exit code is 1 if a member failed, and 3 if one is a misfit.
     """
     from elastid.app.console import Console
     from elastid.app.fleet import run_fleet
@@ -375,7 +379,7 @@ def fleet(fleet: Path, **options: Any) -> None:
 @cli.command()
 @click.argument("file", type=click.Path(path_type=Path))
 def inspect(file: Path) -> None:
-    """Show the content of a log or a result: names, shapes, units, rates, values."""
+    """Show the content of a log or result file: names, shapes, units, sample rates, values."""
     from elastid.app.inspection import described
 
     click.echo(printable(described(file)))
@@ -386,14 +390,14 @@ def inspect(file: Path) -> None:
 @click.argument("study", type=click.Path(path_type=Path), required=False)
 @options_of("run")
 def explain(key: str | None, study: Path | None, folder: Path | None) -> None:
-    """Explain a key of a study, a code of an error or note, or a parameter of the robot; without KEY, list all keys.
+    """Explain a key of a study, a code of a message, or a parameter of the robot; without KEY, list all keys.
 
     \b
     elastid explain fit.criterion            meaning, values, default, and when to change it
     elastid explain records/clock            meaning and remedy
-    elastid explain k_1                      meaning
-    elastid explain k_1 study.yml            joint, side, unit and nominal value
-    elastid explain k_1 --run runs/demo      estimate, interval and status in a run
+    elastid explain k_1                      meaning and side of the gear
+    elastid explain k_1 study.yml            place in the robot model and nominal value
+    elastid explain k_1 --run runs/demo      estimate, interval and verdict in a run
     """
     from elastid.app.explanation import explained
     from elastid.study.reference import overview
@@ -420,11 +424,11 @@ def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
             click.echo(printable("".join([text.getvalue(), *answers])), err=True, nl=False)
             return error.exit_code
         case MemoryError() | ImportError():
-            return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
+            return _ended(f"not enough memory for this study ({error}). Shorten its records", 2)
         case OSError():
             where = f"{error.filename}: " if error.filename else ""
-            advice = "give the command again when there is room, and the files can be read and written, or with --run"
-            return _ended(f"{where}{error.strerror or error}; {advice}", 1)
+            advice = "Free disk space or correct the permissions, or give another folder with --run"
+            return _ended(f"{where}{error.strerror or error}. {advice}", 1)
     raise error
 
 
@@ -433,11 +437,11 @@ WITHOUT_PARTS = {"map", "tune", "loops", "export", "check", "inspect", "new", "p
 
 
 def interrupted(arguments: Sequence[str]) -> int:
-    """The exit code of a command that was interrupted, which says how to go on."""
+    """Print how to resume an interrupted command, and return its exit code."""
     again = shlex.join(["elastid", *arguments])
     if {*arguments[:1]} & WITHOUT_PARTS:
-        return _ended(f"interrupted: nothing of it is kept; `{again}` starts again", 130)
-    return _ended(f"interrupted: finished stages and parts are kept, and `{again}` resumes from there", 130)
+        return _ended(f"interrupted: nothing was written. Start again: `{again}`", 130)
+    return _ended(f"interrupted: finished stages and parts are kept. Resume: `{again}`", 130)
 
 
 def _ended(message: str, code: int) -> int:

@@ -52,25 +52,25 @@ class Folder(click.Path):
 _OPTIONS: dict[str, Decorator] = {
     "run": click.option(
         *("--run", "folder"), type=Folder(path_type=Path), metavar="DIR",
-        help="Where the results go (default: runs/<name of the study>).",
+        help="Folder of the results (default: runs/<name of the study>).",
     ),
     "set": click.option(
         *("--set", "overrides"), multiple=True, metavar="KEY.PATH=VALUE",
-        help="Overrides a key of the study, for example fit.starts=5.",
+        help="Override a key of the study, for example fit.starts=5.",
     ),
     "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
     "with": click.option(
         *("--with", "source"), type=click.Path(path_type=Path), required=True, metavar="RUN",
-        help="Run folder of a study that has identified friction or elasticity, or its friction.h5 or fit.h5.",
+        help="Run folder with identified friction or elasticity, or its friction.h5 or fit.h5.",
     ),
     "log": click.option(
         *("--log", "logs"), type=click.Path(path_type=Path), multiple=True, metavar="FILE",
-        help="A log that takes the place of those of the study, with the same channels; give it again for more.",
+        help="Log that replaces the logs of the study, with the same channels; can be repeated.",
     ),
-    "dask": click.option("--dask", metavar="ADDRESS", default="", help="Work on this Dask scheduler's machines."),
-    "png": click.option("--png", is_flag=True, help="Its figures as PNG too, in figures/."),
-    "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
-    "quiet": click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors."),
+    "dask": click.option("--dask", metavar="ADDRESS", default="", help="Run on the workers of this Dask scheduler."),
+    "png": click.option("--png", is_flag=True, help="Write the figures as PNG into figures/, too."),
+    "verbose": click.option("-v", "--verbose", is_flag=True, help="Print details."),
+    "quiet": click.option("-q", "--quiet", is_flag=True, help="Print warnings and errors only."),
 }  # fmt: skip
 
 
