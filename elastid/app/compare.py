@@ -59,8 +59,8 @@ def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> Comparison:
         if len(models) < 2:
             raise StudyError(
                 "compare/variants",
-                "there is one model only, the study's own, with nothing that could be left out of "
-                "it; give compare.variants, or a second study",
+                "nothing to compare: the study has one model without optional parts. Give compare.variants, or a "
+                "second study",
                 run.loaded.path,
             )
         responses = read_responses(run.path("estimate"))
@@ -70,7 +70,7 @@ def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> Comparison:
 
 
 def finish(run: Run, comparison: Comparison) -> None:
-    """Write a comparison, say how it came out, and show it in the report where there is one."""
+    """Write a comparison, print its verdict, and update the report if there is one."""
     write_comparison(run.folder / RESULT, comparison, run.stamps["estimate"])
     keep_checksums(run.folder, [RESULT])
     clear_folder(run.folder, PARTIAL)
@@ -176,7 +176,7 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: Responses) 
     # Of everything that a fit depends on except the code.
     keys = [f"refit-{hash_of([task, run.stamps['estimate'].inputs])[:24]}" for task in tasks]
     if n_finished := sum(key in finished for key in keys):
-        run.console.say(f"compare: resumed, {n_finished} of {len(tasks)} fits are kept")
+        run.console.say(f"compare: resumed, {n_finished} of {len(tasks)} fits kept")
     with run.console.progress("compare") as progress:
         results = Execution(run.jobs, progress, finished).resumed(partial(refit, responses), tasks, keys)
     n = len(parts)
@@ -196,8 +196,7 @@ def search_elasticity(run: Run) -> None:
         if len(names) < 2:
             raise StudyError(
                 "compare/variants",
-                "the search judges by configurations that were left out, and there is one only; "
-                "measure in further ones",
+                "cross-validation needs two configurations or more, and there is one. Measure further configurations",
                 run.loaded.path,
             )
         fits: _Fits = {}
@@ -228,8 +227,8 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
     if not coordinates:
         raise StudyError(
             "compare/variants",
-            f"nothing of robot {robot.name} is elastic, so there is nothing to search among; give "
-            "springs to gears, to joints without a motor, and stiffness to rods wherever it may be elastic",
+            f"nothing to search: robot {robot.name} has no elastic part. Give springs to the gears and passive "
+            "joints, and stiffness to the rods, that may be elastic",
             loaded.path,
         )
     start = tuple(spring.label for spring in coordinates if spring.kind == "gear")

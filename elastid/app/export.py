@@ -100,7 +100,7 @@ def _export_fit(run: Run, target: str, folder: Path) -> Iterable[Path]:
     models = models_by_group(result, robot, responses, run.study.model, run.study.name)
     if any(models):
         groups = (f"{label} ({', '.join(G.configuration.name for G in m.measured)})" for label, m in models.items())
-        run.console.say(f"export: a model for each of {', '.join(groups)}, which have parameters of their own")
+        run.console.say(f"export: one model for each group with its own parameters: {', '.join(groups)}")
     friction = read_friction(run.path("estimate"))
     own: dict[str, Writer] = {
         ROBOT: lambda folder, m: _written(folder, robot_of_fit(m.name, m.robot, friction, interval_lines(m), gears)),
@@ -112,8 +112,8 @@ def _export_fit(run: Run, target: str, folder: Path) -> Iterable[Path]:
     if target == "mujoco":
         write = partial(write_mujoco, rubbing=geared)
     if gears is not None and gears.effects and target not in (ROBOT, "fmu"):
-        words = "k and d as found beside the effects of the gears, some of which are left out: robot and fmu have all"
-        run.console.say(f"export: {target} has {words}")
+        words = "some effects of the gears are omitted (k and d are as estimated with them); robot and fmu have all"
+        run.console.say(f"export: {target}: {words}")
     warn_of_distrust(run, "export", result)
     return [path for label, model in models.items() for path in write(folder / file_name(label), model)]
 
@@ -124,15 +124,15 @@ def _export_draws(count: int, run: Run, target: str, folder: Path) -> Iterator[P
     if gears is not None and result.robot is not None:
         geared = with_effects(result.robot, gears)
         result = with_terms_of(replace(result, robot=geared), geared)
-        run.console.say("export: all draws have the effects of gears that were found, and no other")
+        run.console.say("export: all samples have the same effects of the gears")
     for label, (_, members) in robots_by_group(result, run.study.as_robot(), result.configurations).items():
         draws = draw_robots(result, count, run.study.seed, members[0])
         written, lacking = write_draws(folder / file_name(label), draws, run.study.name)
         yield from written
         if lacking:
-            run.console.warn(f"export: no MJCF of the draws: {lacking}")
+            run.console.warn(f"export: no MJCF of the samples: {lacking}")
         if draws.held:
-            run.console.warn(f"export: the data do not reach {', '.join(draws.held)}, which all draws share")
+            run.console.warn(f"export: {', '.join(draws.held)} not identifiable: the same in all samples")
     warn_of_distrust(run, "export", result)
 
 

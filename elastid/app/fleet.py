@@ -49,7 +49,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
     _check(fleet, folder)
     with logged_in(folder, jobs, console):
         for name in changed_texts(folder, WRITTEN):
-            console.warn(f"{folder / name} has changed since it was written; it is made again")
+            console.warn(f"{folder / name} was modified after it was written and is made again")
         outcomes = _outcomes(fleet, folder, jobs, console)
         ends = zip(fleet.members, outcomes, strict=True)
         rows = [row for member, outcome in ends if not outcome.failed for row in rows_of(folder, member)]
@@ -84,9 +84,7 @@ def _check(fleet: Fleet, folder: Path) -> None:
         own_path(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise StudyError(
-            "files/folder", f"no results can be written there ({reason}); give another folder by --run", folder
-        ) from None
+        raise StudyError("files/folder", f"not writable ({reason}). Give another folder with --run", folder) from None
     for member in fleet.members:
         own_path(folder, MEMBERS, member.name)
 
@@ -98,7 +96,7 @@ def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
         if members:
             raise error(
                 "fleet/members",
-                f"{len(members)} of {len(outcomes)} members {kind} and are not compared with the others: "
+                f"{len(members)} of {len(outcomes)} members {kind} and are excluded from the comparison: "
                 f"{first_of(_reasons(members))}",
                 f"fleet {name}",
             )
@@ -115,7 +113,7 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
     for attempt in range(2):
         todo = [member for member in fleet.members if member.name not in done]
         if todo and attempt:
-            console.warn(f"fleet: workers died at {', '.join(member.words for member in todo)}: tried again")
+            console.warn(f"fleet: workers died at {', '.join(member.words for member in todo)}; second attempt")
         with console.progress(f"fleet of {len(fleet.members)}") as progress:
             for index, outcome in surviving(work, todo, jobs, progress):
                 if outcome is not None:

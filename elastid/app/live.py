@@ -134,14 +134,14 @@ class Session:
                 reached = f"{sum(share <= 1 for share in used.values())} of {len(used)} reached, {self.worst(used)}"
                 self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {reached}")
                 if result.status not in TRUSTED:
-                    step, before = len(plans), "" if len(plans) == 1 else "contradict those before them, or "
-                    words = f"the logs of x{step} {before}are not described by the model: {result.message}; put others"
-                    return plans, False, f"{words} into live/logs, or remove live/x{step}* and live/*/x{step}-*"
+                    step, before = len(plans), "" if len(plans) == 1 else "contradict the earlier logs, or "
+                    words = f"the logs of x{step} {before}have a significant model error: {result.message}. Replace"
+                    return plans, False, f"{words} them in live/logs, or remove live/x{step}* and live/*/x{step}-*"
                 if max(used.values()) <= 1:
                     whole_s = planned_time_s(self.run)
-                    time_used = f"{spent_s:.4g} s of the robot's time, {100 * spent_s / whole_s:.0f} % of the"
-                    words = f"the goal is reached after {len(plans)} experiments and {time_used} {whole_s:.4g} s"
-                    return plans, True, f"{words} of the study's own plan"
+                    time_used = f"{spent_s:.4g} s of robot time, {100 * spent_s / whole_s:.0f} % of the"
+                    words = f"goal reached after {len(plans)} experiments and {time_used} {whole_s:.4g} s"
+                    return plans, True, f"{words} of the plan of the study"
             plan = self._planned(plans, result)
             if isinstance(plan, str):
                 if not plans:
@@ -185,8 +185,8 @@ class Session:
             if stamp is None or stamp.inputs != self.stamp.inputs:
                 raise StudyError(
                     "live/study",
-                    f"{path} was planned for another study, other data or other options, simulated or not; give "
-                    f"another folder with --run, or remove {path.parent} to begin again",
+                    f"{path} was planned for another study, other data or other options. Give another folder with "
+                    f"--run, or remove {path.parent} to begin again",
                 )
             plan = read_plan(path)
         else:
@@ -236,16 +236,17 @@ class Session:
             name, share = proposal.option.floor
             width = 100 * share * self.goal.widths[name]
             return (
-                f"whatever is measured further, {name} stays at {width:.2g} % (goal {100 * self.goal.widths[name]:.3g} "
-                "%): state robot.tolerances more narrowly, log more places, or fix a parameter correlated with it"
+                f"further measurements cannot narrow {name} below {width:.2g} % (goal "
+                f"{100 * self.goal.widths[name]:.3g} %). Reduce robot.tolerances, log more signals, or fix a parameter "
+                "that is correlated with it"
             )
         if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
             return ""
         more = spent + max(proposal.option.more_s, proposal.plan.robot_time_s)
         left = "" if result is None else f"{self.worst(self.goal.reached(result))}; "
         return (
-            f"{left}{spent:.4g} s of {self.budget_s:.4g} s of the robot's time are used, and the next experiment takes "
-            f"{proposal.plan.robot_time_s:.4g} s; about {more:.3g} s in all reach the goal: give --robot-time "
+            f"{left}robot time used {spent:.4g} s of {self.budget_s:.4g} s, next experiment "
+            f"{proposal.plan.robot_time_s:.4g} s, estimated total {more:.3g} s. Give --robot-time "
             f"{math.ceil(more / 10) * 10}"
         )
 
@@ -262,7 +263,7 @@ class Session:
             return
         if missing:
             self.run.console.say(
-                f"live: run {self.path / 'references'}/x{step}-*.csv and put the logs of the whole runs into "
+                f"live: run {self.path / 'references'}/x{step}-*.csv and write the logs of the complete runs to "
                 f"{logs} under the same names; columns: {', '.join(c.channel for c in self.channels)}"
             )
         for run in plan.experiments:
@@ -279,7 +280,7 @@ class Session:
             if words := contradiction(measured[run.name], plan, rehearsal, coulomb, swings):
                 raise DataError(
                     "live/logs",
-                    f"{words}. Put the right log in its place and give the same command; all logs before it are kept",
+                    f"{words}. Replace the log and repeat the command; all earlier logs are kept",
                     f"{self.log(run)} contradicts its plan",
                 )
 
@@ -315,7 +316,7 @@ class Session:
         """The parameter that uses most of the goal, in words."""
         name = max(used, key=lambda joint: used[joint])
         goal = 100 * self.goal.widths[name]
-        return f"{name} is known to {number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
+        return f"{name} identified to ±{number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
 
     def plan(self, step: int) -> Path:
         """The plan of an experiment, from 1; without its suffix the folder of the results up to this one."""
@@ -327,7 +328,9 @@ class Session:
         if len(logs) > 1:
             names = ", ".join(path.name for path in logs)
             raise DataError(
-                "live/logs", f"{names} are logs of one run; keep the one of its reference", f"{self.path / 'logs'}"
+                "live/logs",
+                f"{names} are logs of one run. Keep the log of its reference",
+                f"{self.path / 'logs'}",
             )
         return logs[0] if logs else None
 

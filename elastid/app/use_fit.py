@@ -92,7 +92,7 @@ def map_study(
 ) -> None:  # fmt: skip
     """Map at the postures of a path, of a grid of so many points along the longest side, or at random."""
     if sum(option is not None for option in (path, grid, random)) > 1:
-        raise StudyError("options/invalid", "--path, --grid and --random exclude one another; give one of them")
+        raise StudyError("options/invalid", "--path, --grid and --random are exclusive. Give one of them")
     try:
         cut = Cut(load, cutting, normal or None, force or None)
     except ValueError as error:
@@ -126,7 +126,7 @@ def tune_study(
 ) -> None:  # fmt: skip
     """References of the motors along a move of the fitted robot."""
     if duration is not None and fastest:
-        raise StudyError("options/invalid", "--time and --fastest exclude one another; give one of them")
+        raise StudyError("options/invalid", "--time and --fastest are exclusive. Give one of them")
 
     def work(result: Result) -> Used:
         """Move of the fitted robot, with what is written of it."""
@@ -157,10 +157,10 @@ def _given(run: Run, result: Result, frame: str | None, draws: int, asked: tuple
         return replace(robot, frames=family.robot.frames)
 
     identified = framed(with_findings(estimated_robot(result), friction))
-    judge, judge_name = identified, "twin with the identified numbers"
+    judge, judge_name = identified, "simulation with the identified parameters"
     simulated = study.experiment.simulated
     if simulated is not None:
-        judge, judge_name = framed(true_robot(study.as_robot(), simulated.truth)), "twin with the true numbers"
+        judge, judge_name = framed(true_robot(study.as_robot(), simulated.truth)), "simulation with the true parameters"
     drawn = draw_robots(result, draws, study.seed).robots if draws else ()
     # Where the rate of the study's controller is not known 500 Hz are usual.
     study_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
@@ -187,7 +187,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
     study_hz, today = _todays(run.study)
     hz = rate_hz or study_hz
     if hz is None:
-        raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
+        raise StudyError("options/invalid", "the study has no rate of the controller. Give --rate", run.loaded.path)
 
     def work(result: Result) -> Used:
         """Loops of the fitted robot, with what is written of them."""
@@ -282,13 +282,13 @@ def _result_of(run: Run, source: Path, name: str) -> Path:
         kind = "friction" if run.study.friction is not None else "elasticity"
         raise StudyError(
             "files/missing",
-            f"{path.name} is not there; the study identifies {kind}: name the run folder of another study of {kind}",
+            f"{path.name} is missing. The study identifies {kind}: give the run folder of another study of {kind}",
             f"--with {source}",
         )
     if path.resolve().parent == run.folder.resolve() and not run.is_current(name.removesuffix(".h5")):
         raise StudyError(
             "options/invalid",
-            "its own run folder, where other logs would replace its own; give --run",
+            "this is the run folder of STUDY, whose logs would be replaced. Give another folder with --run",
             f"--with {source}",
         )
     run.study.as_robot()
@@ -302,11 +302,11 @@ def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seque
     identified = with_identified_friction(robot, result)
     prediction = predict_logs(identified, result.joints, measured, controller, Execution(run.jobs))
     for joint, reason in prediction.missing.items():
-        run.console.warn(f"joint {joint} is not predicted: {reason}")
+        run.console.warn(f"joint {joint}: no prediction, {reason}")
     if not prediction.balances:
         raise StudyError(
             "predict/mismatch",
-            "none of its joints can be predicted on these logs; the reasons are above",
+            "no joint can be predicted on these logs (see the warnings above)",
             f"--with {path}",
         )
     return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.words
@@ -318,7 +318,9 @@ def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seq
     lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
     if lacking:
         raise StudyError(
-            "predict/mismatch", f"it is of another robot, without {', '.join(lacking[:3])}", f"--with {path}"
+            "predict/mismatch",
+            f"fit of another robot, without {', '.join(lacking[:3])}",
+            f"--with {path}",
         )
     taken_out, laid_open = path.with_name("frf.h5"), path.with_name("gears.h5")
     friction = read_friction(taken_out) if taken_out.is_file() else None

@@ -317,13 +317,12 @@ class Result:
         return remarks
 
     @property
-    def cause(self) -> tuple[str, str]:
-        """The first cause of a model error, and its remedy; empty where none is known."""
+    def cause(self) -> tuple[str, str, str]:
+        """The first cause of a model error, the full stop, and its remedy; empty texts if no cause is known."""
         notes = [str(note) for note in self.notes if note.code in CAUSES]
         if self.exceeds_noise:
             notes.append(f"{NO_CAUSE}. {self.test_of_causes}")
-        statement, _, remedy = min(notes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
-        return statement, remedy
+        return min(notes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
 
     @property
     def test_of_causes(self) -> str:

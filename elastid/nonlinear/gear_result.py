@@ -74,7 +74,7 @@ class GearNumber:
         """`k_1 = 1.5e5 N*m/rad, std 20, 1.49996e5 to 1.50004e5 (stiffness at zero torque)`."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         if not self.is_seen:
-            return f"{self.name} below {self.bound:.3g}{unit}, not seen ({self.meaning})"
+            return f"{self.name} below {self.bound:.3g}{unit}, not significant ({self.meaning})"
         low, high = self.interval
         turn = f", phase {self.phase:.3g} rad" if self.order else ""
         ends = f"std {self.std:.3g}, {low:.6g} to {high:.6g}"

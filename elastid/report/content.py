@@ -240,7 +240,7 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
 def _cells(row: GearNumber) -> list[str]:
     unit, factor = row.maker_unit or row.unit, row.factor
     if not row.is_seen:
-        return [row.name, row.meaning, unit, f"< {number(factor * row.bound, 2)}", "–", "not seen"]
+        return [row.name, row.meaning, unit, f"< {number(factor * row.bound, 2)}", "–", "not significant"]
     value, std = factor * row.value, factor * row.std
     meaning = f"{row.meaning}, at {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
     n, (low, high) = digits(value, std), row.interval
@@ -263,9 +263,9 @@ def seen_words(sheet: GearSheet) -> str:
 def gear_line(gears: GearResult) -> str:
     """The findings in a sentence; or why nothing was looked for."""
     if gears.refused:
-        return f"nothing was looked for: {gears.refused}"
+        return f"effects not estimated: {gears.refused}"
     seen = [row.name for row in gears.numbers if row.is_seen and not math.isfinite(row.linear)]
     if not seen:
-        return "springs and dampers alone; nothing else was seen, and each effect has its bound"
-    left = f"; {percent(gears.after)} of the motion is left unexplained, by the linear fit {percent(gears.before)}"
-    return f"found besides springs and dampers: {', '.join(seen)}; every other effect has its bound{left}"
+        return "no effect besides stiffness and damping is significant; upper bounds are in gears.h5"
+    left = f"unexplained position signal {percent(gears.after)} (linear fit {percent(gears.before)})"
+    return f"significant effects: {', '.join(seen)} (upper bounds for the others); {left}"

@@ -41,15 +41,15 @@ def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[
     """Three questions as on every page, findings, and every study; rate: false discovery rate."""
     n_robots, failed = len({run.robot for run in outcomes}), [run for run in outcomes if run.failed]
     robots = f"{n_robots} robot{'s' if n_robots > 1 else ''}"
-    lost = f", not those of {', '.join(dict.fromkeys(run.robot for run in failed))}" if failed else ""
+    lost = f" (failed: {', '.join(dict.fromkeys(run.robot for run in failed))})" if failed else ""
     good = f"{robots}, {len(outcomes) - len(failed)} of {len(outcomes)} measurements identified{lost}."
-    answer, advice = "None beyond what is natural.", "Measure again at the next service."
+    answer, advice = "None beyond the natural spread.", "Measure again at the next service."
     if findings:
         answer = "; ".join(change.words for change in findings[:3])
         answer += f"; and {len(findings) - 3} more." if len(findings) > 3 else "."
-        advice = f"Look at {findings[0].parameter} of {findings[0].robot} first, and measure it again."
+        advice = f"Measure {findings[0].parameter} of {findings[0].robot} again first."
     elif max(n_robots, *Counter(run.robot for run in outcomes).values()) < 3:
-        answer = "3 robots, or 3 dates of one, would show which differences are natural; add members to the fleet."
+        answer = "Not known: at least 3 robots, or 3 dates of one robot, are needed to estimate the natural spread."
     questions = (
         ("Are the numbers good?", (good,)),
         ("Which robots differ or drift?", (answer,)),
@@ -74,8 +74,8 @@ def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[
         ),
     )
     note = (
-        "Findings are differences from the other robots and trends over dates, beyond the intervals and the spread of "
-        f"robots and dates; at most {percent(rate)} of them are chance (false discovery rate)."
+        "Findings are differences from other robots and trends over dates that exceed the intervals and the natural "
+        f"spread. False discovery rate: {percent(rate)}."
     )
     return Answer(title, questions, tables if findings else tables[1:], (note,))
 

@@ -15,9 +15,9 @@ from elastid.validation.twin import LINK, NO_TWIN, TORQUE, TwinFindings
 # The first answer, by the status.
 GOOD = {
     "identified": "Yes.",
-    "partly": "Yes, as far as there are any: some that were asked for are missing.",
-    "misfit": "Not to be believed as they stand.",
-    "failed": "There are none.",
+    "partly": "Yes, but some requested parameters are not identified.",
+    "misfit": "No. Significant model error: do not use them.",
+    "failed": "No parameter was identified.",
 }
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
 ANSWERED = ("F_c", "F_s", "f")
@@ -87,34 +87,30 @@ class FrictionContent:
     def _good(self) -> str:
         """Answer by the status, and by the least known of the numbers that a joint's sentence has."""
         if self.result.status in ("identified", "partly") and self._off:
-            return f"Yes, though {self._off}."
+            return f"Yes, but {self._off}."
         answered = [row for row in self.result.numbers if row.symbol in ANSWERED and row.value]
         widths = {row.name: (row.high - row.low) / 2 / abs(row.value) for row in answered}
         widest = max(widths, key=widths.__getitem__, default="")
         if self.result.status != "identified" or not widest or widths[widest] <= MOST_OFF:
             return GOOD[self.result.status]
-        return f"Not all of them: {widest} is known to ±{percent(widths[widest])} alone."
+        return f"Not all of them: {widest} has an interval of ±{percent(widths[widest])}."
 
     @property
     def _off(self) -> str:
-        """The signal in which a twin with these numbers is furthest off its log, where that is too far; else empty."""
+        """The signal with the largest simulation error, if this error is too large; else empty."""
         runs = (*self.twin.runs, *self.left_out.runs)
         if lost := next((run for run in runs if run.lost), None):
-            return f"a robot with them is lost when it is simulated forwards on {lost.log}, as said below"
+            return f"the simulation on {lost.log} diverges (see below)"
         off = [(signal.error, signal, run) for run in runs for signal in run.signals if signal.kind != LINK]
         error, signal, run = max(off, key=lambda row: row[0], default=(0.0, None, None))
         if signal is None or run is None or not error > MOST_OFF:
             return ""
-        by = (
-            ", which the loop about the logged motion adds"
-            if run.tracking_bandwidth_hz and signal.kind == TORQUE
-            else ""
-        )
+        by = " (added by the tracking loop)" if run.tracking_bandwidth_hz and signal.kind == TORQUE else ""
         size = percent(error) if error > 2 else f"{percent(error)} of"
-        how = "reference" if run.drive == "reference" else "torque, under which errors grow with time"
+        how = "reference" if run.drive == "reference" else "torque, so that errors grow with time"
         return (
-            f"a robot with them, simulated forwards on {run.log} by its {how}, is off in the {signal.kind} of "
-            f"{signal.place} by {size} its rms{by}"
+            f"the simulation on {run.log}, driven by its {how}, has an error of {size} the rms {signal.kind} of "
+            f"{signal.place}{by}"
         )
 
     @property
@@ -127,10 +123,10 @@ class FrictionContent:
 
     @property
     def _truths(self) -> tuple[str, ...]:
-        """How many true values their intervals hold; nothing of a real robot."""
+        """Number of true values inside their intervals; empty for a real robot."""
         known = [(number.low, number.truth, number.high) for number in self.result.numbers if number.truth is not None]
         held = sum(low <= truth <= high for low, truth, high in known)
-        return (f"Of {len(known)} true values {held} lie within their 95 % intervals.",) if known else ()
+        return (f"{held} of {len(known)} true values inside their 95 % intervals.",) if known else ()
 
     @property
     def _failures(self) -> tuple[str, ...]:
@@ -143,17 +139,17 @@ class FrictionContent:
                 f"Unexplained fraction of the mean-square torque of {worst.place} in {worst.log}: "
                 f"{worst.unexplained_fraction:.2g}; without friction {worst.unexplained_without_friction:.2g}."
             )
-        return tuple(sentences) or ("Nowhere that these logs show.",)
+        return tuple(sentences) or ("Nowhere in these logs.",)
 
     @property
     def _next(self) -> tuple[str, ...]:
-        """Measurements that would give the missing parts, else the use of the law."""
+        """Measurements that identify the missing parts, else the use of the friction model."""
         if self.result.status == "failed":
             return (f"{self.result.message[:1].upper()}{self.result.message[1:]}.",)
         missing = {part_words(held): held.reason for joint in self.result.joints for held in joint.missing}
         if missing:
             return tuple(f"For {part}: {reason}." for part, reason in list(missing.items())[:3])
-        return ("Use the law: `elastid export STUDY --run FOLDER --to robot` writes it into the robot's file.",)
+        return ("Use the friction model: `elastid export STUDY --run FOLDER --to robot` adds it to the robot model.",)
 
 
 def answer(joint: JointFriction) -> str:
@@ -182,7 +178,7 @@ def refusals(result: FrictionResult) -> tuple[Refusal, ...]:
 
 
 def _not_identified(result: FrictionResult) -> str:
-    """Parts that the data do not identify, with their joints where these are not all; empty without such parts."""
+    """Parts that are not identifiable, with their joints if these are not all; empty without such parts."""
     joints: dict[str, tuple[str, ...]] = {}
     for refusal in refusals(result):
         if not refusal.reason.startswith((NOT_ASKED, ABSENT)):
@@ -206,7 +202,7 @@ def with_interval(identified: FrictionNumber) -> str:
 
 
 # Of the table of an identified friction law, as `number_cells` fills it.
-NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", "learnt from")
+NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", "identified from")
 
 
 def number_cells(identified: FrictionNumber) -> tuple[str, ...]:

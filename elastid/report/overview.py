@@ -152,7 +152,7 @@ def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
     if result.status != "converged":
         return result.message.rstrip(".")
     if result.exceeds_noise:
-        return f"residuals {number(result.residual_ratio, 3)} times the noise, which the intervals include"
+        return f"residuals {result.residual_ratio:.3g} times the noise, which the intervals include"
     return f"residuals consistent with noise{' and declared model error' if needs_floor(agreements) else ''}"
 
 
@@ -221,6 +221,7 @@ class Action:
     text: str = ""
 
 
+USE = Action("Use the numbers.", "No interval or residual requires another measurement.")
 OPEN_GEARS = Action(
     "Estimate the nonlinear effects of the gears, if time, unit and load are the same in all records.",
     "The result is the stiffness at zero torque and its dependence on torque.",
@@ -240,8 +241,7 @@ def next_steps(result: Result, rows: Sequence[ParameterRow], plan: Plan | None =
     if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
         candidates.append(None if result.exceeds_noise else _of_experiments(result, plan, poor))
     actions = [action for action in candidates if action is not None]
-    last = Action("Use the numbers.", "No interval or residual requires another measurement.")
-    return tuple(actions[:MOST_ACTIONS] or [last])
+    return tuple(actions[:MOST_ACTIONS] or [USE])
 
 
 # Meaning and command line of exports; the page, which is the same wherever it is made, knows no path.
@@ -254,14 +254,14 @@ COMMANDS = tuple(
 def _action_of_status(result: Result) -> Action | None:
     if DISTORTED in result.verdicts and not any(words in result.message for words in (NOT_EXPLAINED, NOT_OPENED)):
         return OPEN_GEARS
-    if result.status == "converged" or (result.status == "misfit" and result.cause[1]):
+    if result.status == "converged" or (result.status == "misfit" and result.cause[2]):
         return None
     return Action(f"{MEANING[result.status].partition('. ')[2]}.", "")  # the cause stands above it
 
 
 def _of_cause(result: Result) -> Action | None:
     """The remedy of the first cause."""
-    what, _, command = result.cause[1].partition(": `")
+    what, _, command = result.cause[2].partition(": `")
     first, tied = result.indices[:1], {p.tie.to for p in result.parameters if p.tie is not None}
     # A command that frees a number is of use if a study can free it.
     is_free = all({*index.members} <= {*result.parameters.names} - tied for index in first)

@@ -324,10 +324,10 @@ def _verdict(rows: Sequence[ComparedModel]) -> str:
     best = rows[0]
     if not math.isfinite(best.mean_misfit):
         if not math.isfinite(best.criterion):
-            return "No model could be fitted: see the message of each."
+            return "No model could be fitted (see the messages)."
         return (
-            f"{best.name} has the smallest information criterion; the predictions of the models are unknown, because "
-            "there is one configuration only and none to leave out"
+            f"{best.name} has the smallest information criterion. No cross-validation is possible, because there is "
+            "only one configuration."
         )
     rivals = [row for row in rows[1:] if math.isfinite(row.mean_misfit)]
     tolerance = 1e-3 * best.mean_misfit

@@ -87,17 +87,17 @@ class TwinRun:
 
     @property
     def words(self) -> str:
-        """Errors of the twin along its log, in a sentence or two."""
+        """Simulation errors along the log, in one sentence."""
         driven = f"driven by its {_DRIVES[self.drive]}"
         if self.lost:
-            return f"Simulated forwards on {self.log}, {driven}, the twin is lost: {self.lost}."
+            return f"Simulation on {self.log}, {driven}: diverged, {self.lost}."
         held_hz = self.tracking_bandwidth_hz
-        held = f", held on the log by a loop of {held_hz:.2g} Hz" if held_hz else ""
+        held = f", tracking loop of {held_hz:.2g} Hz" if held_hz else ""
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
         parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
         return (
-            f"Simulated forwards over {self.seconds:.3g} s of {self.log}, {driven}{held}, the twin is off by (rms "
-            f"error over rms signal): {'; '.join(parts)}."
+            f"Simulation over {self.seconds:.3g} s of {self.log}, {driven}{held}: rms error / rms signal "
+            f"{'; '.join(parts)}."
         )
 
 

@@ -99,7 +99,7 @@ def current_fit(run: Run) -> Result:
 
 
 def warn_of_distrust(run: Run, command: str, result: Result) -> None:
-    """A warning where the fit that a command works with cannot be trusted."""
+    """Warn if the fit that a command uses has a significant model error or no usable optimum."""
     if result.status not in TRUSTED:
         run.console.warn(f"{command}: do not use this fit. {capital(result.message)}")
 
@@ -127,10 +127,11 @@ def conclude(run: Run) -> None:
         run.console.say(line)
     run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
     status, meaning = result.status.replace("_", " "), result.meaning
+    failure = f"{result.message.partition('. ')[0]}. {capital(meaning)}"
     if result.status == "misfit":
-        raise MisfitError("fit/misfit", meaning, "misfit")
+        raise MisfitError("fit/misfit", failure, status)
     if result.status not in TRUSTED:
-        raise FitError("fit/not-trusted", meaning, status)
+        raise FitError("fit/not-trusted", failure, status)
     run.console.say(f"{status}: {result.message if explained else meaning}")
 
 

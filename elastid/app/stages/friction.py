@@ -41,8 +41,8 @@ def design_motions(study: Study, work: Work) -> Artefacts:
 
     def report(console: Console) -> None:
         console.say(
-            f"design: {len(plan.motions)} motions of {len(plan.designs)} joints, {plan.robot_time_s / 60:.3g} min of "
-            "the robot's time"
+            f"design: {len(plan.motions)} trajectories of {len(plan.designs)} joints, "
+            f"{plan.robot_time_s / 60:.3g} min of robot time"
         )
         for sentence in plan.known:
             console.say(f"design: {sentence}")
@@ -130,7 +130,7 @@ def friction(study: Study, work: Work) -> Artefacts:
     def report(console: Console) -> None:
         console.notes(note for joint in result.joints for note in joint.notes if note not in reported)
         console.say(f"friction: {result.message}")
-        for words in (*twin.words, *(f"left out: {words}" for words in judged.words)):
+        for words in (*twin.words, *(f"validation: {words}" for words in judged.words)):
             console.say(f"friction: {words}")
 
     return Artefacts(
@@ -173,10 +173,10 @@ def conclude(run: Run) -> None:
     run.say_files([*run.stages["report"].leaves, *run.stages["friction"].leaves[1:]])
     missing = [f"joint {joint.joint}: {part_words(held)}" for joint in result.joints for held in joint.missing]
     if result.status == "failed":
-        raise FitError("friction/no-record", f"{result.message}; the notes above say why", "no friction was identified")
+        raise FitError("friction/no-record", f"{result.message} (see the notes above)", "no friction was identified")
     if result.status == "misfit":
-        raise MisfitError("fit/misfit", result.message, "done, but a misfit")
-    meaning = f"these data do not identify {', '.join(missing)}" if missing else "each joint has its curve of friction"
+        raise MisfitError("fit/misfit", result.message, "misfit")
+    meaning = f"not identifiable: {', '.join(missing)}" if missing else "friction model of every joint identified"
     run.console.say(f"{result.status}: {meaning}")
 
 
@@ -185,12 +185,12 @@ def _level_words(joint: JointLevels) -> str:
     parts = []
     if joint.constant_velocity is not None:
         curve = joint.constant_velocity
-        parts.append(f"{curve.n_levels} levels from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
+        parts.append(f"{curve.n_levels} velocities from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
     if joint.motion is not None:
         error = joint.motion.chosen.relative_error
-        parts.append(f"a motion, {error:.1%} of whose torque inertia, gravity and friction leave")
+        parts.append(f"trajectories, unexplained torque {error:.1%}")
         parts.append(joint.motion.seconds_words)
-    return ", ".join(parts) or "no log in which it slides"
+    return ", ".join(parts) or "no log with sliding"
 
 
 def follow_friction(study: Study, work: Work) -> Artefacts:
@@ -212,4 +212,4 @@ def _words(followed: FollowedFriction) -> str:
         f"{name} {number(followed.values[-1, i])} ({number(followed.low[-1, i])} to {number(followed.high[-1, i])})"
         for i, name in enumerate(followed.names)
     ]
-    return f"at the end {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}; {followed.verdict}"
+    return f"final values {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}; {followed.verdict}"

@@ -91,8 +91,7 @@ def with_status(evidence: Evidence) -> Result:
         return ended("model_error", f"{explained}. {capital(fault(readings[0], evidence))}")
     too_large = result.inflation_factor > LIMITS.model_error or not result.noise_is_known
     if too_large and evidence.explained < LIMITS.half:
-        far = "" if end.converged else f", and the search stopped before an optimum ({end.message})"
-        return ended("model_error", f"{explained}{far}. Check channels, gear ratios, bounds and the robot model")
+        return ended("model_error", f"{explained}. Check channels, gear ratios, bounds and the robot model")
     if not end.converged:
         return ended("not_converged", f"the search stopped before an optimum ({end.message})")
     if unreached.any():
