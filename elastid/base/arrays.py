@@ -81,7 +81,7 @@ _DTYPES: dict[str, type] = {
     "IntArray": np.int64,
 }
 # Annotations are strings in modules with `from __future__ import annotations` and types in all others.
-_DTYPES |= {str(NDArray[dtype]): dtype for dtype in [*_DTYPES.values()]}
+_DTYPES |= {str(NDArray[dtype]): dtype for dtype in [*_DTYPES.values()]}  # type: ignore[valid-type]
 T = TypeVar("T")
 
 
