@@ -78,7 +78,7 @@ def truth(
     if simulated is None:
         return None
     mixed = mixed_numbers(robot, True, friction)
-    named = (*robot.geometry, *(name for name in robot.gains if name in fitted))
+    named = (*robot.geometry, *(name for name in robot.channel_numbers if name in fitted))
     numbers = {name: value for name, (value, _) in robot.parameters(named).items()} | {DELAY: 0.0}
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in mixed}
 

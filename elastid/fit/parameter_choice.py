@@ -84,7 +84,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
-    Coordinates and lengths of the geometry, and gains of channels, are among the parameters as far as the study names
+    Coordinates and lengths of the geometry, and numbers of channels, are among the parameters as far as the study names
     them (`named_on_demand`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
     are fitted, for parameters of their own; without any, such a parameter is one for all.
@@ -140,9 +140,9 @@ def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
 
 
 def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
-    """The names of robot.on_demand that fit.parameters ask for: geometry, and gains, which no pattern stands for."""
+    """The names of robot.on_demand that fit.parameters ask for: geometry, and numbers of channels by full name."""
     ties = [asked.tie.to for asked in given.values() if asked.tie is not None]
-    return (*named_geometry(given, robot), *(name for name in robot.gains if name in (*given, *ties)))
+    return (*named_geometry(given, robot), *(name for name in robot.channel_numbers if name in (*given, *ties)))
 
 
 def _match(
@@ -199,7 +199,7 @@ def _linear_names(robot: Robot) -> set[str]:
     names |= {f"{letter}_{joint.name}" for joint in robot.joints for letter in ("k2", "k2s")}
     names |= {f"L0_{compensator.name}" for compensator in robot.compensators}
     names |= robot.geometry.keys() - {f"l_{loop.name}" for loop in robot.loops}
-    return names
+    return names | {name for name in robot.channel_numbers if not name.startswith("gain_")}
 
 
 def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bool) -> Parameter:
@@ -234,9 +234,10 @@ def _bounds(name: str, start: float, asked: ParameterSpec, log: bool) -> tuple[f
     if log:
         # Friction may end higher: Coulomb friction looks viscous to a multisine, the more the slower it slides.
         return start / BOUND_FACTOR, start * (1e4 if name.startswith(("f_", "fm_")) else BOUND_FACTOR)
-    return (0.0, 0.01) if name.partition(SEPARATOR)[0] == DELAY else (-math.inf, math.inf)  # delay: s
+    return MAX_TIME if name.startswith((DELAY, "low_pass_")) else (-math.inf, math.inf)
 
 
+MAX_TIME = (-0.05, 0.05)  # s, of a delay or a low pass of a channel: four cycles of the slowest controllers
 MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
 
 
@@ -299,7 +300,8 @@ def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
             yield Tolerance(name, owner, kind_of(path), std, factor)
     of_constants = robot.tolerances.torque_constant
     if isinstance(of_constants, float) and of_constants > 0:
-        yield from (Tolerance(n, "", "torque_constant", of_constants) for n in robot.gains if n.startswith("gain_u_"))
+        of_torques = (name for name in robot.channel_numbers if name.startswith("gain_u_"))
+        yield from (Tolerance(name, "", "torque_constant", of_constants) for name in of_torques)
 
 
 def _turns_all(robot: Robot, path: Path) -> bool:

@@ -135,7 +135,7 @@ class Family:
             )
         places = (*whole.inputs, *whole.outputs)
         slides = tuple(place for place in places if place.startswith("force ") or place in linear.sliding)
-        whole = replace(whole, gains=(), sliding=slides)
+        whole = replace(whole, channel_numbers=(), sliding=slides)
         return FittedModel(whole, self.estimated, self.model.coordinates, self.frame, self.asked.axes)
 
     def _ports(self, configuration: Configuration) -> Ports:

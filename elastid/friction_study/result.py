@@ -27,7 +27,7 @@ from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.model.formulation import ElasticJoint, held_joint
 from elastid.record import FrictionRecord, FrictionRecords, motion_unit
-from elastid.robot import Friction, LuGre, Robot, gain_name
+from elastid.robot import Friction, LuGre, Robot, channel_name
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 
@@ -212,7 +212,7 @@ def _table(
         a = np.array([1.0, -1.0 if mark == "-" else 1.0])[: len(places)]
         value, std = float(a @ values[places]), float(np.sqrt(a @ covariance[np.ix_(places, places)] @ a))
         unit = "kg" if slides and term.path == "inertia" else term.unit_at(slides)
-        name = gain_name("u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
+        name = channel_name("gain", "u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
             name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - reach * std,
             value + reach * std, learnt, truth.get(name),

@@ -38,7 +38,7 @@ from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, check_theta, index_of
 from elastid.base.escape import control_labels
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors
-from elastid.robot import Chain, gain_name
+from elastid.robot import CHANNEL_NUMBERS, Chain, channel_name, low_pass_response
 
 # The one element between command and torque.
 TORQUE_LAG = "torque_lag"
@@ -150,7 +150,7 @@ class LinearModel:
     quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not enter this
     model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
     chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
-    was eliminated.  gains: names of the parameters that are gains of channels.  hold: torques of which the response
+    was eliminated.  channel_numbers: names of the parameters of channels.  hold: torques of which the response
     contains images; None for the motion itself.  sliding: inputs and outputs that translate, in N and m instead of Nm
     and rad.  motors, loop: of a `Response`, already in M, D, K.  integral (n, n): Delta of a controller, whose force is
     -Delta / s q.  Link side, SI.
@@ -171,7 +171,7 @@ class LinearModel:
     T: FloatArray | None = None
     chain: tuple[Element, ...] = ()
     Z: FloatArray | None = None
-    gains: tuple[str, ...] = ()
+    channel_numbers: tuple[str, ...] = ()
     hold: HeldTorque | None = None
     sliding: tuple[str, ...] = ()
     motors: Motors = "free"
@@ -210,14 +210,26 @@ class LinearModel:
         """The value of one parameter in theta (n_theta,); UnknownNameError names those there are."""
         return float(theta[index_of(name, self.parameters, "parameter")])
 
-    def channel_gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """g_y (n_y,) and 1 / g_u (n_u,): factors of rows and columns of G where channels are not calibrated, or 1."""
+    def channel_factors(self, theta: FloatArray, s: ComplexArray | None = None) -> tuple[ComplexArray, ComplexArray]:
+        """Return F_y (..., n_y) and 1 / F_u (..., n_u), factors of rows and columns of G by the errors of channels.
 
-        def gains(role: str, places: Sequence[str]) -> FloatArray:
-            names = [gain_name(role, place) for place in places]
-            return np.array([self.number(theta, name) if name in self.gains else 1.0 for name in names])
+        s (...,): j omega; None for the gains alone, without delays and low passes of the log.
+        """
 
-        return gains("y", self.outputs), 1 / gains("u", self.inputs)
+        def number(kind: str, role: str, place: str) -> float:
+            name = channel_name(kind, role, place)
+            return self.number(theta, name) if name in self.channel_numbers else CHANNEL_NUMBERS[kind][1]
+
+        def factors(role: str, places: Sequence[str]) -> ComplexArray:
+            gains = np.array([number("gain", role, place) for place in places], np.complex128)
+            if s is None or not self.channel_numbers:
+                return gains
+            delays = np.array([number("delay", role, "") + number("delay", role, place) for place in places])
+            common = low_pass_response(s, number("low_pass", role, ""))[..., None]
+            own = [low_pass_response(s, number("low_pass", role, place)) for place in places]
+            return np.asarray(gains * np.exp(-s[..., None] * delays) * common * np.stack(own, axis=-1))
+
+        return factors("y", self.outputs), 1 / factors("u", self.inputs)
 
     def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """C and T (n_y, n) at theta (n_theta,) in SI."""
@@ -346,7 +358,7 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
         "velocity": (C @ v, np.zeros((len(C), n_u))),
         "acceleration": (C @ motion[:, :m] + tilt @ q, C @ motion[:, m:]),
     }[model.quantity]
-    of_outputs, of_inputs = model.channel_gains(theta)
+    of_outputs, of_inputs = (gains.real for gains in model.channel_factors(theta))
     B, C, D_y = B * of_inputs, of_outputs[:, None] * C, of_outputs[:, None] * D_y * of_inputs
     for element in model.chain:
         if not isinstance(element, LagElement):

@@ -209,9 +209,9 @@ class Linearisation:
         M, D, K = (projected(Z, matrix) for matrix in (M, D, K))
         B, C, T = Z.T @ model.B, C @ Z, T @ Z
         chain, sliding = elements(model.robot.chain), model.robot.sliding((*model.inputs, *outputs))
-        gains = tuple(name for name in model.parameters if name in model.robot.gains)
+        channels = tuple(name for name in model.parameters if name in model.robot.channel_numbers)
         return LinearModel(
-            configuration, names, theta_ref, M, D, K, of_name, B, C, *places, T, chain, Z, gains, sliding=sliding
+            configuration, names, theta_ref, M, D, K, of_name, B, C, *places, T, chain, Z, channels, sliding=sliding
         )
 
     @cached_property

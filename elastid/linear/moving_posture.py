@@ -69,7 +69,6 @@ def effect_of_motion(
     measured = np.flatnonzero(np.isin(model.inputs, motion.motors))
     at = [motion.motors.index(model.inputs[i]) for i in measured]
     mean = _mean(expansion, motion, linear.configuration.angles, measured, at)
-    of_outputs, of_inputs = linear.channel_gains(theta)
     inputs = [model.inputs.index(place) for place in linear.inputs]
 
     def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
@@ -79,8 +78,9 @@ def effect_of_motion(
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
         changes = interpolated(omega, nodes, np.stack([moved.change(node) for node in nodes]))
         dG = expansion.response_change(omega, changes)[:, :, inputs]
-        gain = factor(linear, theta, (1j * omega).astype(np.complex128))[:, None, None]
-        return gain * of_outputs[:, None] * dG * of_inputs
+        s = (1j * omega).astype(np.complex128)
+        of_outputs, of_inputs = linear.channel_factors(theta, s)
+        return factor(linear, theta, s)[:, None, None] * of_outputs[..., :, None] * dG * of_inputs[..., None, :]
 
     if known is not None:
         few = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))

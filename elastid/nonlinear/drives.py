@@ -108,7 +108,7 @@ def drive_lines(
     s = lines.s[:, None, None]
     H = np.asarray(np.linalg.inv(s**2 * M + s * D + K), np.complex128)
     C = model.with_outputs(motors).C
-    of_outputs, of_inputs = kernel.model.channel_gains(theta)
+    of_outputs, of_inputs = kernel.model.channel_factors(theta, lines.s.astype(np.complex128))
     order = MOTION_ORDER[model.quantity]
 
     elements = (element for element in kernel.model.chain if element.name != TORQUE_LAG)

@@ -37,6 +37,7 @@ from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples, unstated_period_notes
 from elastid.recorded.repair.time_stamps import CLOCK, RESAMPLED, at_times, delay
+from elastid.robot import before_channels
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class RecordedRig:
     def _pieces(self, file: FileSpec) -> _Pieces | None:
         """The pieces of a log; None where it is read as a whole."""
         recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
-        is_mixed = any(channel.rate_hz is not None or channel.role == "d" for channel in recorded.channels)
+        is_mixed = any(c.rate_hz is not None or c.role == "d" or c.errors for c in recorded.channels)
         needs_all = period == "find" or (period or 0) % 1 or recorded.time or file.also or is_mixed
         # Unless compressed, a value takes a byte of the file at least.
         if needs_all or path.stat().st_size < MIN_VALUES:
@@ -184,12 +185,16 @@ def repaired_signals(
 ) -> tuple[Repaired, int | None, float]:
     """The repaired signals, the samples of their period (None without one), and their rate."""
     period, half_wave, log = gathered.period, recorded.half_wave, gathered.log
+    errors = [channel.errors for channel in gathered.channels]
     if period is None:
-        return repair_without_period(gathered.signals, log), None, gathered.rate_hz
+        repaired = repair_without_period(gathered.signals, log)
+        signals = before_channels(repaired.signals, gathered.rate_hz, errors)
+        return replace(repaired, signals=signals), None, gathered.rate_hz
     N = grid_samples(period, half_wave)
     check = partial(check_repeat, N=N, half_wave=half_wave, log=log, is_one_of_several=is_one_of_several)
     repaired = repair(gathered.signals, _columns_of_roles(gathered.channels), period, half_wave, log, check)
-    return repaired, N, gathered.rate_hz if period == N else gathered.rate_hz * N / period
+    rate_hz = gathered.rate_hz if period == N else gathered.rate_hz * N / period
+    return replace(repaired, signals=before_channels(repaired.signals, rate_hz, errors)), N, rate_hz
 
 
 # A log of fewer values is measured as a whole.

@@ -31,6 +31,7 @@ channels: gain_y_joint_1, gain_u_motor_1.
 """
 
 from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
+from elastid.robot.channel_signals import before_channels, logged
 from elastid.robot.connections import Anchor, CoilSpring, Compensator, GasSpring, Loop, Pin, Rod
 from elastid.robot.friction import (
     Directions,
@@ -43,17 +44,16 @@ from elastid.robot.friction import (
 )
 from elastid.robot.gears import GearCoupling
 from elastid.robot.joint import Gear, GearRipple, Hysteresis, Joint, Limits, Motor, Spring, TransmissionError
-from elastid.robot.measurement_chain import Chain, ChannelGain, gain_name
+from elastid.robot.measurement_chain import CHANNEL_NUMBERS, Chain, Channel, channel_name, low_pass_response
 from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.robot import FRAME_AXES, Robot
 from elastid.robot.tolerances import BodyTolerances, Tolerances
 
 __all__ = [
-    "BASE", "FRAME_AXES", "TOOL", "Acceleration3", "Anchor", "Angles3", "Axis", "Body", "BodyTolerances", "Chain",
-    "ChannelGain",
-    "CoilSpring", "Compensator", "Directions", "Frame", "Friction", "GasSpring", "Gear", "GearCoupling", "GearRipple",
-    "Hysteresis", "InertiaTensor",
-    "Joint", "Limits", "LoadDependence", "Loop", "LuGre", "MaxwellSlip", "MeasuredRange", "Motor", "Payload", "Pin",
-    "Placement", "Robot", "Rod", "Spring", "TemperatureDependence", "Tolerances", "TransmissionError", "Vector3",
-    "gain_name", "unit_axis",
+    "BASE", "CHANNEL_NUMBERS", "FRAME_AXES", "TOOL", "Acceleration3", "Anchor", "Angles3", "Axis", "Body",
+    "BodyTolerances", "Chain", "Channel", "CoilSpring", "Compensator", "Directions", "Frame", "Friction",
+    "GasSpring", "Gear", "GearCoupling", "GearRipple", "Hysteresis", "InertiaTensor", "Joint", "Limits",
+    "LoadDependence", "Loop", "LuGre", "MaxwellSlip", "MeasuredRange", "Motor", "Payload", "Pin", "Placement",
+    "Robot", "Rod", "Spring", "TemperatureDependence", "Tolerances", "TransmissionError", "Vector3",
+    "before_channels", "channel_name", "logged", "low_pass_response", "unit_axis",
 ]  # fmt: skip

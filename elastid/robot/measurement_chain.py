@@ -5,43 +5,60 @@ r"""The measurement chain around the mechanics: factors of torque loop, sensors 
 Each element has one number with a name, which a fit may keep or find: torque_lag (T_tau), sensor_lag (T_y),
 differentiator (T_Delta). The torque delay is always there, under the name `delay`.
 
-A channel that is not calibrated reads g times what is there: gain_y_accelerometer_tool_z of a motion, gain_u_motor_1 of
-a torque, so that the response that is measured is
+A logged channel has a gain g, a time delay T_d and a low pass of first order T_l (gain_u_motor_1, delay_u_motor_1,
+low_pass_y_motor_1; delay_u and low_pass_u of all torques). The measured response is
 
-.. math:: \hat G_{ij} = g_{y,i}\, G_{ij} / g_{u,j}
+.. math:: \hat G_{ij} = \frac{F_{y,i}}{F_{u,j}}\, G_{ij}, \qquad F = \frac{g\, e^{-s T_d}}{1 + s T_l}
 
-Every place has such gains; they are 1, and parameters only where a study names them.
+A negative T_l is the inverse filter 1 + s |T_l|: only quotients F_y / F_u are identifiable. Every place has these
+numbers; they are 1, 0 and 0, and parameters only where a study names them.
 """
 
 from collections.abc import Collection, Iterable
 from typing import Annotated, Literal
 
+import numpy as np
+
+from elastid.base.arrays import ComplexArray
 from elastid.base.section import Key, section
 from elastid.base.units import Time
 from elastid.robot.placement import Numbers
 
+# Numbers of a channel: unit, and value of a channel without error.
+CHANNEL_NUMBERS = {"gain": ("1", 1.0), "delay": ("s", 0.0), "low_pass": ("s", 0.0)}
 
-def gain_name(role: str, place: str) -> str:
-    """The name of a channel's gain, by the role and place of the channel.
 
-    >>> gain_name("y", "accelerometer tool z")
-    'gain_y_accelerometer_tool_z'
+def channel_name(kind: str, role: str, place: str = "") -> str:
+    """Return the name of a number of a channel, or of all channels of a role.
+
+    >>> channel_name("gain", "y", "accelerometer tool z"), channel_name("delay", "u")
+    ('gain_y_accelerometer_tool_z', 'delay_u')
     """
-    return f"gain_{role}_{place}".replace(" ", "_")
+    return "_".join(filter(None, (kind, role, place))).replace(" ", "_")
+
+
+def low_pass_response(s: ComplexArray, T: float) -> ComplexArray:
+    """Return the response of a low pass of first order with time constant T in s, of its inverse if T is negative."""
+    return np.asarray(1 / (1 + s * T) if T >= 0 else 1 - s * T)
 
 
 @section
-class ChannelGain:
-    """Gain of a channel: its reading over the true value, 1 where it is calibrated."""
+class Channel:
+    """Errors of a logged channel: gain (logged over true value), time delay and low pass."""
 
     # fmt: off
     role: Annotated[Literal["u", "y"], Key("Role of the channel, `u` of a torque, `y` of a motion.", "y for a motion "
         "sensor; u moves a whole column, and with it all inertias of that motor.")]
-    at: Annotated[str, Key("Place of the channel on the robot.", "spelt as in the channels, so that the parameter "
-        "gain_y_... is found.")]
-    gain: Annotated[float, Key("Gain of the channel, a positive factor; the start of a fit that names it "
-        "(gain_y_accelerometer_tool_z), and held by others.", "the number of a calibration; 1 is the start where the "
+    at: Annotated[str, Key("Place of the channel on the robot (default: all channels of the role).", "spelt as in "
+        "the channels of the study.")] = ""
+    gain: Annotated[float, Key("Gain of the channel, a positive factor. Name it in fit.parameters to identify it "
+        "(gain_y_accelerometer_tool_z).", "the number of a calibration; 1 is the start where the "
         "fit is to find it.", above=0)] = 1.0
+    delay: Annotated[Time, Key("Time by which the logged signal is later than the true one, of either sign. Name it in "
+        "fit.parameters to identify it (delay_u_motor_1, or delay_u of all torques).", "one cycle where the log shows "
+        "the torque of the cycle before.")] = 0.0
+    low_pass: Annotated[Time, Key("Time constant of a low pass of first order between the true and the logged signal "
+        "(low_pass_u_motor_1).", "1 / (2 pi corner) of the filter of a logged current.")] = 0.0
     # fmt: on
 
 
@@ -63,39 +80,51 @@ class Chain:
         "sheet of the anti-aliasing filter; order 4 delays 2.6 times as long as order 1 with the same corner.")] = 1
     differentiator: Annotated[Time | None, Key("Time over which a logged velocity is the difference of positions.",
         "one sample or the averaging time of the drive, where it logs speed of encoder counts.", above=0)] = None
-    gains: Annotated[tuple[ChannelGain, ...], Key("Gains of channels that are not calibrated.", "for channels that "
-        "were never calibrated, as accelerometers on magnets; keep the gain of at least one motor, since gains and "
-        "inertias cannot be distinguished.")] = ()
+    channels: Annotated[tuple[Channel, ...], Key("Gains, time delays and low passes of logged channels.", "for "
+        "channels that were never calibrated, as accelerometers on magnets, and for filtered or late currents; keep "
+        "the gain of at least one motor, since gains and inertias cannot be distinguished.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:
-        channels = [(channel.role, channel.at) for channel in self.gains]
+        channels = [(channel.role, channel.at) for channel in self.channels]
         for role, place in channels:
             if channels.count((role, place)) > 1:
-                raise ValueError(f"gains has {role} at {place} twice; leave one out")
+                raise ValueError(f"channels has {role} at {place or 'all places'} twice; leave one out")
 
     @property
     def numbers(self) -> Numbers:
-        """The time constant of each element that is present, and the gains that are listed."""
-        times: Numbers = {name: ("s", (name,)) for name in self._times}
-        return times | {gain_name(g.role, g.at): ("1", ("gains", i, "gain")) for i, g in enumerate(self.gains)}
+        """Unit and path of the time constant of each element, and of the numbers of listed channels."""
+        numbers: Numbers = {name: ("s", (name,)) for name in self._times}
+        for i, channel in enumerate(self.channels):
+            for kind, (unit, usual) in CHANNEL_NUMBERS.items():
+                if kind == "gain" or getattr(channel, kind) != usual:
+                    numbers[channel_name(kind, channel.role, channel.at)] = (unit, ("channels", i, kind))
+        return numbers
 
-    def gain(self, role: str, place: str) -> float:
-        """The gain of a channel, 1 where none is listed."""
-        return next((channel.gain for channel in self.gains if (channel.role, channel.at) == (role, place)), 1.0)
+    def channel_numbers(self, motors: Iterable[str], places: Iterable[str]) -> dict[str, tuple[Channel, str]]:
+        """Channel and kind of each number of torques at motors and motions at places, by name, as far as listed."""
+        listed = {(channel.role, channel.at): channel for channel in self.channels}
+        keys = [("u", ""), *(("u", place) for place in motors), ("y", ""), *(("y", place) for place in places)]
+        return {
+            channel_name(kind, *key): (listed.get(key, Channel(*key)), kind)  # type: ignore[arg-type]
+            for key in keys
+            for kind in CHANNEL_NUMBERS
+            if key[1] or kind != "gain"
+        }
 
-    def gains_at(self, motors: Iterable[str], places: Iterable[str]) -> dict[str, ChannelGain]:
-        """Gains of torques at motors and of motions at places by name, 1 where none is listed."""
-        channels = [ChannelGain("u", place, self.gain("u", place)) for place in motors]
-        channels += [ChannelGain("y", place, self.gain("y", place)) for place in places]
-        return {gain_name(channel.role, channel.at): channel for channel in channels}
+    def at(self, role: str, places: Iterable[str]) -> list[tuple[Channel, ...]]:
+        """Return the listed channels of a role at each place, those of all places included."""
+        of_role = [channel for channel in self.channels if channel.role == role]
+        return [tuple(channel for channel in of_role if channel.at in ("", place)) for place in places]
 
     def check_places(self, motors: Collection[str], places: Collection[str]) -> None:
-        """ValueError for a listed gain of a channel that cannot be."""
-        for channel in self.gains:
-            known = motors if channel.role == "u" else places
-            if channel.at not in known:
-                raise ValueError(f"chain.gains: no {channel.role} is at '{channel.at}'; there are {', '.join(known)}")
+        """Raise ValueError for a listed channel that does not exist, and for a common gain of a role."""
+        for channel in self.channels:
+            names = motors if channel.role == "u" else places
+            if (channel.at and channel.at not in names) or (not channel.at and channel.gain != 1):
+                raise ValueError(
+                    f"chain.channels: no {channel.role} is at '{channel.at}'; there are {', '.join(names)}"
+                )
 
     @property
     def _times(self) -> dict[str, float]:

@@ -18,7 +18,7 @@ from elastid.robot.body import BASE, TENSOR_LETTERS, TOOL, Body, Frame, Payload
 from elastid.robot.connections import Compensator, Loop
 from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series, gearboxes, mixing
 from elastid.robot.joint import Joint
-from elastid.robot.measurement_chain import Chain, ChannelGain
+from elastid.robot.measurement_chain import CHANNEL_NUMBERS, Chain, Channel
 from elastid.robot.placement import Acceleration3, Numbers, Path, Placement, below, number_at, replaced
 from elastid.robot.tolerances import FileTolerances, Tolerances
 
@@ -344,14 +344,14 @@ class Robot:
         return numbers
 
     @cached_property
-    def gains(self) -> dict[str, ChannelGain]:
-        """The gain of every channel that may be, 1 where none is listed; parameters as the geometry is."""
-        return self.chain.gains_at(self.motor_locations, self.locations)
+    def channel_numbers(self) -> dict[str, tuple[Channel, str]]:
+        """Channel and kind of gain, delay and low pass of every possible channel; parameters only where named."""
+        return self.chain.channel_numbers(self.motor_locations, self.locations)
 
     @property
     def on_demand(self) -> tuple[str, ...]:
-        """Names of the numbers that are parameters only where they are asked for: of the geometry, gains."""
-        return (*self.geometry, *self.gains)
+        """Names of the numbers that are parameters only where they are asked for: of the geometry, of channels."""
+        return (*self.geometry, *self.channel_numbers)
 
     @property
     def _joints_and_bodies(self) -> Iterator[tuple[Path, Joint | Body]]:
@@ -365,24 +365,35 @@ class Robot:
         yield from ((("compensators", i), compensator) for i, compensator in enumerate(self.compensators))
 
     def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
-        """Every number with a name: its value and SI unit; of geometry and gains those that are named, last."""
+        """Every number with a name: its value and SI unit; of geometry and channels those that are named, last."""
         named = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
         table = {name: (number_at(self, path), unit) for name, (unit, path) in (self.numbers | named).items()}
-        return table | ({name: (g.gain, "1") for name, g in self.gains.items() if name in geometry} if geometry else {})
+        of_channels = self.channel_numbers.items() if geometry else ()
+        return table | {
+            name: (getattr(channel, kind), CHANNEL_NUMBERS[kind][0])
+            for name, (channel, kind) in of_channels
+            if name in geometry
+        }
 
     def with_parameters(self, values: Mapping[str, float]) -> Robot:
         """Robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
         known = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
-        if further := [self.gains[name] for name in values if name in self.gains and name not in known]:
-            chain = replace(self.chain, gains=(*self.chain.gains, *further))
-            return replace(self, chain=chain).with_parameters(values)
+        of_channels = self.channel_numbers
+        further = {name: of_channels[name] for name in values if name in of_channels and name not in known}
+        if further:
+            channels = {(channel.role, channel.at): channel for channel in self.chain.channels}
+            for name, (channel, kind) in further.items():
+                key = channel.role, channel.at
+                channels[key] = replaced(channels.get(key, channel), {(kind,): values[name]})
+            changed: Robot = replace(self, chain=replace(self.chain, channels=tuple(channels.values())))
+            return changed.with_parameters({name: value for name, value in values.items() if name not in further})
         for name in values:
             if name not in known:
                 raise StudyError(
                     "robot/unknown-name", f"robot {self.name} has no parameter {name}; there are {', '.join(known)}"
                 )
-        changed: Robot = replaced(self, {known[name][1]: value for name, value in values.items()})
-        return changed
+        result: Robot = replaced(self, {known[name][1]: value for name, value in values.items()})
+        return result
 
 
 def with_frames(robot: Robot, names: Iterable[str]) -> Robot:

@@ -99,7 +99,7 @@ class PostureFamily:
         for posture in postures:
             linear = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
             known = Estimated.of(e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, posture.name, e.doubts)
-            models.append(FittedModel(replace(linear, chain=chain, gains=(), hold=None), known))
+            models.append(FittedModel(replace(linear, chain=chain, channel_numbers=(), hold=None), known))
             q = equilibrium(family.model, family.theta, posture).q
             inertia.append(tune(family.model, q, 1 / (2 * np.pi), 1.0).kp)
         return cls(family, tuple(models), np.array(inertia), rate_hz)

@@ -33,7 +33,7 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, JointLoop, Record, motion_unit
-from elastid.robot import Robot
+from elastid.robot import Robot, before_channels, logged
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import rigid_motion, rigid_path, tune
 from elastid.validation.torque_balance import TorqueBalance, last_counted, last_period
@@ -184,13 +184,15 @@ def _along_record(
     position = np.tile(angles, (N, 1))
     for i, place in zip(motors, record.inputs, strict=True):
         if (place, "position") in zip(record.outputs, record.quantities, strict=True):
-            position[:, i] = record.y[period, record.outputs.index(place)] / chain.gain("y", place)
+            y = record.y[period, [record.outputs.index(place)]]
+            position[:, i] = before_channels(y, record.rate_hz, chain.at("y", [place]))[:, 0]
     # As the loop differentiates what it reads, so that its torque is of the error alone.
     velocity = (position - np.roll(position, 1, axis=0)) * record.rate_hz
     if not record.is_periodic:
         velocity[0] = velocity[1]
     torque = np.tile(plant.point.u, (N, 1))
-    torque[:, motors] += _held(record, record.u[period]) / [chain.gain("u", place) for place in record.inputs]
+    u = before_channels(record.u[period], record.rate_hz, chain.at("u", record.inputs))
+    torque[:, motors] += _held(record, u)
     period_s = N / record.rate_hz
     # A critically damped loop leaves a thousandth of an error at the start after one and a half of its periods.
     lead = min(max(0, math.floor(LONGEST_S / period_s) - 1), math.ceil(1.5 / held_hz / period_s))
@@ -206,9 +208,9 @@ def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
     """The last period of a trajectory as it would be logged."""
     N, model, chain = record.period_samples, plant.model, plant.model.robot.chain
     y = sense(moved.q, moved.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
-    y = filter_motions(model.robot, y, record.rate_hz) * [chain.gain("y", place) for place in record.outputs]
+    y = logged(filter_motions(model.robot, y, record.rate_hz), record.rate_hz, chain.at("y", record.outputs))
     motors = [model.inputs.index(place) for place in record.inputs]
-    u = moved.u[:, motors] * [chain.gain("u", place) for place in record.inputs]
+    u = logged(moved.u[:, motors], record.rate_hz, chain.at("u", record.inputs))
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, left_out=(), hold="zero-order", hold_samples=(),
         quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs),

@@ -12,7 +12,7 @@ from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.robot import Chain, ChannelGain
+from elastid.robot import Chain, Channel
 
 S = 2j * np.pi * np.array([0.01, 1.0, 8.0, 60.0])
 T = 3e-3
@@ -28,12 +28,12 @@ def test_slopes_of_the_logarithm_equal_differences(element):
 
 
 FREQ_HZ = np.linspace(3.0, 40.0, 9)
-GAINS = (ChannelGain("y", "body fore y", 1.3), ChannelGain("y", "motor 1", 0.9), ChannelGain("u", "motor 2", 1.1))
+GAINS = (Channel("y", "body fore y", 1.3), Channel("y", "motor 1", 0.9), Channel("u", "motor 2", 1.1))
 
 
-def linear(gains: tuple[ChannelGain, ...]) -> LinearModel:
+def linear(gains: tuple[Channel, ...]) -> LinearModel:
     """Two motors and the rotation of the fore arm, per motor torque, in a bent posture."""
-    model = serial(replace(arm(), chain=Chain(gains=gains)))
+    model = serial(replace(arm(), chain=Chain(channels=gains)))
     outputs = ("motor 1", "motor 2", "body fore y")
     return Linearisation.of(model).at(Configuration("c1", (0.3, -0.5)), model.theta, outputs, "acceleration")
 

@@ -184,7 +184,8 @@ def _closed_loop_response(
     linearisation = Linearisation.of_robot(robot)
     model = linearisation.model
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")
-    linear = replace(linear, chain=torque_elements(robot.chain), gains=())  # the controller reads motions as they are
+    # The controller reads motions without the errors of the log.
+    linear = replace(linear, chain=torque_elements(robot.chain), channel_numbers=())
     q0 = equilibrium(model, model.theta, configuration).q
     s = 2j * np.pi * freq_hz[:, None, None]
     hold = np.exp(-s / (2 * rate_hz)) * np.sinc(freq_hz / rate_hz)[:, None, None]

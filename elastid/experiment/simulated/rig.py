@@ -26,7 +26,7 @@ from elastid.experiment.simulated.plant import Plant, beyond, feed_forward_of, l
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.record import JointLoop, Motion, Record, motion_unit
-from elastid.robot import Robot
+from elastid.robot import Robot, logged
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import gains_of, rigid_path
 
@@ -129,9 +129,8 @@ class SimulatedRig:
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
             moved = given.position[:end] - experiment.configuration.angles
             u, y = u - given.feed_forward[:end], y - sense_movement(moved, *setup)
-        gains_u = [robot.chain.gain("u", place) for place in plan.inputs]
-        gains_y = [robot.chain.gain("y", place) for place in self.outputs]
-        return u * gains_u, y * gains_y
+        of_inputs, of_outputs = robot.chain.at("u", plan.inputs), robot.chain.at("y", self.outputs)
+        return logged(u, plan.rate_hz, of_inputs), logged(y, plan.rate_hz, of_outputs)
 
     def _record(self, run: _Run, trajectory: Trajectory, notes: tuple[Note, ...]) -> Record:
         plan, experiment = self.plan, run.experiment

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias, cast
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.names import Name
 from elastid.base.section import Key, section
-from elastid.base.units import TABLE, Frequency, TorqueConstant, factor, of_translation, units_of, usual_spelling
+from elastid.base.units import TABLE, Frequency, Time, TorqueConstant, factor, of_translation, units_of, usual_spelling
 from elastid.record import MOTION_UNIT, Hold, drive_unit
-from elastid.robot import Robot
+from elastid.robot import Channel, Robot
 
 # SI units of a channel's quantity.
 QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "force": "N", "current": "A", "voltage": "V", "temperature": "degC"}
@@ -69,6 +70,11 @@ class ChannelSpec:
     rate_hz: Annotated[Frequency | None, Key("Sampling rate of the channel where it differs; all channels are brought "
         "to the lowest one, band-limited.", "a temperature at 1 Hz or an accelerometer at 10 kHz, unlike the "
         "controller's rate; slower ones bound the band of all.", above=0)] = None
+    delay: Annotated[Time, Key("Time by which the channel is later than the true signal, of either sign; elastid "
+        "corrects it. Roles u and y.", "the cycle by which a drive reports its current late; if it is not known, "
+        "identify delay_u in fit.parameters.")] = 0.0
+    low_pass_hz: Annotated[Frequency | None, Key("Corner of a low pass of first order in the channel; elastid corrects "
+        "it. Roles u and y.", "the corner of the current filter in the drive's parameters.", above=0)] = None
     hold: Annotated[Hold | None, Key("Course of an acting torque (role u) between its samples, where it differs from "
         "that of the section.", "where commanded and measured torques stand in one log.")] = None
     # fmt: on
@@ -93,8 +99,17 @@ class ChannelSpec:
             raise ValueError(f"quantity {self.quantity} at {self.at}: an accelerometer measures acceleration")
         if self.hold is not None and self.role != "u":
             raise ValueError(f"hold is of an acting torque (role u), not of role {self.role}; leave it out here")
+        if (self.delay or self.low_pass_hz) and self.role not in ("u", "y"):
+            raise ValueError(f"delay and low_pass_hz are of roles u and y, not of {self.role}; leave them out here")
         if self.scale == 0:
             raise ValueError("scale is 0; the channel would be lost")
+
+    @property
+    def errors(self) -> tuple[Channel, ...]:
+        """Delay and low pass of the channel, none where it has neither."""
+        low_pass_s = 0.0 if self.low_pass_hz is None else 1 / (2 * math.pi * float(self.low_pass_hz))
+        is_exact = not (self.delay or low_pass_s)
+        return () if is_exact else (Channel(cast(Literal["u", "y"], self.role), delay=self.delay, low_pass=low_pass_s),)
 
     @property
     def is_motion(self) -> bool:

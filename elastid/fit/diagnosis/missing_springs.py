@@ -217,7 +217,8 @@ def released(
     theta, s = model.theta_ref, np.asarray(2j * np.pi * freq_hz, np.complex128)
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     y = direction(model, name)
-    gain = np.multiply.outer(factor(model, theta, s), np.outer(*model.channel_gains(theta)))
+    of_outputs, of_inputs = model.channel_factors(theta, s)
+    gain = factor(model, theta, s)[:, None, None] * of_outputs[..., :, None] * of_inputs[..., None, :]
     Z = K + s[:, None, None] * D + s[:, None, None] ** 2 * M
     reached = np.linalg.solve(Z, y[:, None])[:, :, 0]  # Z^-1 y (F, n)
     across = (reached @ C.T + reached @ T.T / s[:, None] ** 2)[:, :, None] * (reached @ model.B)[:, None, :]

@@ -42,7 +42,7 @@ from elastid.fit.diagnosis.sensitivities import (
 )
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.result import ModificationIndex
-from elastid.robot import gain_name
+from elastid.robot import channel_name, low_pass_response
 
 
 def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -243,8 +243,7 @@ def delay(freq_hz: FloatArray, T: float) -> ComplexArray:
 
 def low_pass(freq_hz: FloatArray, T: float) -> ComplexArray:
     """L (F,) of a filter of first order with the time constant T, its inverse where T is negative."""
-    L = 1 / (1 + 2j * np.pi * freq_hz * abs(T))
-    return np.asarray(L if T >= 0 else 1 / L)
+    return low_pass_response((2j * np.pi * freq_hz).astype(np.complex128), T)
 
 
 FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass}
@@ -291,8 +290,9 @@ def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated,
     H = factor(evaluated.part.kernel.freq_hz, T)[:, None, None]
     if not role:
         return H * values
+    # A torque that is logged late divides its column.
     named = np.array([name == place for name in (model.outputs if role == "y" else model.inputs)])
-    return np.where(named[:, None] if role == "y" else named, H, 1.0) * values
+    return np.where(named[:, None] if role == "y" else named, H if role == "y" else 1 / H, 1.0) * values
 
 
 def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -307,7 +307,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)
     excess = max(cost - noise, 1e-300)
     channels = {"delay": ("", "")} | {
-        gain_name(role, place).replace("gain", "delay", 1): (role, place)
+        channel_name("delay", role, place): (role, place)
         for role, places in zip("yu", _channels(evaluated), strict=True)
         for place in places
     }

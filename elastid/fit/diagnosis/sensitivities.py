@@ -48,7 +48,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
-from elastid.robot import Body, Joint, Robot, Spring, gain_name
+from elastid.robot import Body, Joint, Robot, Spring, channel_name
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -69,9 +69,9 @@ class HeldModel:
     def of(cls, assembly: Assembly, fitted: LinearModel) -> HeldModel:
         """The extended equations, without torsions or geometry where impossible; fitted: one of the fit."""
         robot = assembly.linearisation.model.robot
-        channels = [gain_name("u", place) for place in robot.motor_locations]
+        channels = [channel_name("gain", "u", place) for place in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
-        channels += [gain_name("y", place) for place in sorted(outputs) if place in robot.locations]
+        channels += [channel_name("gain", "y", place) for place in sorted(outputs) if place in robot.locations]
         for extended, rigid in (_with_torsions(robot), (robot, {})):
             with suppress(ElastidError, ValueError):
                 held = cls(Linearisation.of_robot(extended, assembly.model, (*robot.geometry, *channels)), rigid)
@@ -204,7 +204,7 @@ def evaluate_held(
 ) -> Evaluated:
     """One configuration of a fit with these parameters, on its lines, at x (n_x,); columns: of the hypotheses."""
     model, theta = held.at(fitted, part.kernel.model, x)
-    known = {DELAY, *model.gains, *(element.name for element in model.chain), *model.slopes}
+    known = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}
     kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))
     G, dG = Columns(kernel).evaluate(theta)
     by_name = dict(zip(kernel.wanted, dG, strict=True))
@@ -239,7 +239,7 @@ def channel_delays(response: HeldResponse) -> dict[str, ComplexArray]:
         for i, place in enumerate(places if len(places) > 1 else ()):
             mask = np.zeros((1, len(model.outputs), len(model.inputs)))
             mask[(slice(None),) * axis + (i,)] = 1.0
-            columns[gain_name(role, place).replace("gain", "delay", 1)] = -s * mask * response.G
+            columns[channel_name("delay", role, place)] = (-s if role == "y" else s) * mask * response.G
     return columns
 
 

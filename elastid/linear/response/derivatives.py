@@ -153,9 +153,10 @@ class Columns(Kept):
 
     @cached_property
     def is_symmetric(self) -> bool:
-        """True if G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts, no gains."""
+        """True if G = G^T: outputs in the directions of the inputs, no tilting accelerometer, exact channels."""
         model = self.kernel.model
-        return np.array_equal(model.B.T, model.C) and not (model.tilt.any() or model.moved_outputs or model.gains)
+        is_moved = model.tilt.any() or model.moved_outputs or model.channel_numbers
+        return np.array_equal(model.B.T, model.C) and not is_moved
 
     @cached_property
     def elements(self) -> tuple[IntArray, IntArray]:
@@ -222,9 +223,9 @@ class Columns(Kept):
             G = response.transpose(1, 2, 0).reshape(-1, len(s)).take(places, axis=0).T
             right = YX if YX.shape[1] == n_u else YX[:, :n_u]
             left = YX if is_own else YX[:, kernel.output_columns]
-            if kernel.model.gains:
-                of_y, of_u = kernel.model.channel_gains(theta)
-                left, right = of_y[:, None] * left, of_u[:, None] * right
+            if kernel.model.channel_numbers:
+                of_y, of_u = kernel.model.channel_factors(theta, s)
+                left, right = of_y[..., None] * left, of_u[..., None] * right
             factors = [
                 np.broadcast_to(slope, response.shape)[:, rows, columns] * G
                 for _, slope in kernel.factor_slopes(theta, s)

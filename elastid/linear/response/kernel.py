@@ -32,7 +32,7 @@ from elastid.base.kernels import call, is_compiled
 from elastid.base.workers import Kept
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.response.transfer import factor
-from elastid.robot import gain_name
+from elastid.robot import CHANNEL_NUMBERS, channel_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
 BLOCK = 208
@@ -99,24 +99,34 @@ class Kernel(Kept):
     def factors(self) -> tuple[str, ...]:
         """The wanted parameters that do not move Z but multiply the response: delay, elements of the chain, gains."""
         delay = (DELAY,) if self.model.is_delayed else ()
-        known = (*delay, *(element.name for element in self.model.chain), *self.model.gains)
+        known = (*delay, *(element.name for element in self.model.chain), *self.model.channel_numbers)
         return tuple(name for name in self.wanted if name in known)
 
     def factor_slopes(self, theta: FloatArray, s: ComplexArray) -> Iterator[tuple[int, ComplexArray | FloatArray]]:
         """d ln G / d theta_p of each of the factors, with its place among the wanted parameters.
 
-        (F, 1, 1) of those that are the same for all elements, (n_y, n_u) of the gain of a channel.
+        (F, 1, 1) of those that are the same for all elements, (n_y, n_u) or (F, n_y, n_u) of numbers of a channel.
         """
         elements = {element.name: element for element in self.model.chain}
         for name in self.factors:
             number, place = self.model.number(theta, name), self.wanted.index(name)
-            if name in self.model.gains:
-                rows = np.array([gain_name("y", place) == name for place in self.model.outputs])
-                columns = np.array([gain_name("u", place) == name for place in self.model.inputs])
-                yield place, (rows[:, None] * 1.0 - columns) / number
+            if name in self.model.channel_numbers:
+                yield place, self._channel_slope(name, number, s[:, None, None])
             else:
                 slope = -s if name == DELAY else elements[name].log_slope(s, number)
                 yield place, slope[:, None, None]
+
+    def _channel_slope(self, name: str, number: float, s: ComplexArray) -> ComplexArray | FloatArray:
+        """d ln G / d theta_p (n_y, n_u) or (F, n_y, n_u) of a number of a channel, or of all channels of a role."""
+        kind = next(kind for kind in CHANNEL_NUMBERS if name.startswith(kind))
+        rows, columns = (
+            np.array([name in (channel_name(kind, role), channel_name(kind, role, place)) for place in places])
+            for role, places in (("y", self.model.outputs), ("u", self.model.inputs))
+        )
+        is_in = rows[:, None] * 1.0 - columns
+        if kind == "gain":
+            return np.asarray(is_in / number)
+        return np.asarray(is_in * (-s if kind == "delay" else -s / (1 + s * abs(number))))
 
     @cached_property
     def output_columns(self) -> IntArray:
@@ -134,11 +144,11 @@ class Kernel(Kept):
 
     def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
         """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
-        M, D, K = self.model.matrices(theta)
-        (C, T), tilted = self.model.readout(theta), self._sides.tilted
-        right = np.column_stack([*self.model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
-        n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
-        gains = np.outer(*self.model.channel_gains(theta)) if self.model.gains else None
+        model = self.model
+        M, D, K = model.matrices(theta)
+        (C, T), tilted = model.readout(theta), self._sides.tilted
+        right = np.column_stack([*model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
+        n_d, n_y, n_u = Y.shape[1], len(C), model.B.shape[1]
         asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows]), n_y + len(tilted)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
@@ -146,7 +156,7 @@ class Kernel(Kept):
             s = (1j * omega).astype(complex)
             products = self._elimination.products if self.takes_compiled else solved_products
             solved = products(M, D, K, omega, right, asked)
-            gain = factor(self.model, theta, s)
+            gain = factor(model, theta, s)
             moved, YX = solved[:, :n_u, n_d:], solved[:, :, :n_d]
             G = gain[:, None, None] * moved[:, :, :n_y]
             if tilted.size:
@@ -160,8 +170,10 @@ class Kernel(Kept):
                 by_B = self._moved_columns(solved[:, :, n_d + n_t + rows.shape[2] :], s)
                 readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2 + by_B)
             G = G.swapaxes(1, 2)
-            if gains is not None:
-                G, readings = gains * G, gains * readings
+            if model.channel_numbers:
+                of_outputs, of_inputs = model.channel_factors(theta, s)
+                channels = of_outputs[..., :, None] * of_inputs[..., None, :]
+                G, readings = channels * G, channels * readings
             yield Products(block, s, gain, G, YX, readings)
 
     @cached_property

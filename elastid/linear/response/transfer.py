@@ -56,7 +56,8 @@ def held_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> C
     # Acceleration by the torque that acts, before any sensor, is folded; the delay is that of the images.
     before = tuple(element for element in model.chain if element.name == TORQUE_LAG)
     behind = tuple(element for element in model.chain if element.name != TORQUE_LAG)
-    plant = replace(model, quantity="acceleration", chain=before, hold=None)
+    plant = replace(model, quantity="acceleration", chain=before, hold=None, channel_numbers=())
+    of_outputs, of_inputs = model.channel_factors(theta, (2j * np.pi * freq_hz).astype(np.complex128))
     is_delay = np.array([name == DELAY for name in model.parameters])
     s, rates = (2j * np.pi * freq_hz).astype(complex), np.array(model.hold.rates_hz)
     gain = (factor(replace(model, chain=behind), theta, s) / s**2)[:, None, None]
@@ -66,7 +67,7 @@ def held_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> C
         even, odd = _image_sums(freq_hz.tobytes(), rate, lowest, float(theta[is_delay].sum()))
         folded = np.tensordot(even, G.real, 1) + 1j * np.tensordot(odd, G.imag, 1)
         images += np.outer(model.hold.sampled, rates == rate) * gain * folded
-    return images
+    return np.asarray(of_outputs[..., :, None] * images * of_inputs[..., None, :])
 
 
 @lru_cache(maxsize=32)
@@ -103,7 +104,9 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     drift = 0.0 if model.integral is None else model.integral / s
     X = np.linalg.solve(s**2 * M + s * D + K + drift, model.acting(theta).astype(complex))
     C, T = model.readout(theta)
-    G = np.outer(*model.channel_gains(theta)) * factor(model, theta, s) * (C @ X + T @ X / s**2)
+    of_outputs, of_inputs = model.channel_factors(theta, s[:, 0, 0])
+    G = factor(model, theta, s) * (C @ X + T @ X / s**2)
+    G = of_outputs[..., :, None] * G * of_inputs[..., None, :]
     return np.asarray(G + held_images(model, theta, freq_hz))
 
 

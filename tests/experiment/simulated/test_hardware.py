@@ -21,7 +21,7 @@ from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.robot import Body, Chain, ChannelGain, Friction, Joint, Limits, LuGre, Motor, Placement, Robot, Spring
+from elastid.robot import Body, Chain, Channel, Friction, Joint, Limits, LuGre, Motor, Placement, Robot, Spring
 from elastid.simulation.dynamics import contacts
 from elastid.simulation.spec import ControllerSpec
 
@@ -153,8 +153,8 @@ def departure(robot: Robot, rms: float, reference: np.ndarray | None, **spec: ob
 
 def test_the_chain_and_a_constant_velocity_leave_the_linear_response() -> None:
     """Behind a lag of second order and Butterworth's filter as scipy has them, times gains; as state space, too."""
-    gains = (ChannelGain("u", "motor 1", 1.6), ChannelGain("y", "motor 1", 0.8))
-    chain = Chain(2e-3, 2, 0.6, 1 / (2 * np.pi * 40.0), 3, gains=gains)
+    gains = (Channel("u", "motor 1", 1.6), Channel("y", "motor 1", 0.8))
+    chain = Chain(2e-3, 2, 0.6, 1 / (2 * np.pi * 40.0), 3, channels=gains)
     carrier = CarrierSpec(kind="offset", velocity=0.1)
     robot = replace(arm(), gravity=(0.0, 0.0, 0.0))
     G, _ = departure(replace(robot, chain=chain), 20.0, None, carrier=carrier)

@@ -13,7 +13,7 @@ from elastid.linear.linear_model import DELAY
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Elimination, Kernel, solved_products
 from elastid.linear.response.transfer import frequency_response
-from elastid.robot import Chain, ChannelGain
+from elastid.robot import Chain, Channel
 
 FREQ_HZ = np.geomspace(0.5, 90, 130)
 needs_compiler = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
@@ -43,9 +43,13 @@ def test_kernel_equals_the_formula():
 @pytest.mark.usefixtures("loops")
 @pytest.mark.parametrize("outputs", [None, ("body fore_arm z", "motor 2", "joint 3", "motor 1")])
 def test_derivatives_equal_central_differences_for_every_parameter(outputs):
-    """dG of stiffness, damping, friction, rotors, masses, centres, inertias, gains, delay: to 1e-6 of the largest."""
-    gains = ChannelGain("y", "body fore_arm z", 1.3), ChannelGain("y", "motor 1", 0.9), ChannelGain("u", "motor 2", 1.1)
-    model = linear(replace(arm(), chain=Chain(gains=gains)), outputs=outputs)
+    """dG of stiffness, damping, friction, rotors, masses, centres, inertias, channels, delay: to 1e-6."""
+    gains = (
+        Channel("y", "body fore_arm z", 1.3, 1e-3), Channel("y", "motor 1", 0.9),
+        Channel("u", "motor 2", 1.1, low_pass=2e-3),
+        Channel("u", "", delay=-2e-3), Channel("y", "", low_pass=-1e-3),
+    )  # fmt: skip
+    model = linear(replace(arm(), chain=Chain(channels=gains)), outputs=outputs)
     typical = [5.0 if name.startswith("f_") else 1e-3 for name in model.parameters]  # sets the step where theta is 0
     theta = np.where(model.theta_ref == 0, typical, model.theta_ref)
     _, dG = Columns(Kernel(model, FREQ_HZ, model.parameters)).evaluate(theta)

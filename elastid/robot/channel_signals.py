@@ -1,0 +1,51 @@
+r"""Signals through the errors of their channels, :math:`F = g\, e^{-s T_d} / (1 + s T_l)`, and back.
+
+By FFT of the record, continued at both ends by its odd reflection, with the line between the ends of that taken out:
+exact on the lines of a periodic record, but for samples close to its ends.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.robot.measurement_chain import Channel, low_pass_response
+
+_REFLECTED = 2048  # samples at each end: the fractional delay of a step decays with their inverse
+
+
+def logged(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]]) -> FloatArray:
+    """Return signals (n, c) as logged at rate_hz by channels in series, some or none for each column."""
+    return _through(signals, rate_hz, channels, 1)
+
+
+def before_channels(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]]) -> FloatArray:
+    """Return the true signals (n, c) of logged ones, the inverse of `logged`."""
+    return _through(signals, rate_hz, channels, -1)
+
+
+def _through(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]], power: int) -> FloatArray:
+    if not any(channels):
+        return signals
+    return np.stack([_filtered(x, rate_hz, of, power) for x, of in zip(signals.T, channels, strict=True)], axis=1)
+
+
+def _filtered(x: FloatArray, rate_hz: float, channels: Sequence[Channel], power: int) -> FloatArray:
+    gain = float(np.prod([channel.gain**power for channel in channels]))
+    late = [channel for channel in channels if channel.delay or channel.low_pass]
+    if not late or len(x) < 2:
+        return x * gain
+    lag_s = power * sum(channel.delay + channel.low_pass for channel in late)
+    m = min(len(x) - 1, _REFLECTED)
+    extended = np.pad(x, m, mode="reflect", reflect_type="odd")
+    slope = (extended[-1] - extended[0]) / (len(extended) - 1)
+    line = extended[0] + slope * np.arange(len(extended))
+    s = (2j * np.pi * np.fft.rfftfreq(len(extended), 1 / rate_hz)).astype(np.complex128)
+    H: ComplexArray = np.prod([_response(s, channel) ** power for channel in late], axis=0)
+    filtered = np.fft.irfft(np.fft.rfft(extended - line) * H, len(extended)) + line - slope * rate_hz * lag_s
+    return np.asarray(gain * filtered[m : m + len(x)])
+
+
+def _response(s: ComplexArray, channel: Channel) -> ComplexArray:
+    """Response (F,) of delay and low pass of a channel."""
+    return np.asarray(np.exp(-s * channel.delay) * low_pass_response(s, channel.low_pass))
