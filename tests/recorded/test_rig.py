@@ -206,3 +206,20 @@ def test_a_reference_without_a_controller_is_a_note(tmp_path: Path) -> None:
     ).records
     assert [(note.code, note.severity) for note in record.notes] == [("records/unused-reference", "information")]
     assert record.rate_hz == friction_logs.RATE
+
+
+def test_stated_delay_and_low_pass_of_a_torque_are_corrected(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+    """A current that is three samples late has the spectrum of the current itself; role r has no such keys."""
+    late = {"i2": np.roll(log["i2"], 3)}
+    save_csv(tmp_path / "log.csv", log)
+    save_csv(tmp_path / "late.csv", log | late)
+    channels = tuple(replace(c, delay=3 / RATE) if c.channel == "i2" else c for c in CHANNELS)
+    clean, corrected = (
+        measured(tmp_path, study_of(name, channels=each)).u[N : 2 * N]
+        for name, each in (("log.csv", CHANNELS), ("late.csv", channels))
+    )
+    lines = np.arange(3, 60, 2)
+    spectra = [np.fft.rfft(u, axis=0)[lines] for u in (clean, corrected)]
+    np.testing.assert_allclose(spectra[1], spectra[0], atol=1e-3 * np.abs(spectra[0]).max())
+    with pytest.raises(ValueError, match="delay"):
+        replace(CHANNELS[0], role="r", delay=1e-3)

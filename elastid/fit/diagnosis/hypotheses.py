@@ -84,15 +84,23 @@ def payload(index: ModificationIndex) -> str:
 
 
 def late(index: ModificationIndex) -> str:
-    """Delay or low pass of a channel or of all, with its time."""
+    """Delay or low pass of a channel, or of the motions relative to the torques."""
     T = float(index.steps[0])
     form = next(form for form in FORMS if index.name.startswith(form))
     role, _, place = index.name.partition("@")[0].removeprefix(form).lstrip("_").partition("_")
-    on = f" of {role} at {place.replace('_', ' ')}" if role else ""
+    late, other = ("motions", "torques") if T > 0 else ("torques", "motions")
     if form == "delay":
-        return f"a delay of {T / 1e-3:.3g} ms{on}"
+        ms = f"{T / 1e-3:.3g} ms"
+        return (
+            f"a delay of {ms} of {role} at {place.replace('_', ' ')}"
+            if role
+            else (f"a delay of {ms}: {late} logged {ms.lstrip('-')} later than the {other}")
+        )
     size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
-    return f"{size}{on}" if T > 0 else f"{size} that was compensated and does not exist{on}"
+    if not role:
+        return f"{size} in the log of the {late}"
+    at = f"of {role} at {place.replace('_', ' ')}"
+    return f"{size} {at}" if T > 0 else f"{size} {at} that was compensated and does not exist"
 
 
 def scale(index: ModificationIndex) -> str:
@@ -136,8 +144,8 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         LATE,
         False,
         late,
-        "check time stamps, filters and hold of the channel; if all channels are delayed, state sensor_lag and "
-        "torque_lag in the robot model's chain, or free the delay: `--set 'fit.parameters.delay={{}}'`",
+        "check time stamps, filters and hold of the channels; state their delay or low_pass_hz, or identify it: "
+        "`--set 'fit.parameters.{name}={{}}'`",
         columns=channel_delays,
         search=find_lateness,
     ),

@@ -345,6 +345,8 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
     # The common factor of an inertia's entries is no parameter of a study; they are.
     is_factor = index.name.startswith("I_") and index.name not in evidence.assembly.linearisation.model.parameters
     name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name
+    if name == "low_pass":  # of all motions, its inverse of all torques
+        name = "low_pass_y" if index.steps[0] > 0 else "low_pass_u"
     return capital(advice.format(name=name, where=index.name.partition("_")[2], usual=usual))
 
 
