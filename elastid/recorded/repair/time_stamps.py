@@ -31,7 +31,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.recorded.repair import Finding, Log, Repaired, blocks, scaled
 
-RESAMPLED = "samples resampled"
+RESAMPLED, JITTER = "samples resampled", "time stamps with jitter"
 # Half width W in samples and shape beta of the Kaiser window; it passes frequencies up to this part of the rate.
 HALF_WIDTH, _BETA, PASSBAND = 32, 9.0, 0.45
 # The kernels of so many times are in memory together.
@@ -288,15 +288,43 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
             f"{rate_hz:g}; give the time in s, correct rate_hz, or cut a jump off with samples",
             log.where,
         )
-    grid = even_grid(time_s)
+    grid, findings = even_grid(time_s), list[Finding]()
+    even = _logger_jitter(time_s, signals) if grid is None else None
+    if even is not None:
+        jitter_s, grid_hz = even
+        grid = np.arange(len(time_s)), grid_hz
+        text = (
+            f"time stamps jitter by up to {1e3 * jitter_s:.3g} ms around an even grid of {grid_hz:.6g} Hz; the signals "
+            "are smoother on the grid: the rows are taken as evenly sampled"
+        )
+        findings.append(Finding(JITTER, len(time_s), text))
     if grid is not None:
         rows, grid_hz = grid
         if abs(grid_hz / rate_hz - 1) <= CLOCK.max_error:
             lost, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
             result[rows] = signals
-            return Repaired(result, (_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log),) if lost else ())
+            gaps = (_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log),) if lost else ()
+            return Repaired(result, (*findings, *gaps))
         time_s = rows / grid_hz
-    return _at_instants(time_s, signals, rate_hz, log)
+    repaired = _at_instants(time_s, signals, rate_hz, log)
+    return Repaired(repaired.signals, (*findings, *repaired.findings))
+
+
+def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, float] | None:
+    """Return the largest distance in s of stamps (n,) from an even grid, and its rate in Hz.
+
+    None for distances of a sample and more, as at gaps, and for signals (n, c) that are smoother at their stamps:
+    their sampling was uneven.
+    """
+    rows = np.arange(len(time_s), dtype=np.float64)
+    step, start = np.polyfit(rows, time_s, 1)
+    jitter_s = float(np.abs(time_s - start - step * rows).max())
+    if not jitter_s < step:
+        return None
+    some = slice(0, _KNOTS)
+    knot_hz = CLOCK.min_rate_share / step
+    at_stamps, on_rows = (_fitted(t[some], signals[some], t[:1], knot_hz)[1] for t in (time_s, step * rows))
+    return (jitter_s, 1 / float(step)) if on_rows <= at_stamps else None
 
 
 def _gaps(lost: int, gaps: IntArray, log: Log) -> Finding:

@@ -11,7 +11,7 @@ from plants.waves import CLEAN, DRIFT, LOG, N, P, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import counts
-from elastid.recorded.repair.time_stamps import GAPS, delay, even_grid, on_grid, resampled, steps_in_words
+from elastid.recorded.repair.time_stamps import GAPS, JITTER, delay, even_grid, on_grid, resampled, steps_in_words
 
 RNG = np.random.default_rng(5)
 
@@ -56,6 +56,18 @@ def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind: str) -> None
     error = repaired.signals - waves(grid, highest_hz)
     assert np.abs(error[60:-60]).max() < 1e-4 * waves(grid, highest_hz)[:, 0].std() + 1e-3 * ("UNIX" in kind)
     assert steps_in_words(t - t[0]) in repaired.findings[0].text
+
+
+@pytest.mark.parametrize("jitter", [0.05, 0.2, 0.45])
+@pytest.mark.parametrize("highest_hz", [20.0, 300.0])
+def test_stamps_of_an_even_sampling_do_not_move_samples(jitter: float, highest_hz: float) -> None:
+    """Rows of a controller whose logger stamps late; noise of 1e-3, a rate that is 100 ppm off."""
+    rng, rows = np.random.default_rng(7), np.arange(3000)
+    t = (rows + rng.uniform(-jitter, jitter, len(rows))) / 1000.1
+    signals = waves(rows / 1000, highest_hz) + 1e-3 * rng.normal(size=(len(rows), 2))
+    repaired = on_grid(t, signals, 1000.0, LOG)
+    np.testing.assert_array_equal(repaired.signals, signals)
+    assert counts(repaired.findings) == {JITTER: 3000}
 
 
 def test_a_lower_rate_leaves_frequencies_beyond_its_band_out() -> None:
