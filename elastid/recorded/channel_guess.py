@@ -134,6 +134,8 @@ WIDTHS = (2.0, 8.0, 32.0)
 MIN_CORRELATION = 0.98
 # Share of a torque that the motion of its joint explains, at least.
 MIN_EXPLAINED = 0.75
+# Likewise of the acceleration alone, for a statement on the inertia.
+MIN_BY_INERTIA = 0.2
 
 
 @dataclass(frozen=True)
@@ -147,13 +149,16 @@ class MotionRelation:
 
 @dataclass(frozen=True)
 class TorqueRelation:
-    """The share of the variance of a torque that the motion of one joint explains, with the inertia J.
+    """Fraction of the variance of a torque that the motion of one joint explains, and the inertia J.
 
-    is_against_motion: with J negative or power out of friction, neither contradicted by the other.
+    inertia, largest_inertia: J in the band where it carries most of the torque, and its upper limit (three standard
+    errors) over all bands where it carries enough, infinite without one, as where friction carries a slow motion.
+    is_against_motion: J is negative, or friction gives power, and neither contradicts the other.
     """
 
     explained: float = 0.0
     inertia: float = 0.0
+    largest_inertia: float = np.inf
     is_against_motion: bool = False
 
 
@@ -187,11 +192,20 @@ def torque_relation(u: FloatArray, y: FloatArray, order: int, rate_hz: float, tu
     turns: the joint turns, so that gravity may change with its angle.
     """
     widths = [width for width in WIDTHS if len(u) > 20 * width and np.ptp(u) > 0]
-    results = (_relation_at(u, y, order, rate_hz, width, turns) for width in widths)
-    return max(results, key=lambda result: result.explained, default=TorqueRelation())
+    pairs = [_relation_at(u, y, order, rate_hz, width, turns) for width in widths]
+    if not pairs:
+        return TorqueRelation()
+    best = max((relation for relation, _ in pairs), key=lambda relation: relation.explained)
+    by_law = [(relation, by_inertia) for relation, by_inertia in pairs if relation.explained > MIN_EXPLAINED]
+    limits = [relation.largest_inertia for relation, by_inertia in by_law if by_inertia > MIN_BY_INERTIA]
+    inertia = max(pairs, key=lambda pair: pair[1])[0].inertia
+    return replace(best, inertia=inertia, largest_inertia=max(limits, default=np.inf))
 
 
-def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool) -> TorqueRelation:
+def _relation_at(
+    u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool
+) -> tuple[TorqueRelation, float]:
+    """The relation in a band, and the fraction of the torque's variance that only the acceleration explains."""
     torque = derivative(u, 0, rate_hz, width)
     v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
     columns = [a, v, np.sign(v), np.ones_like(a)]
@@ -201,12 +215,19 @@ def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width
     A, torque = np.stack(columns, axis=1)[:: int(width / 2)], torque[:: int(width / 2)]
     size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     theta = np.linalg.lstsq(A / size, torque, rcond=1e-9)[0] / size
-    explained = 1 - float(np.var(torque - A @ theta) / np.var(torque))
+    residual = torque - A @ theta
+    explained = 1 - float(np.var(residual) / np.var(torque))
+    alone = A[:, 0] - A[:, 1:] @ np.linalg.lstsq(A[:, 1:], A[:, 0], rcond=1e-9)[0]
+    # Sandwich estimate with a window of ten samples: neighbouring residuals are correlated.
+    score = alone * residual
+    variance = score @ score + 2 * sum((1 - k / 10) * float(score[k:] @ score[:-k]) for k in range(1, 10))
+    std = float(np.sqrt(max(variance, 0.0))) / max(float(alone @ alone), 1e-300)
+    by_inertia = float(theta[0] ** 2 * np.var(alone) / np.var(torque))
     parts = (A[:, 0] * theta[0], A[:, 1:3] @ theta[1:3])
     signs = (np.sign(theta[0]), np.sign(np.mean(parts[1] * A[:, 1])))
     shares = [float(s * abs(np.cov(part, torque)[0, 1]) / np.var(torque)) for s, part in zip(signs, parts, strict=True)]
     is_against = explained > MIN_EXPLAINED and min(shares) < -0.3 and max(shares) < 0.1
-    return TorqueRelation(explained, float(theta[0]), is_against)
+    return TorqueRelation(explained, float(theta[0]), abs(float(theta[0])) + 3 * std, is_against), by_inertia
 
 
 def travel(x: FloatArray) -> float:
@@ -552,7 +573,7 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
         if relation.is_against_motion:
             text = f"{names} have opposite signs: inertia or friction would be negative; give one of them sign: -1"
             yield Doubt(joint.torque if is_consistent else i, "sign", text)
-        elif relation.explained > MIN_EXPLAINED and 0 < 2 * J < rotor < 2 * J * joint.ratio**2:
+        elif J > 0 and 2 * relation.largest_inertia < rotor < 2 * J * joint.ratio**2:
             text = (
                 f"{names} show an inertia of {J:.3g}, less than that of the rotor alone, {rotor:.3g}; where they are "
                 "logged before the gear give them side: motor"

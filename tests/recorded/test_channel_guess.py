@@ -204,6 +204,29 @@ def test_a_channel_in_another_unit_side_or_sign_is_doubted(
     assert doubts((U, Q, LINK)[:n], signals()[:, :n] * factors) == [expected]
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_channels_of_an_elastic_joint_on_a_slow_carrier_raise_no_doubt(seed: int) -> None:
+    """Friction carries the slow torque, modes the multisine; the torque is up to two samples late."""
+    rng = np.random.default_rng(seed)
+    rate, n, rotor, load, k = 250.0, 6000, 2.5, 9.0, rng.uniform(2e4, 2e5)
+    freq_hz = np.fft.rfftfreq(n, 1 / rate)
+    lines = (freq_hz > 2) & (freq_hz < rng.uniform(15, 70))
+    spectrum = np.zeros(len(freq_hz), complex)
+    spectrum[lines] = np.exp(2j * np.pi * rng.uniform(size=lines.sum()))
+    s = 2j * np.pi * np.maximum(freq_hz, freq_hz[1])
+    d = 2e-2 * np.sqrt(k * rotor)
+    compliance = (load * s**2 + d * s + k) / (s**2 * (rotor * load * s**2 + (rotor + load) * (d * s + k)))
+    t = np.arange(n) / rate
+    u, q = (np.fft.irfft(x, n) for x in (spectrum, spectrum * compliance))
+    scale = 30.0 / u.std()
+    slow = rng.uniform(0.3, 1.0) * np.sin(2 * np.pi * t / 8)
+    motion = scale * q + slow
+    torque = scale * u + 40.0 * np.tanh(20 * np.gradient(slow, t)) + 5 * np.gradient(motion, t) + rng.normal(size=n)
+    late = int(rng.integers(0, 3))
+    values = np.stack([np.roll(torque, late), motion + 1e-5 * rng.normal(size=n)], axis=1)
+    assert [(doubt.channel, doubt.key) for doubt in channel_doubts((U, Q), values, rate, ROBOT)] == []
+
+
 def test_a_joint_does_not_leave_its_limits() -> None:
     joint = replace(ROBOT.bodies[0].joints[0], limits=Limits(angle=(-2.0, 2.0)))
     robot = replace(ROBOT, bodies=(replace(ROBOT.bodies[0], joints=(joint,)),))
