@@ -1,7 +1,5 @@
 """Covariance of a frequency response at each line, in the form that the data support."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, TypeAlias
@@ -64,14 +62,14 @@ class Covariance(Kept):
         diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)
         return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
 
-    def lines(self, keep: BoolArray) -> Covariance:
+    def lines(self, keep: BoolArray) -> "Covariance":
         """Covariance on some of its lines; keep (F,) is True where a line stays."""
         parts = (self.left, self.right, self.matrix)
         left, right, matrix = (None if part is None else np.asarray(part)[keep] for part in parts)
         return replace(self, variance=self.variance[keep], left=left, right=right, matrix=matrix)
 
     def release(self) -> None:
-        """Give the memory of what is in a file back; it is read again where it is needed again."""
+        """Release the memory of mapped values; they are read again on demand."""
         for part in (self.left, self.right, self.matrix):
             release(part)
 
@@ -80,7 +78,7 @@ class Covariance(Kept):
         """The part that says in which folder its file is, if it is in one (`base.arrays.kept_beside`)."""
         return next((part for part in (self.matrix, self.right) if part is not None), None)
 
-    def elements(self, rows: Sequence[int], columns: Sequence[int]) -> Covariance:
+    def elements(self, rows: Sequence[int], columns: Sequence[int]) -> "Covariance":
         """Covariance of some outputs and inputs, by their indices."""
         n_y = self.variance.shape[1]
         of_vec = [i + n_y * j for j in columns for i in rows]

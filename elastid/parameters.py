@@ -6,8 +6,6 @@
 Positive parameters (stiffness, damping, inertia) are optimised as ln p; std(x) is the relative standard deviation.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -31,12 +29,12 @@ class Tie:
     """
 
     # fmt: off
-    to: Annotated[str, Key("Name of the other parameter; a * stands for what the * of the key stands for (d_*: {tie: "
-        "{to: k_*}}).", "name the parameter that is best determined; the other follows exactly.")]
-    factor: Annotated[float, Key("Factor of the other parameter.", "other than 1 where a ratio is known from the "
-        "geometry, such as the squared ratio of two lengths.")] = 1.0
-    by: Annotated[str, Key("Name of a ratio under fit.ratios that multiplies it.", "for a ratio that is to be found, "
-        "such as the loss factor common to many springs: with the factor 1 / (2 pi f) it is that at f.")] = ""
+    to: Annotated[str, Key("Name of the other parameter; a * stands for the match of the * in the key, as in d_*: "
+        "{tie: {to: k_*}}.", "choose the parameter with the smaller interval.")]
+    factor: Annotated[float, Key("Factor of the other parameter.", "other than 1 for a known ratio, such as the "
+        "squared ratio of two lengths.")] = 1.0
+    by: Annotated[str, Key("Name of a ratio under fit.ratios that multiplies the factor (default: no further factor).",
+        "for an unknown ratio, such as a common loss factor: with factor 1 / (2 pi f), the loss factor at f.")] = ""
     # fmt: on
 
 
@@ -120,11 +118,28 @@ class Parameter:
 
 @dataclass(frozen=True, repr=False)
 class Parameters:
-    """All parameters of a model in a fixed order: theta (n_theta,) in SI against x (n_x,) of the free ones.
+    """All parameters of a model in a fixed order: theta (n_theta,) in SI, and x (n_x,) of the free ones.
 
-    theta are the numbers of the model. Ratios and stand-ins for some configurations have a place in x, not in theta;
-    theta of such a configuration has their values. Raises ValueError for a name given twice, a tie to an unknown,
-    fixed-to-itself or tied parameter, a stand-in for no parameter or two in one configuration.
+    theta contains the parameters of the model. Ratios and parameters of single configurations are part of x; theta of
+    such a configuration uses their values.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        Name, value (start or fixed), unit, bounds, scale, tie and prior of each.
+
+    Raises
+    ------
+    ValueError
+        For a name that occurs twice, a tie to an unknown, the same or a tied parameter, or two values of one parameter
+        in a configuration.
+
+    Examples
+    --------
+    >>> stiffness = Parameter("k_1", 1.0, "N*m/rad", 0.01, 100.0, log=True)
+    >>> parameters = Parameters((stiffness, Parameter("m_arm", 2.0, "kg", free=False)))
+    >>> parameters.free_names, parameters.theta.tolist()
+    (('k_1',), [1.0, 2.0])
     """
 
     parameters: tuple[Parameter, ...]
@@ -195,7 +210,7 @@ class Parameters:
         return tuple(parameter.name for parameter in self.free)
 
     def moved(self, configuration: str = "") -> tuple[str, ...]:
-        """Names of those of theta that x moves in a configuration, in the order of theta: free ones and those tied."""
+        """Names of the free and tied parameters of theta that x moves in a configuration, in the order of theta."""
         moves = np.any(self._chain(configuration).reach, axis=1)
         return tuple(name for name, is_moved in zip(self.names, moves, strict=True) if is_moved)
 
@@ -234,7 +249,7 @@ class Parameters:
         """Flags (n_x,) of the free parameters whose logarithm the solver has."""
         return np.array([p.log for p in self.free], dtype=np.bool_)
 
-    def _chain(self, configuration: str) -> _Chain:
+    def _chain(self, configuration: str) -> "_Chain":
         """How theta follows from the free parameters in a configuration."""
         if (local := self.configuration_of_its_own(configuration)) not in self._chains:
             standing = {p.stands_for: p for p in self.parameters if local in p.only}
@@ -254,17 +269,17 @@ class Parameters:
         return frozenset(name for p in self.parameters for name in p.only)
 
     @cached_property
-    def _chains(self) -> dict[str, _Chain]:
+    def _chains(self) -> "dict[str, _Chain]":
         return {}
 
-    def with_values(self, values: Mapping[str, float]) -> Parameters:
+    def with_values(self, values: Mapping[str, float]) -> "Parameters":
         """Parameters starting from other SI values."""
         for name in values:
             self[name]
         moved = (replace(p, value=float(values[p.name])) if p.name in values else p for p in self.parameters)
         return Parameters(tuple(moved))
 
-    def with_means(self, x: FloatArray) -> Parameters:
+    def with_means(self, x: FloatArray) -> "Parameters":
         """Parameters of configurations that were not fitted: stand-ins alone are their mean at x (n_x,).
 
         The mean is of the solver's variable: geometric for logarithmic parameters.

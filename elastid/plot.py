@@ -1,4 +1,14 @@
-"""Figures of a notebook: values in, matplotlib figures out, which a notebook displays and savefig writes."""
+"""Figures for notebooks. Each function returns a matplotlib.figure.Figure.
+
+Examples
+--------
+>>> from elastid import Configuration, plot
+>>> G = np.ones((2, 1, 1), complex)
+>>> posture = Configuration("bench", [0.0])
+>>> response = Response(np.array([5.0, 6.0]), G, ("motor 1",), ("motor 1",), "position", posture)
+>>> len(plot.bode(response).axes)
+2
+"""
 
 from collections.abc import Mapping
 
@@ -23,11 +33,23 @@ __all__ = ["bode", "friction_curve", "parameters", "workspace"]
 
 @own_style()
 def bode(measured: Response, model: FittedModel | Response | None = None, *, band: bool = True) -> Figure:
-    """Magnitude and phase of a measured response and a model, element by element.
+    """Plot magnitude and phase of a measured response and a model, one panel per element.
 
-    model: a fitted model is drawn on lines of its own, dense enough for its resonances, with a band of two standard
-    deviations unless `band` is False; a response on the lines that it has.
-    Raises ValueError where inputs, outputs or postures of the two differ, TypeError for other values.
+    Parameters
+    ----------
+    measured : Response
+        Measured response.
+    model : FittedModel, Response or None
+        Fitted model, drawn on dense lines; or another response, drawn on its lines.
+    band : bool
+        Draw a band of two standard deviations of a fitted model.
+
+    Raises
+    ------
+    ValueError
+        If inputs, outputs or configurations of the two differ.
+    TypeError
+        For other values.
     """
     check_kind(measured, Response, "measured", "read_responses gives one for each configuration")
     if model is None:
@@ -50,9 +72,19 @@ def bode(measured: Response, model: FittedModel | Response | None = None, *, ban
 
 @own_style()
 def parameters(result: Result, truth: Mapping[str, float] | None = None) -> Figure:
-    """Start, estimate and 95 % interval of each free parameter; truth: numbers in SI by name, where they are known.
+    """Plot start, estimate and 95 % interval of each free parameter.
 
-    UnknownNameError for the truth of a parameter that is not there.
+    Parameters
+    ----------
+    result : Result
+        Result of a fit.
+    truth : mapping of str to float, or None
+        True values in SI by name, if known.
+
+    Raises
+    ------
+    UnknownNameError
+        For a true value of an unknown parameter.
     """
     check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
     for name in truth or ():
@@ -62,9 +94,21 @@ def parameters(result: Result, truth: Mapping[str, float] | None = None) -> Figu
 
 @own_style()
 def friction_curve(result: FrictionResult, joint: str) -> Figure:
-    """Levels and law of friction of one joint over speed, with the 95 % band.
+    """Plot measured friction torque and friction model of one joint over speed, with the 95 % band.
 
-    UnknownNameError for a joint that was not identified; ValueError where its data identify no law.
+    Parameters
+    ----------
+    result : FrictionResult
+        Result of a friction study.
+    joint : str
+        Name of the joint.
+
+    Raises
+    ------
+    UnknownNameError
+        For a joint whose friction was not identified.
+    ValueError
+        If the data do not identify friction over speed.
     """
     check_kind(result, FrictionResult, "result", "identify_friction and read_friction_result make one")
     law = result.at(joint).static
@@ -75,9 +119,19 @@ def friction_curve(result: FrictionResult, joint: str) -> Figure:
 
 @own_style()
 def workspace(mapped: WorkspaceMap, quantity: str = "softest_compliance") -> Figure:
-    """A map from above and from the side, coloured by a quantity, the softest posture marked.
+    """Plot a workspace map from above and from the side, with the most compliant posture marked.
 
-    UnknownNameError for a quantity that no map has.
+    Parameters
+    ----------
+    mapped : WorkspaceMap
+        Map of compliance or natural frequencies.
+    quantity : str
+        Quantity of the map that gives the colours.
+
+    Raises
+    ------
+    UnknownNameError
+        For a quantity that the map lacks.
     """
     check_kind(mapped, WorkspaceMap, "mapped", "map_workspace makes one")
     index_of(quantity, [q.name for q in mapped.quantities], "quantity")

@@ -6,8 +6,6 @@ joint), `body arm z` and `frame tool rz` (absolute rotation of a body or frame a
 `frame tool z` (motion of a frame's origin along its axis), `accelerometer tool z` (the same less gravity along it).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
@@ -64,8 +62,8 @@ class JointLoop:
     kd: FloatArray
     ki: FloatArray = field(default_factory=lambda: np.zeros(1))
 
-    def each(self, change: Callable[..., Any], *others: JointLoop) -> JointLoop:
-        """Loop with the change of kp, of kd and of ki, together with those of other loops."""
+    def each(self, change: Callable[..., Any], *others: "JointLoop") -> "JointLoop":
+        """Derivatives of a joint loop with respect to kp, kd and ki, combined with the other loops."""
         parts = zip(*((loop.kp, loop.kd, loop.ki) for loop in (self, *others)), strict=True)
         return JointLoop(*(change(*values) for values in parts))
 
@@ -77,9 +75,26 @@ class JointLoop:
 
 @frozen_value
 class Configuration:
-    """One posture of the robot: the angles (n_a,) in rad of its driven joints, in the robot's order, and its name.
+    """Posture of the robot, or state of a structure without joints.
 
-    Of a structure without joints: one of its states, with no angles.  has_payload: with the robot's payload.
+    Parameters
+    ----------
+    name : str
+        Name of the configuration.
+    angles : array (n_a,)
+        Positions of the driven joints in the robot's order, rad (m for sliding joints); empty for a structure.
+    has_payload : bool
+        False for a measurement without the payload of the robot model.
+
+    Raises
+    ------
+    ValueError
+        For angles that are not finite.
+
+    Examples
+    --------
+    >>> Configuration("folded", [0.0, 1.2]).angles.shape
+    (2,)
     """
 
     name: str
@@ -92,7 +107,7 @@ class Configuration:
         if not np.all(np.isfinite(self.angles)):
             raise ValueError(f"configuration {self.name}: the angles {self.angles.tolist()} are not all finite")
 
-    def moved(self, index: int, angle: float) -> Configuration:
+    def moved(self, index: int, angle: float) -> "Configuration":
         """Posture with one joint elsewhere."""
         angles = self.angles.copy()
         angles[index] = angle
@@ -106,23 +121,59 @@ def zero_order_hold(phase: FloatArray) -> ComplexArray:
 
 @frozen_value
 class Record:
-    """One experiment, sampled at rate_hz, periodic with period_samples.
+    """Measured signals of one experiment, on the link side.
 
-    u (n_samples, n_u): acting torque, Nm.  y (n_samples, n_y): motion, each output of its own quantity.
-    r (n_samples, n_u) or None: injected torque.  rate_is_known is False where frequencies are in units of the sampling
-    rate (rate_hz = 1).  All on the link side.  hold: of the torque between its samples; `zero-order` where u is the
-    controller's command, constant from each sample to the next.  hold_samples: for how many samples each input is held,
-    0 where it is band-limited; without it all inputs are as `hold` says.  half_wave: odd lines only, so that the second
-    half of a period is minus the first and each half counts as a repetition.  repairs: counts by the kind of repair of
-    the log.
-    left_out: repetitions, counted from 0, that are mostly filled in and so no measurement.  sliding: inputs and outputs
-    that translate, in N and m instead of Nm and rad.  is_periodic: False for a record without a period (noise, a sweep
-    from rest): period_samples is then its length.  input_units: of each input, where one is a voltage or a current.
-    starts: repetitions, counted from 0, with which further logs of the same excitation start.  sampled: outputs that
-    contain the images of held torques; without it those that are positions.
-    The signals of a large record are `base.arrays.LargeArray`: x[a:b] reads these samples.
+    Parameters
+    ----------
+    name : str
+        Name of the record.
+    configuration : Configuration
+        Posture of the measurement.
+    realisation, experiment : int
+        Number of the phase realisation, and of the experiment in it.
+    rate_hz, rate_is_known : float, bool
+        Sampling rate; 1 and False if it is unknown, so that frequencies are relative to it.
+    period_samples : int
+        Samples per period; the length of the record without a period.
+    inputs, outputs : tuple of str
+        Locations of u and y, such as "motor 1".
+    quantities : tuple of str
+        Quantity of each output: position, velocity or acceleration.
+    u : array (n_samples, n_u)
+        Acting torque, Nm (N for sliding joints).
+    y : array (n_samples, n_y)
+        Outputs in SI. Large signals are `base.arrays.LargeArray`: x[a:b] reads these samples.
+    r : array (n_samples, n_u) or None
+        Injected torque.
+    hold : str
+        Behaviour of u between samples: "band-limited", or "zero-order" for commands.
+    half_wave : bool
+        True for odd lines only: the second half of a period is the negated first, and each half is a repetition.
+    notes, repairs : tuple of Note, mapping of str to int
+        Findings about the log, and its number of corrections by kind.
+    left_out, starts : tuple of int
+        Repetitions, from 0, that are mostly interpolated and discarded, and at which further logs start.
+    sliding, input_units : tuple of str
+        Translating inputs and outputs, with units N and m; unit of each input with a voltage or a current.
+    is_periodic : bool
+        False for a record without a period, such as noise or a sweep from rest.
+    hold_samples : tuple of float
+        Samples for which each input is held, 0 if band-limited. Default: as `hold`.
+    sampled : tuple of bool
+        Outputs that contain aliases of held torques. Default: positions.
 
-    Raises ValueError where shapes disagree or the record holds no whole period.
+    Raises
+    ------
+    ValueError
+        For inconsistent shapes, or a record without a whole period.
+
+    Examples
+    --------
+    >>> u, y = np.ones((8, 1)), np.zeros((8, 1))
+    >>> posture = Configuration("bench", [0.0])
+    >>> record = Record("a", posture, 0, 0, 100.0, 4, ("motor 1",), ("motor 1",), ("position",), u, y)
+    >>> record.n_periods
+    2
     """
 
     name: str
@@ -398,8 +449,8 @@ class FrictionRecords:
         """The records of one joint and purpose."""
         return tuple(r for r in self.records if r.joint == joint and r.purpose == purpose)
 
-    def divided(self, left_out: Collection[str]) -> tuple[FrictionRecords, FrictionRecords]:
-        """Records to identify from, and those of the logs that are left out, by name."""
+    def divided(self, left_out: Collection[str]) -> "tuple[FrictionRecords, FrictionRecords]":
+        """Records for identification, and validation logs by name."""
         inside, outside = (tuple(r for r in self.records if (r.name in left_out) == out) for out in (False, True))
         return replace(self, records=inside), FrictionRecords(outside)
 

@@ -6,8 +6,6 @@ Measurement and model both end in this value. All on the link side, outputs of o
 otherwise).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from typing import Any
@@ -67,7 +65,7 @@ class Quality:
         with np.errstate(over="ignore"):
             return np.asarray(np.divide(largest, smallest, out=np.full(len(largest), np.inf), where=smallest > 0))
 
-    def lines(self, keep: BoolArray) -> Quality:
+    def lines(self, keep: BoolArray) -> "Quality":
         """Quality on some of the response's lines; keep (F,) is True where a line stays."""
         cut: dict[str, Any] = {name: part[keep] for name, part in vars(self).items() if isinstance(part, np.ndarray)}
         return replace(self, **cut, excited=Levels(*(part[keep] for part in vars(self.excited).values())))
@@ -94,7 +92,7 @@ class MotorMotion:
         """RMS (n_m,) of each motor's angle, rad or m."""
         return np.asarray(np.sqrt(np.einsum("kii->i", self.power).real))
 
-    def grouped(self, most: int) -> MotorMotion:
+    def grouped(self, most: int) -> "MotorMotion":
         """Motion on at most so many lines: neighbours together, at the frequency of the same mean square velocity."""
         if len(self.freq_hz) <= most:
             return self
@@ -106,25 +104,60 @@ class MotorMotion:
 
 @frozen_value
 class Response(Kept):
-    """G (F, n_y, n_u) at freq_hz (F,), complex, in `quantity` per Nm on the link side.
+    """Measured frequency response G of one configuration, link side.
 
-    noise: covariance of the disturbing noise (from periods), or None.  total: noise and stochastic nonlinear
-    distortion together (from realisations), or None.  rate_is_known is False where freq_hz is in units of the sampling
-    rate.
-    quality: of the measurement, or None.  repairs: counts by the kind of repair in its records.
-    sliding: inputs and outputs that translate, in N and m instead of Nm and rad.  input_units: of each input, where one
-    is a voltage or a current.  bias (n_b, n_u, F, n_y, n_u): systematic errors of G by dry friction at the motor of
-    each input, of which the size is known, each times a factor of unit variance for all lines: some that all
-    configurations share, and the last of this configuration by itself; or None.  correlated_lines: lines over which the
-    errors of G by noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.
-    leakage (F, n_y, n_u): error of G by the windows of segments to first order, of which `total` holds the square.
-    motion: of the motors while it was measured, or None.  window, segment_s: of the segments that have smoothed G along
-    frequency, or "" and 0.  motors: while it was measured, which a force at the tool finds held by brakes, free or
-    controlled by `loop`; torques of motors act on free ones.
-    ratio_std (n_u,): relative std of the ratio of each input's gear over the motion, without a tolerance of the robot's
-    file; empty where the motion is not known.
+    Parameters
+    ----------
+    freq_hz, rate_is_known : array (F,), bool
+        Increasing frequencies of the lines; relative to an unknown sampling rate if False.
+    G : complex array (F, n_y, n_u)
+        Response of the outputs, in `quantity`, per Nm (N for sliding joints).
+    inputs, outputs : tuple of str
+        Locations of the columns and rows of G, such as "motor 1".
+    quantity : str
+        Quantity of the outputs: position, velocity or acceleration.
+    configuration : Configuration
+        Posture of the measurement.
+    noise : Covariance or None
+        Covariance of G due to noise, from the scatter of periods.
+    total : Covariance or None
+        Covariance of G due to noise and nonlinear distortion, from the scatter of realisations.
+    quality : Quality or None
+        Coherence, distortion and noise levels.
+    notes, repairs : tuple of Note, mapping of str to int
+        Findings of the estimation, and number of corrections of the records by kind.
+    sliding, input_units : tuple of str
+        Translating inputs and outputs, with units N and m; unit of each input with a voltage or a current.
+    bias : complex array (n_b, n_u, F, n_y, n_u) or None
+        Systematic errors by friction of each input's motor, each with an unknown factor of unit variance; all
+        configurations share the first factors, the last one belongs to this configuration.
+    correlated_lines : float
+        Number of lines over which the noise of G is correlated (sum of the autocorrelation), 1 for independent lines.
+    hold : HeldTorque or None
+        Zero-order hold of the torques whose aliases G contains.
+    leakage : complex array (F, n_y, n_u) or None
+        First-order leakage error of segments; `total` includes its square.
+    motion : MotorMotion or None
+        Motion of the motors during the measurement.
+    window, segment_s : str, float
+        Window and length of the segments that smooth G over frequency, "" and 0 without segments.
+    motors, loop : str, JointLoop or None
+        Motors during the measurement: "free", or for forces at the tool "locked" or "controlled" by `loop`.
+    ratio_std : array (n_u,)
+        Relative std of each gear ratio over the motion without a tolerance of the robot model; empty if unknown.
 
-    Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
+    Raises
+    ------
+    ValueError
+        For inconsistent shapes, frequencies that do not increase, or values that are not finite.
+
+    Examples
+    --------
+    >>> G = np.ones((2, 1, 1), complex)
+    >>> posture = Configuration("bench", [0.0])
+    >>> response = Response(np.array([5.0, 6.0]), G, ("motor 1",), ("motor 1",), "acceleration", posture)
+    >>> response.unit
+    '(rad/s^2)/(N*m)'
     """
 
     freq_hz: FloatArray = labelled("frequency")
@@ -229,7 +262,7 @@ class Response(Kept):
         """The covariance that gives the weights of a fit: total where realisations gave one, else noise."""
         return self.total if self.total is not None else self.noise
 
-    def lines(self, keep: BoolArray) -> Response:
+    def lines(self, keep: BoolArray) -> "Response":
         """Response on some of its lines; keep (F,) is True where a line stays, ValueError for another size."""
         if np.shape(keep) != (self.n_lines,):
             raise ValueError(f"keep has shape {np.shape(keep)}; the response has {self.n_lines} lines")
@@ -239,7 +272,7 @@ class Response(Kept):
         parts = {name: known[name].lines(keep) for name in ("noise", "total", "quality") if name in known}
         return replace(self, **arrays, **parts, bias=None if self.bias is None else self.bias[:, :, keep])
 
-    def __getitem__(self, places: tuple[str | Sequence[str], str | Sequence[str]]) -> Response:
+    def __getitem__(self, places: tuple[str | Sequence[str], str | Sequence[str]]) -> "Response":
         """The response of some outputs to some inputs: response["motor 1", "motor 2"], outputs first, with covariance.
 
         Each a place or a sequence of places.  Quality and errors by friction belong to all of them and are left out.
@@ -291,7 +324,7 @@ class Response(Kept):
         return control.frd(np.moveaxis(self.G, 0, 2), 2 * np.pi * self.freq_hz, **labels)
 
     @classmethod
-    def from_control(cls, data: Any, configuration: Configuration, quantity: Motion = "acceleration") -> Response:
+    def from_control(cls, data: Any, configuration: Configuration, quantity: Motion = "acceleration") -> "Response":
         """The response of `control.FrequencyResponseData`, whose labels name the places; its noise is unknown.
 
         Link side and SI, as every response.  A system becomes such data by `control.frd(system, omega)`; TypeError

@@ -46,9 +46,32 @@ Section = TypeVar("Section")
 
 
 def read_robot(path: Path | str) -> Robot:
-    """The robot of a YAML file, or of a table of Denavit and Hartenberg or a URDF that it names.
+    """Read a robot model from a YAML file, which may refer to a Denavit-Hartenberg table or a URDF.
 
-    StudyError with file, line and column of every error.
+    Parameters
+    ----------
+    path : Path or str
+        Robot model file.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    StudyError
+        For a file with errors; the message has file, row and column of each.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> text = "{name: bench, bodies: [{name: load, inertia: 0.02, joints: [{name: 1, motor: {inertia: 0.01}}]}]}"
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "robot.yml"
+    ...     _ = path.write_text(text)
+    ...     read_robot(path).driven_names
+    ('1',)
     """
     return load_robot(path)
 
@@ -56,10 +79,46 @@ def read_robot(path: Path | str) -> Robot:
 def read_records(
     robot: Robot | None, *, configurations: Mapping[str, Sequence[float]], folder: Path | str = ".", **recorded: Any
 ) -> tuple[Record, ...]:
-    """The records of logs, one for each file, checked and mended; without a robot places are names.
+    """Read logs as records, one per file, checked and corrected.
 
-    folder: paths of files start there.  recorded: keys of `experiment.recorded`: rate_hz, channels, files, period ...
-    Raises StudyError for arguments that contradict each other, DataError for a log that cannot be used.
+    Parameters
+    ----------
+    robot : Robot or None
+        Robot of the logs; without a robot, locations of channels are free names.
+    configurations : mapping of str to sequence of float
+        Angles of the driven joints by name of the configuration, in rad (m for sliding joints).
+    folder : Path or str
+        Folder of relative paths in `files`.
+    **recorded
+        Keys of `experiment.recorded`: rate_hz, channels, files, period ... (`elastid explain experiment.recorded`).
+
+    Returns
+    -------
+    tuple of Record
+
+    Raises
+    ------
+    StudyError
+        For keys that contradict each other.
+    DataError
+        For a log that cannot be used.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> u = np.tile(np.random.default_rng(0).normal(size=500), 4)
+    >>> channels = [{"role": "u", "at": "shaker", "channel": "F", "quantity": "force", "unit": "N"}]
+    >>> channels += [{"role": "y", "at": "tip x", "channel": "a", "quantity": "acceleration", "unit": "m/s^2"}]
+    >>> with TemporaryDirectory() as folder:
+    ...     np.savetxt(Path(folder) / "log.csv", np.c_[u, 2 * u], delimiter=",", header="F,a", comments="")
+    ...     files = [{"path": "log.csv", "configuration": "bench"}]
+    ...     (record,) = read_records(
+    ...         None, configurations={"bench": []}, folder=folder, rate_hz=500, period=1, channels=channels, files=files
+    ...     )
+    >>> record.u.shape, record.n_periods
+    ((2000, 1), 4)
     """
     data = {"configurations": dict(configurations), "recorded": recorded}
     study = _consistent(Study("records", robot=robot, experiment=_section(data, ExperimentSpec)), Path(folder))
@@ -70,7 +129,40 @@ def read_records(
 def simulate(
     robot: Robot, *, excitation: Mapping[str, Any], experiment: Mapping[str, Any], seed: int = 0
 ) -> tuple[Record, ...]:
-    """The records of a simulated robot under a multisine; excitation, experiment: keys of these sections of a study."""
+    """Simulate records of a robot under a multisine.
+
+    Parameters
+    ----------
+    robot : Robot
+        Robot with the nominal parameters; `experiment.simulated.truth` changes them.
+    excitation : mapping
+        Keys of `excitation`: rate_hz, period, band_hz, torque_rms ...
+    experiment : mapping
+        Keys of `experiment`: configurations, realisations, periods, simulated ...
+    seed : int
+        Seed of phases and noise.
+
+    Returns
+    -------
+    tuple of Record
+        One record per experiment, on the link side.
+
+    Raises
+    ------
+    StudyError
+        For keys that contradict each other or limits that leave no excitation.
+
+    Examples
+    --------
+    >>> from elastid import Body, Joint, Motor, Robot, Spring
+    >>> joint = Joint("1", spring=Spring(100.0, damping=0.1), motor=Motor(0.01))
+    >>> robot = Robot("bench", (Body("load", joints=(joint,), inertia=0.02),))
+    >>> excitation = {"rate_hz": 500, "period": 1, "band_hz": [5, 50], "torque_rms": [1]}
+    >>> experiment = {"configurations": {"bench": [0]}, "simulated": {"noise": {"torque_std": 0.01}}}
+    >>> records = simulate(robot, excitation=excitation, experiment=experiment)
+    >>> len(records), records[0].y.shape
+    (2, (1000, 1))
+    """
     spec, repeated = _section(excitation, MultisineSpec), _section(experiment, ExperimentSpec)
     study = _consistent(Study("records", seed, robot, excitation=spec, experiment=repeated))
     plan = make_plan(study.excitation or spec, study.experiment, robot, seed=seed)
@@ -79,10 +171,34 @@ def simulate(
 
 
 def choose(robot: Robot, *names: str, **settings: Mapping[str, Any]) -> Parameters:
-    """The numbers of a robot of which names or patterns (`k_*`) are free.
+    """Choose the free parameters of a robot.
 
-    settings: name to keys of `fit.parameters`, such as fm_1={"start": 0.01} or d_2={"fixed": True}.  Without any, every
-    stiffness, and every damping and motor friction that is not zero.  StudyError for unknown names.
+    Parameters
+    ----------
+    robot : Robot
+        Robot with start values.
+    *names : str
+        Names or patterns (`k_*`) of free parameters. Default: every stiffness, and every damping and motor friction
+        that is not zero.
+    **settings
+        Keys of `fit.parameters` by name, such as fm_1={"start": 0.01} or d_2={"fixed": True}.
+
+    Returns
+    -------
+    Parameters
+
+    Raises
+    ------
+    StudyError
+        For unknown names and settings.
+
+    Examples
+    --------
+    >>> from elastid import Body, Joint, Motor, Robot, Spring
+    >>> joint = Joint("1", spring=Spring(100.0, damping=0.1), motor=Motor(0.01))
+    >>> robot = Robot("bench", (Body("load", joints=(joint,), inertia=0.02),))
+    >>> choose(robot, "k_*", d_1={"bounds": [0.01, 1]}).free_names
+    ('k_1', 'd_1')
     """
     data: dict[str, Any] = {name: {} for name in names} | {name: dict(keys) for name, keys in settings.items()}
     study = Study("fit", robot=robot, experiment=_NO_LOGS, fit=_section({"parameters": data}, FitSpec))
@@ -92,11 +208,40 @@ def choose(robot: Robot, *names: str, **settings: Mapping[str, Any]) -> Paramete
 
 
 def estimate(records: Iterable[Record], robot: Robot | None = None, **estimator: Any) -> Responses:
-    """The response of each configuration, with friction of the motors taken out (`friction="none"`: left in).
+    """Estimate the frequency response of each configuration, with compensated motor friction.
 
-    robot: whose gears are examined; needed where they couple axes, since friction acts on motors.
-    estimator: keys of `estimator`.  Raises StudyError for wrong keys, DataError for records that cannot be estimated
-    together.
+    Parameters
+    ----------
+    records : iterable of Record
+        Records of one or more configurations.
+    robot : Robot or None
+        Robot of the records; needed if gears couple axes, since friction acts on motors.
+    **estimator
+        Keys of `estimator`: method, band_hz, friction ... (friction="none" for uncompensated friction).
+
+    Returns
+    -------
+    Responses
+        One Response G (F, n_y, n_u) per configuration, output per torque on the link side.
+
+    Raises
+    ------
+    StudyError
+        For wrong keys.
+    DataError
+        For records that cannot be estimated together.
+
+    Examples
+    --------
+    >>> from elastid import Body, Joint, Motor, Robot, Spring
+    >>> joint = Joint("1", spring=Spring(100.0, damping=0.1), motor=Motor(0.01))
+    >>> robot = Robot("bench", (Body("load", joints=(joint,), inertia=0.02),))
+    >>> excitation = {"rate_hz": 500, "period": 1, "band_hz": [5, 50], "torque_rms": [1]}
+    >>> experiment = {"configurations": {"bench": [0]}, "simulated": {"noise": {"torque_std": 0.01}}}
+    >>> records = simulate(robot, excitation=excitation, experiment=experiment)
+    >>> responses = estimate(records)
+    >>> responses["bench"].G.shape
+    (23, 1, 1)
     """
     spec = _section(estimator, EstimatorSpec)
     groups: dict[str, list[Record]] = {}
@@ -114,19 +259,80 @@ def identify(
     responses: Sequence[Response], robot: Robot, parameters: Parameters | None = None, *,
     model: Mapping[str, Any] | None = None, **fit: Any,
 ) -> Result:  # fmt: skip
-    """The parameters of the robot that explain the responses; raises as `elastid.fit.identify`.
+    """Identify the parameters of a robot from frequency responses.
 
-    parameters: by default every stiffness, and every damping and motor friction that is not zero.  model, fit: keys of
-    these sections of a study, such as model={"formulation": "minimal"}, starts=40, seed=1.
+    Parameters
+    ----------
+    responses : sequence of Response
+        Measured responses, one per configuration.
+    robot : Robot
+        Robot model with start values.
+    parameters : Parameters or None
+        Free parameters of `choose`. Default: every stiffness, and every damping and motor friction that is not zero.
+    model : mapping or None
+        Keys of `model`, such as {"formulation": "minimal"}.
+    **fit
+        Keys of `fit`: starts, band_hz, weights, seed ...
+
+    Returns
+    -------
+    Result
+        Estimates in SI with 95 % intervals, covariance and status.
+
+    Raises
+    ------
+    StudyError
+        For wrong keys, unknown names and responses that do not fit the robot.
+    FitError
+        If no start leads to an optimum.
+
+    Examples
+    --------
+    >>> from elastid import Body, Joint, Motor, Robot, Spring
+    >>> joint = Joint("1", spring=Spring(100.0, damping=0.1), motor=Motor(0.01))
+    >>> robot = Robot("bench", (Body("load", joints=(joint,), inertia=0.02),))
+    >>> excitation = {"rate_hz": 500, "period": 1, "band_hz": [5, 50], "torque_rms": [1]}
+    >>> experiment = {"configurations": {"bench": [0]}, "simulated": {"noise": {"torque_std": 0.01}}}
+    >>> records = simulate(robot, excitation=excitation, experiment=experiment)
+    >>> result = identify(estimate(records), robot, choose(robot, "k_*"), starts=2)
+    >>> result.status, round(result["k_1"].value)
+    ('converged', 100)
     """
     equations, spec = _section(model or {}, ModelSpec), _section(fit, FitSpec)
     return fitting.identify(responses, robot, spec, model=equations, parameters=parameters)
 
 
 def load(path: Path | str) -> Any:
-    """The value in a file of a run: records.h5, frf.h5, fit.h5, validation.h5 ...; DataError where it is none of them.
+    """Read a file of a run.
 
-    records.h5 is a tuple of `Record`, frf.h5 has a `Response` for each configuration, fit.h5 is a `Result`.
+    Parameters
+    ----------
+    path : Path or str
+        records.h5 (tuple of Record), frf.h5 (Responses), fit.h5 (Result), validation.h5 ...
+
+    Returns
+    -------
+    value
+        The value in the file.
+
+    Raises
+    ------
+    DataError
+        For other files, and for damaged ones.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from elastid import Body, Joint, Motor, Robot, Spring
+    >>> joint = Joint("1", spring=Spring(100.0, damping=0.1), motor=Motor(0.01))
+    >>> robot = Robot("bench", (Body("load", joints=(joint,), inertia=0.02),))
+    >>> excitation = {"rate_hz": 500, "period": 1, "band_hz": [5, 50], "torque_rms": [1]}
+    >>> experiment = {"configurations": {"bench": [0]}, "simulated": {"noise": {"torque_std": 0.01}}}
+    >>> records = simulate(robot, excitation=excitation, experiment=experiment)
+    >>> with TemporaryDirectory() as folder:
+    ...     save(f"{folder}/records.h5", records)
+    ...     load(f"{folder}/records.h5")[0].inputs
+    ('motor 1',)
     """
     kind = kind_of(path) or ""
     with opened(path, kind if kind in _READERS else f"one of {', '.join(_READERS)}"):
@@ -134,7 +340,33 @@ def load(path: Path | str) -> Any:
 
 
 def save(path: Path | str, value: Result | Sequence[Response] | Iterable[Record]) -> None:
-    """Write a result, responses or records as the file of a run that `load` reads."""
+    """Write a value as the file of a run that `load` reads.
+
+    Parameters
+    ----------
+    path : Path or str
+        File to write, such as fit.h5.
+    value : Result, sequence of Response or iterable of Record
+        Value to write.
+
+    Raises
+    ------
+    TypeError
+        For another value.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> from elastid import Configuration, Response
+    >>> G = np.ones((2, 1, 1), complex)
+    >>> posture = Configuration("bench", [0.0])
+    >>> response = Response(np.array([5.0, 6.0]), G, ("motor 1",), ("motor 1",), "position", posture)
+    >>> with TemporaryDirectory() as folder:
+    ...     save(f"{folder}/frf.h5", [response])
+    ...     load(f"{folder}/frf.h5")["bench"].freq_hz.tolist()
+    [5.0, 6.0]
+    """
     if isinstance(value, Result):
         write_fit(path, value)
         return

@@ -1,7 +1,5 @@
 """Output of a run: words, warnings, tables and progress on the terminal, all but the progress in run.log as well."""
 
-from __future__ import annotations
-
 import logging
 import math
 import sys
@@ -159,7 +157,7 @@ def _lines(title: str) -> Progress:
     return progress
 
 
-def result_table(display: Display, rows: Sequence[ParameterRow | FrictionNumber]) -> list[list[str]]:
+def result_table(display: Display, rows: "Sequence[ParameterRow | FrictionNumber]") -> list[list[str]]:
     """Headings and lines of a result, a line for each of the rows; the truth where the rig is simulated."""
     simulated = any(row.truth is not None for row in rows)
     lines = zip(display.rows, rows, strict=True)
@@ -175,7 +173,7 @@ def _deviation(std: float, value: float) -> str:
     return f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)
 
 
-def forecast_table(forecast: Forecast) -> list[list[str]]:
+def forecast_table(forecast: "Forecast") -> list[list[str]]:
     """Headings, then a line for each parameter: predicted std, parts of it by noise and by the file, correlation."""
     columns = {**forecast.std_parts, "expected std": forecast.std}
     rows = [["parameter", "unit", "nominal", *columns, "most correlated with"]]

@@ -1,7 +1,5 @@
 """run, export, compare: a study -> its stages done, their results as values: elastid.run("study.yml").result["k_1"]."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,14 +29,47 @@ def run(
     set: Sequence[str] = (),
     jobs: int = 1,
     verbosity: int = -1,
-) -> FinishedRun:
-    """All stages of a study, as `elastid run` does it: those whose inputs have not changed keep their results.
+) -> "FinishedRun":
+    """Run the stages of a study as `elastid run` does; stages with unchanged inputs keep their results.
 
-    folder: of the run, default runs/<name>.  stages: done in place of all, current or not.  set: keys that take the
-    place of the study's, such as "fit.starts=4".  jobs: processes; more than one in a script need its
-    `if __name__ == "__main__":`.  verbosity: -2 nothing, -1 warnings, 0 a line a stage, 1 every detail.  A misfit is no
-    error here: `result.status` says it.
-    Raises StudyError with the place of every error in the study, DataError for logs, FitError where nothing was found.
+    Parameters
+    ----------
+    study : Path or str
+        Study file.
+    folder : Path or str
+        Folder of the run. Default: runs/<name of the study>.
+    *stages : str
+        Stages to run, whether current or not. Default: all stages that are not current.
+    set : sequence of str
+        Keys that override the study's, such as "fit.starts=4".
+    jobs : int
+        Number of processes; a script with several needs `if __name__ == "__main__":`.
+    verbosity : int
+        -2 nothing, -1 warnings, 0 one row per stage, 1 all details.
+
+    Returns
+    -------
+    FinishedRun
+        Access to records, responses, result, validation and report. A misfit raises no error, see `result.status`.
+
+    Raises
+    ------
+    StudyError
+        With the location of every error in the study.
+    DataError
+        For logs that cannot be used.
+    FitError
+        If the fit finds no optimum.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from elastid.app.scaffold import new
+    >>> with TemporaryDirectory() as folder:
+    ...     study = new(Path(folder) / "bench", "recorded")  # as `elastid new bench --template recorded`
+    ...     done = run(study, Path(folder) / "run", "measure", "estimate")
+    ...     done.responses.names
+    ['bench']
     """
     run = _run_of(study, folder, set, jobs, verbosity)
     try:
@@ -50,22 +81,90 @@ def run(
 
 
 def export(
-    study: FinishedRun | Path | str, target: str, folder: Path | str = "", *, count: int = 1000
+    study: "FinishedRun | Path | str", target: str, folder: Path | str = "", *, count: int = 1000
 ) -> tuple[Path, ...]:
-    """The files of `elastid export --to target` of a run, or of the study and folder of one; count: of draws.
+    """Export a run to another tool as `elastid export` does.
 
-    StudyError where a stage that it reads has not run, or for no such target.
+    Parameters
+    ----------
+    study : FinishedRun, Path or str
+        Finished run, or its study file.
+    target : str
+        Target of `elastid export --to`: csv, matlab, control, mujoco, fmu, urdf, robot, samples ...
+    folder : Path or str
+        Folder of the run. Default: runs/<name of the study>.
+    count : int
+        Number of posterior samples of the target samples.
+
+    Returns
+    -------
+    tuple of Path
+        The written files.
+
+    Raises
+    ------
+    StudyError
+        For an unknown target, or if a required stage has not run.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from elastid.app.scaffold import new
+    >>> with TemporaryDirectory() as folder:
+    ...     study = new(Path(folder) / "bench", "frf")  # as `elastid new bench --template frf`
+    ...     done = run(study, Path(folder) / "run", "measure", "estimate")
+    ...     [path.name for path in export(done, "csv")]
+    ['bench-measured.csv', 'modes.csv']
     """
     return exporting.export(_run_of(study, folder), target, count)
 
 
-def compare(study: FinishedRun | Path | str, *further: Path | str, folder: Path | str = "") -> Comparison:
-    """The ranking of `elastid compare` over left-out configurations; further: studies of other models."""
+def compare(study: "FinishedRun | Path | str", *further: Path | str, folder: Path | str = "") -> Comparison:
+    """Rank models by cross-validation over the configurations, as `elastid compare` does.
+
+    Parameters
+    ----------
+    study : FinishedRun, Path or str
+        Finished run, or its study file, whose section `compare` lists the models.
+    *further : Path or str
+        Studies of further models.
+    folder : Path or str
+        Folder of the run. Default: runs/<name of the study>.
+
+    Returns
+    -------
+    Comparison
+        Prediction error of each model on the left-out configurations, the best first.
+
+    Raises
+    ------
+    StudyError
+        For a study without such models, or if its responses have not been estimated.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> text = '''
+    ... name: bench
+    ... robot:
+    ...   name: bench
+    ...   bodies: [{name: load, inertia: 0.02, joints: [{name: 1, spring: {stiffness: 100}, motor: {inertia: 0.01}}]}]
+    ... excitation: {rate_hz: 500, period: 1, band_hz: [5, 50], torque_rms: 1}
+    ... experiment: {configurations: {a: [0], b: [1]}, simulated: {noise: {torque_std: 0.01}}}
+    ... fit: {starts: 1}
+    ... compare: {variants: [{name: lowband, set: ["fit.band_hz=[5, 30]"]}]}
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     study = Path(folder) / "study.yml"
+    ...     _ = study.write_text(text)
+    ...     sorted(row.name for row in compare(run(study, Path(folder) / "run", "design", "measure", "estimate")).rows)
+    ['bench', 'lowband']
+    """
     return comparing.compare(_run_of(study, folder), [load(path) for path in further])
 
 
 def _run_of(
-    study: FinishedRun | Path | str, folder: Path | str, set: Sequence[str] = (), jobs: int = 1, verbosity: int = -1
+    study: "FinishedRun | Path | str", folder: Path | str, set: Sequence[str] = (), jobs: int = 1, verbosity: int = -1
 ) -> Run:
     if isinstance(study, FinishedRun):
         return study.run

@@ -1,7 +1,5 @@
 """The robot that a study has identified: its file, its true numbers, friction in the viscous ones, effects of gears."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -83,7 +81,7 @@ def truth(
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in mixed}
 
 
-def with_identified_friction(robot: Robot, result: FrictionResult) -> Robot:
+def with_identified_friction(robot: Robot, result: "FrictionResult") -> Robot:
     """A study's robot with the law of friction of each joint and the ranges in which it was measured.
 
     Bristles and elements that the study did not measure stay as the robot's file has them.
@@ -91,7 +89,7 @@ def with_identified_friction(robot: Robot, result: FrictionResult) -> Robot:
     return with_laws(robot, _identified(robot, result))
 
 
-def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
+def robot_of_friction(name: str, robot: Robot, result: "FrictionResult") -> str:
     """The file of that robot; name: of the study."""
     laws = _identified(robot, result)
     comments = (
@@ -153,7 +151,7 @@ def with_findings(robot: Robot, friction: FrictionTakenOut | None, gears: GearRe
     return with_effects(robot, gears)
 
 
-def _identified(robot: Robot, result: FrictionResult) -> dict[str, tuple[Friction, float]]:
+def _identified(robot: Robot, result: "FrictionResult") -> dict[str, tuple[Friction, float]]:
     return {
         joint.joint: (_with_presliding(robot, joint.joint, joint.friction, joint.viscous), joint.viscous)
         for joint in result.joints

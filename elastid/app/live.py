@@ -5,8 +5,6 @@ other format that is read: its log; x1: the results of all experiments so far; s
 logs. What is there is whole: a killed command leaves nothing that the next has to undo.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -94,7 +92,7 @@ class Session:
     budget_s: float
 
     @classmethod
-    def of(cls, run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None = None) -> Session:
+    def of(cls, run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None = None) -> "Session":
         """The session of a study; StudyError for one that has no plan, and for a goal that names no parameter."""
         study, robot = run.study, run.study.as_robot()
         require_one_robot_in_any_posture(study)

@@ -1,7 +1,5 @@
 """Options, arguments and context of commands: the run that they ask for, Ctrl-C that libraries cannot swallow."""
 
-from __future__ import annotations
-
 import math
 import os
 import sys
@@ -84,7 +82,7 @@ study_argument = click.argument("study", type=click.Path(path_type=Path))
 stage_options = options_of("run", "set", "jobs", "dask", "verbose", "quiet")
 
 
-def run_of(study: Path, options: dict[str, Any]) -> Run:
+def run_of(study: Path, options: dict[str, Any]) -> "Run":
     """The run of a study under the options of a command, which are taken out of them: its own are left."""
     from elastid.app.console import Console
     from elastid.app.run import Run, all_cores
@@ -118,7 +116,7 @@ def insisting() -> Iterator[Event]:
             Thread(target=insist, daemon=True).start()
         raise KeyboardInterrupt
 
-    def show(unraisable: sys.UnraisableHookArgs) -> None:
+    def show(unraisable: "sys.UnraisableHookArgs") -> None:
         if not pressed.is_set():
             shown(unraisable)
 

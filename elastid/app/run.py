@@ -8,8 +8,6 @@ of its result. All other keys are at their defaults, so that a key that changes 
 not depend on ways of working.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -87,12 +85,12 @@ class Work:
     console: Console = field(default_factory=Console)
 
     @contextmanager
-    def execution(self, checkpoint: Checkpoint | None = None) -> Iterator[Execution]:
+    def execution(self, checkpoint: "Checkpoint | None" = None) -> Iterator[Execution]:
         """Execution of the stage's work, its progress shown."""
         with self.console.progress(self.stage) as progress:
             yield Execution(self.jobs, progress, {} if checkpoint is None else checkpoint)
 
-    def checkpoint(self) -> Checkpoint:
+    def checkpoint(self) -> "Checkpoint":
         """Finished parts of the interrupted stage: of the same values, by the same code, from the very same files."""
         from elastid.store.results import Checkpoint  # brings the solvers, which most stages do not need
 

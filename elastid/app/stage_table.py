@@ -4,8 +4,6 @@ A further stage is a row here and a file below `stages`. Functions stand as text
 the names of all stages, loads none of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
@@ -50,7 +48,7 @@ class Stage:
         """Earlier stages that it reads, and True for those that may be missing."""
         return {name.removesuffix("?"): name.endswith("?") for name in self.after.split()}
 
-    def sees(self, study: Study) -> Study:
+    def sees(self, study: "Study") -> "Study":
         """The study with the keys that the stage reads, all others at their defaults."""
         named = study if "name" in self.keys.split() else replace(study, name="study")
         seen: Study = _seen(named, ["name", "experiment", *self.keys.split()])
@@ -73,7 +71,7 @@ def _seen(section: Any, keys: Iterable[str]) -> Any:
     return type(section)(**seen)
 
 
-def files_of(study: Study) -> list[str]:
+def files_of(study: "Study") -> list[str]:
     """The files that a study names, relative to its folder: logs and responses."""
     recorded = study.experiment.recorded
     names = [path for file in (() if recorded is None else recorded.files) for path in (file.path, *file.also)]
@@ -178,7 +176,7 @@ def stages_of(kind: str) -> dict[str, Stage]:
     return {stage.name: stage for stage in STAGES if kind in stage.kinds}
 
 
-def stages_of_study(study: Study) -> dict[str, Stage]:
+def stages_of_study(study: "Study") -> dict[str, Stage]:
     """The stages of a study by name, in order: those of its kind, without those that need a section it has not."""
     stages = (stage for stage in STAGES if study.kind in stage.kinds)
     return {stage.name: stage for stage in stages if not stage.needs or getattr(study, stage.needs) is not None}

@@ -3,8 +3,6 @@
 Sections of them are made of fields and properties of a result; those that are not, replace one in its place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -160,7 +158,7 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
 
 
 def friction_study_summary(
-    name: str, result: FrictionResult, twin: TwinFindings = NO_TWIN, left_out: TwinFindings = NO_TWIN
+    name: str, result: "FrictionResult", twin: TwinFindings = NO_TWIN, left_out: TwinFindings = NO_TWIN
 ) -> dict[str, Any]:
     """summary.json of a friction study: parameters with intervals and origin, those not identified, measured ranges.
 
@@ -203,7 +201,7 @@ def predicted(prediction: TwinFindings) -> dict[str, Any]:
     return {"not_predicted": dict(prediction.missing)} | _twin(prediction)
 
 
-def _rigid_body(body: RigidBody) -> dict[str, Any]:
+def _rigid_body(body: "RigidBody") -> dict[str, Any]:
     """Base parameters by least squares with std, and those that predict other logs."""
     columns = (json_value(getattr(body, name)) for name in ("names", "units", "values", "std", "predicting"))
     rows = zip(*columns, strict=True)

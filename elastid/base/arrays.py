@@ -1,7 +1,5 @@
 """Array types of signatures, frozen values with labelled fields, arrays kept in a file, an array in a few numbers."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import tempfile
@@ -151,7 +149,7 @@ class LargeArray:
         return np.asarray(self.rows(0, len(self)), dtype=dtype or np.float64)
 
     def copy(self) -> FloatArray:
-        """All of it in memory."""
+        """Read the whole array into memory."""
         return np.array(self)
 
 
@@ -188,7 +186,7 @@ class FileArray(np.memmap):
     folder: Path
 
     @classmethod
-    def at(cls, path: Path, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> FileArray:
+    def at(cls, path: Path, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> "FileArray":
         """The array of a shape that begins so many bytes after the beginning of a file."""
         content = path.stat()
         array = cls.within(_pages(path, content.st_ino, content.st_mtime_ns), offset, dtype, shape)
@@ -196,8 +194,8 @@ class FileArray(np.memmap):
         return array
 
     @classmethod
-    def within(cls, pages: mmap.mmap, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> FileArray:
-        """The array of a shape that begins so many bytes after the beginning of what is mapped."""
+    def within(cls, pages: mmap.mmap, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> "FileArray":
+        """Array of the given shape at a byte offset of the mapped file."""
         array = np.ndarray.__new__(cls, shape, dtype, buffer=pages, offset=offset)
         array._mmap = pages  # type: ignore[attr-defined]
         return array
@@ -208,7 +206,7 @@ class FileArray(np.memmap):
         return plain[()] if return_scalar else plain
 
     def __reduce__(self) -> Any:
-        """Place of the array; of a temporary file the numbers, for one of that process; of a part the numbers."""
+        """Pickle the file name and location, or the values of a temporary file or of a part."""
         if hasattr(self, "place"):
             return FileArray.at, (*self.place, self.dtype, self.shape)
         values = np.array(self)
@@ -243,7 +241,7 @@ _ROOMS: WeakValueDictionary[tuple[int, Path], _Room] = WeakValueDictionary()
 
 
 def kept_beside(source: NDArray[Any] | None, values: NDArray[Any]) -> NDArray[Any]:
-    """A read-only copy of values in a temporary file beside that of a source; the values if the source is in memory.
+    """Move values, read-only, into a temporary file if their source is in a file; otherwise return them.
 
     `release` gives its memory back. In memory, too, where the folder takes no file.
     """
@@ -269,7 +267,7 @@ def kept_in(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
 
 @lru_cache(maxsize=4)
 def _pages(path: Path, inode: int, mtime_ns: int) -> mmap.mmap:
-    """A file as it is now: what takes its place later is another one."""
+    """Identity of a file at this moment; a later replacement is a different file."""
     with path.open("rb") as file:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
@@ -294,7 +292,7 @@ def _stored_rows(path: Path, offset: int, columns: int, first: int, last: int) -
 
 @dataclass(frozen=True)
 class ValueRange:
-    """first: NaN where it is missing.  low, high: of the values that are finite, NaN without any.  missing: others."""
+    """first: first value, or NaN. low, high: range of finite values, or NaN. missing: number of other values."""
 
     first: float
     low: float

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 
 class Code(NamedTuple):
-    """Meaning of an error or a note, and remedy: what to do, in the imperative."""
+    """Meaning of an error or a note, and its remedy in the imperative."""
 
     meaning: str
     remedy: str

@@ -60,7 +60,7 @@ def columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
 
 
 def as_text(value: Any) -> str:
-    """`__repr__` of a value with a `display`: what a prompt shows."""
+    """`__repr__` of a value with a `display`, for an interactive prompt."""
     return str(value.display.text)
 
 

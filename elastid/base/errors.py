@@ -3,8 +3,6 @@
 Each has a code of `base.codes`, with its meaning and remedy: `elastid explain CODE`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass
@@ -48,13 +46,13 @@ class FitError(ElastidError):
 
 
 class MisfitError(FitError):
-    """The identification is done and written, but not to be believed as it stands: exit code 3."""
+    """The identification finished and its results are written, but they are not reliable: exit code 3."""
 
     exit_code = 3
 
 
 class UnknownNameError(KeyError):
-    """A name that is none of those there are, which the message lists."""
+    """Unknown name; the message lists the existing names."""
 
     def __str__(self) -> str:
         return str(self.args[0])  # without the quotes that KeyError puts around it
@@ -75,12 +73,12 @@ class Named(dict[str, T]):
     def __missing__(self, name: str) -> T:
         raise UnknownNameError(f"no {self._noun} {name}; there are {', '.join(self) or 'none'}")
 
-    def __reduce__(self) -> tuple[type[Named[T]], tuple[str, dict[str, T]]]:
+    def __reduce__(self) -> "tuple[type[Named[T]], tuple[str, dict[str, T]]]":
         return type(self), (self._noun, dict(self))
 
 
 def check_kind(value: object, kind: type | UnionType, name: str, remedy: str) -> None:
-    """TypeError where an argument is of another kind, or of none of several; remedy: how to get one of that kind."""
+    """Raise TypeError if an argument has another type. remedy: how to obtain an argument of the right type."""
     if not isinstance(value, kind):
         wanted = " or ".join(type_.__name__ for type_ in get_args(kind) or (kind,))
         raise TypeError(f"{name} is of type {type(value).__name__}, not {wanted}; {remedy}")
@@ -137,7 +135,7 @@ Severity: TypeAlias = Literal["information", "warning"]
 
 @dataclass(frozen=True)
 class Note:
-    """code: what kind of thing, for programs ("clipped-channel").  text: one sentence with its numbers filled in.
+    """code: kind of finding, for programs ("clipped-channel"). text: one sentence with its numbers.
 
     place: the file, record, configuration, channel or parameter that it is about; printed in front of the text.
     """

@@ -93,7 +93,7 @@ def unused(name: str, taken: Iterable[str], separator: str = " ") -> str:
 
 
 def file_name(name: str) -> str:
-    """A name as part of a file's: separators, and what Windows refuses, escaped by their codes; others as they are.
+    """Escape a name for file names: separators and characters that Windows rejects are replaced by their codes.
 
     >>> file_name("../x"), file_name("bench 1")
     ('%2E.%2Fx', 'bench 1')
@@ -103,14 +103,14 @@ def file_name(name: str) -> str:
 
 
 def group_name(name: str) -> str:
-    """A name as that of a group of HDF5, where / and lone dots have a meaning."""
+    """Escape a name for HDF5 groups, in which / and single dots have a meaning."""
     escaped = name.replace("%", "%25").replace("/", "%2F").replace("\0", "%00")
     return escaped.replace(".", "%2E") if not escaped.strip(".") else escaped
 
 
 def csv_cell(value: Any) -> Any:
-    """A cell of a table for spreadsheets: numbers as they are; a text that a spreadsheet would take for a formula gets
-    an apostrophe before it, as spreadsheets mark a text, and no text spans lines.
+    """Format a cell of a spreadsheet table. Numbers stay as they are; a text that starts like a formula gets a leading
+    apostrophe, and line breaks are removed.
 
     >>> csv_cell("=1+1"), csv_cell("k_1"), csv_cell(-1.0)
     ("'=1+1", 'k_1', -1.0)

@@ -4,8 +4,6 @@ Processes of this machine, or, inside `on_dask(address)`, the workers of a Dask 
 they are asked by the messages of `base.workers`, in tasks.
 """
 
-from __future__ import annotations
-
 import gc
 import sys
 from collections.abc import Callable, Generator, Iterator, MutableMapping, Sequence
@@ -86,7 +84,7 @@ def _outcomes(
 
 @dataclass(frozen=True)
 class Execution:
-    """How work is run: by `jobs` processes, reporting progress(done, total), keeping what is finished in `checkpoint`.
+    """Execution settings: number of processes `jobs`, progress(done, total), and `checkpoint` for finished results.
 
     jobs: of a cluster all workers work; 0: none but this process.  checkpoint: from where an interrupted computation
     of the same arguments is resumed; a dict, or a mapping that outlives the process. Results do not depend on any of
@@ -97,12 +95,12 @@ class Execution:
     progress: Progress = silent
     checkpoint: MutableMapping[str, Any] = field(default_factory=dict)
 
-    def __reduce__(self) -> tuple[type[Execution], tuple[int]]:
+    def __reduce__(self) -> "tuple[type[Execution], tuple[int]]":
         """Execution in another process: by that one alone."""
         return Execution, (0,)
 
     @property
-    def quiet(self) -> Execution:
+    def quiet(self) -> "Execution":
         """Execution without progress: of short work within a stage."""
         return replace(self, progress=silent)
 

@@ -39,7 +39,7 @@ def clear_folder(run_folder: Path, *names: str) -> Path:
 
 
 def unlinked(path: str, flags: int) -> int:
-    """The opener (of `open`) of a file that is neither a link nor a device or a pipe; ElastidError where it is one."""
+    """Open a regular file (for `open`); raise ElastidError for a link, device or pipe."""
     if _is_link(Path(path)) or (Path(path).exists() and not Path(path).is_file()):
         raise _refusal(Path(path))
     try:
@@ -179,7 +179,7 @@ def from_template(template: str, /, **values: Any) -> str:
 
 
 def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Line, from 1, and cells by the names in the first row, of each row of a CSV file; StudyError where it is none.
+    """Read a CSV file: row number from 1 and cells by column name of each row; raise StudyError for other files.
 
     Empty rows, and those that begin with #, are left out.
     """

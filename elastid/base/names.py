@@ -87,7 +87,7 @@ FileName: TypeAlias = Annotated[str, NameRule(is_file=True)]
 
 
 def at_amplitude(posture: str, number: int) -> str:
-    """The name of a configuration at one of its amplitudes, counted from 1: the first has that of the posture.
+    """Name of a configuration at one amplitude, counted from 1; the first has the name of the configuration.
 
     >>> at_amplitude("bent", 1), at_amplitude("bent", 2)
     ('bent', 'bent amplitude 2')
@@ -96,7 +96,7 @@ def at_amplitude(posture: str, number: int) -> str:
 
 
 def posture_of(configuration: str) -> str:
-    """The name of a configuration without that of its amplitude: what a study says of it counts at every one.
+    """Name of a configuration without its amplitude; settings of a study apply to all amplitudes.
 
     >>> posture_of("bent amplitude 2")
     'bent'
@@ -129,7 +129,7 @@ def check_different(noun: str, names: Iterable[str]) -> None:
 
 
 def is_match(name: str, pattern: str) -> bool:
-    """True where a pattern stands for a name, or is that name.
+    """True if a pattern matches a name.
 
     >>> is_match("k_axis [1]", "k_axis [1]"), is_match("k_1", "k_*")
     (True, True)

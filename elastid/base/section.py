@@ -102,7 +102,7 @@ def section(cls: type[T]) -> type[T]:
 
 @cache
 def validator(section: type) -> Any:
-    """pydantic's validator of a section, made when the first one is: that of a study takes longer than reading one."""
+    """Return pydantic's validator of a section, built at the first use since that takes time."""
     from pydantic import TypeAdapter  # value types stay free of pydantic until one is made
 
     return TypeAdapter(section).validator

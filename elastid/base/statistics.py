@@ -28,7 +28,7 @@ STD_OVER_MAD = 1.4826
 
 
 def small_sample_factors(dof: FloatArray | float) -> FloatArray:
-    """The 95 % quantiles of Student's t over that of the normal distribution, dof (n,), or one, may be infinite.
+    """Ratio (n,) of the 95 % quantiles of Student's t and the normal distribution; dof (n,) or scalar, may be infinite.
 
     They widen standard deviations that are themselves estimated.
 
@@ -186,7 +186,7 @@ def interpolated(wanted: FloatArray | IntArray, lines: FloatArray | IntArray, va
 
 
 def principal_axes(covariance: FloatArray) -> FloatArray:
-    """l_k (n, n_x), one standard deviation along each principal axis; none of what nothing constrains or is exact."""
+    """l_k (n, n_x): one standard deviation along each principal axis; zero for exact and unidentifiable parameters."""
     unreached = np.isinf(np.diag(covariance))
     values, vectors = np.linalg.eigh(np.where(unreached[:, None] | unreached, 0.0, covariance))
     is_moved = values > 1e-24 * values.max(initial=0.0)

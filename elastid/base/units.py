@@ -5,8 +5,6 @@
 Frequencies are in Hz everywhere; nothing here turns Hz into rad/s.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator
@@ -123,7 +121,7 @@ class Measured(float):
 
     dimension: str
 
-    def __new__(cls, value: float, dimension: str) -> Measured:
+    def __new__(cls, value: float, dimension: str) -> "Measured":
         """The number and its dimension."""
         number = super().__new__(cls, value)
         number.dimension = dimension

@@ -1,4 +1,4 @@
-"""Worker processes of this machine: copies of one that has loaded what they need, ended at once on Ctrl-C.
+"""Worker processes of this machine: copies of one preloaded process, terminated immediately on Ctrl-C.
 
 They start from nothing where the system has no copies. Some stay for the next work, with the models that they have
 built and the values that they have (`lasting_workers` of `base.execution`). Workers of a Dask cluster are asked by the
@@ -32,7 +32,7 @@ from elastid.base.arrays import MIN_PART_BYTES, FileArray, kept_in
 
 
 class Kept:
-    """A frozen dataclass that goes to another process once, without what was worked out of its fields."""
+    """Frozen dataclass that is sent once to another process, without values computed from its fields."""
 
 
 class LostError(Exception):
@@ -45,13 +45,13 @@ _ARRIVED: ContextVar[dict[bytes, Any]] = ContextVar("values that come with a mes
 
 
 class End:
-    """This end of a pipe: what the other one has; keeps: whether what comes stays until the other end forgets it."""
+    """This end of a pipe. keeps: True if values stay until the other end releases them."""
 
     def __init__(self, keeps: bool) -> None:
         self._known, self._keeps, self._held = set[bytes](), keeps, dict[bytes, Any]()
 
     def packed(self, value: Any, is_first: bool = False) -> bytearray:
-        """A message to the other end; is_first: of a work, with which that end forgets what is gone here."""
+        """Pickle a message. is_first: first message of a task, which releases values that were deleted here."""
         gone = [name for name in self._known if name not in _VALUES] if is_first else []
         message = _Message()
         pickler = _Pickler(message, self._known)
@@ -61,7 +61,7 @@ class End:
         return message
 
     def unpacked(self, message: bytes) -> Any:
-        """The value of a message from the other end; LostError where it names what is not here."""
+        """Decode a message from the other end; raise LostError if it names a missing value."""
         file, arrived = BytesIO(message), dict[bytes, Any]()
         token = _ARRIVED.set(arrived)
         try:
@@ -87,14 +87,14 @@ class _Message(bytearray):
 
 
 class _Pickler(pickle.Pickler):
-    """Names in place of what the other end has; new: what it is given."""
+    """Replace values that the other end has by their names; new: values to send."""
 
     def __init__(self, message: _Message, known: set[bytes]) -> None:
         super().__init__(message, pickle.HIGHEST_PROTOCOL)
         self._known, self.new = known, dict[bytes, Any]()
 
     def reducer_override(self, value: Any) -> Any:
-        """The name of a value that the other end has; of one that stays there its parts, too."""
+        """Name of a value that the other end has, with names of its parts if it stays there."""
         parts: tuple[Any, ...]
         if isinstance(value, Kept):
             parts = (_made, type(value), {f.name: getattr(value, f.name) for f in fields(value)})  # type: ignore[arg-type]
@@ -200,7 +200,7 @@ def outcomes(
     busy: dict[Connection, tuple[int, Worker]] = {}
 
     def give(worker: Worker, is_new: bool = False) -> Iterator[tuple[int, Outcome]]:
-        """The next item, or rest; of a worker that is dead already, the outcome of the item."""
+        """Send the next item, or rest; if the worker has died, return the outcome of the item."""
         queue = waiting[worker.place % len(waiting)]
         following = queue.popleft() if queue else None
         message = REST if following is None else worker.end.packed((function if is_new else None, following[1]), is_new)
@@ -337,7 +337,7 @@ REST = b""
 
 
 def _serve(pipe: Connection) -> None:
-    """Work, in a worker: an answer to each item, until the pipe ends; it leaves Ctrl-C to the parent, which ends it."""
+    """Run a worker: answer each item until the pipe ends. Ctrl-C is left to the parent, which terminates it."""
     signal(SIGINT, SIG_IGN)
     # Words of libraries are not for the terminal.
     logging.captureWarnings(True)

@@ -52,8 +52,8 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     if not left.any():
         raise StudyError(
             "design/candidates",
-            f"none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}; give others, or "
-            "relax what refuses them",
+            f"none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}. Give others, or "
+            "relax the constraints that reject them",
             "design.candidates",
         )
     return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist()), refused)
@@ -65,8 +65,8 @@ def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatAr
     if endless:
         raise StudyError(
             "design/candidates",
-            f"joint {endless[0]} slides and has no limits.angle to draw its position from; give "
-            "both ends of its travel in the robot's file",
+            f"sliding joint {endless[0]} has no limits.angle for random candidates. Give both ends of its travel in "
+            "the robot model",
             "design.candidates",
         )
     low = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + swing, -math.pi)
@@ -75,9 +75,9 @@ def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatAr
         if a > b:
             raise StudyError(
                 "design/candidates",
-                f"{by:g} {joint.unit} of carrier and margin to either side leave joint {joint.name} "
-                f"no room within its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] {joint.unit}; lower "
-                "the carrier's amplitude or design.candidates.margin",
+                f"carrier and margin of {by:g} {joint.unit} to either side exceed the range of joint {joint.name}, "
+                f"[{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] {joint.unit}. Lower the carrier's amplitude "
+                "or design.candidates.margin",
                 "design.candidates",
             )
     return low, high
@@ -97,7 +97,7 @@ def _proposed(
         if refused := robot.count_refusal(len(counts), "numbers"):
             raise StudyError("design/candidates", refused, "design.candidates.grid")
         if math.prod(counts) > 200_000:  # a typing error
-            text = "more than 200000 candidates; take fewer points per joint"
+            text = "more than 200000 candidates. Reduce the points per joint"
             raise StudyError("design/candidates", text, "design.candidates.grid")
         axes = [np.linspace(a, b, m) if m > 1 else [(a + b) / 2] for a, b, m in zip(low, high, counts, strict=True)]
         angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, n)
@@ -120,7 +120,7 @@ def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator
 
 
 def upwards(robot: Robot) -> FloatArray:
-    """The direction against gravity; z where there is none."""
+    """Unit vector against gravity; z without gravity."""
     gravity = np.array(robot.gravity)
     g = float(np.linalg.norm(gravity))
     return -gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
@@ -171,7 +171,7 @@ def informations(
 
 
 def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
-    """H (n_x, n_x); None where there is no equilibrium."""
+    """H (n_x, n_x); None without an equilibrium."""
     try:
         return prospect.information(configuration, x)
     except (StudyError, DataError):
@@ -193,8 +193,8 @@ def visible(
         names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
         raise StudyError(
             "fit/not-identifiable",
-            f"no candidate informs {names} beyond the noise; raise excitation.torque_rms, or where the measured "
-            "outputs do not depend on it fix it, or log a place that it moves (experiment.simulated.outputs)",
+            f"no candidate identifies {names} above the noise. Raise excitation.torque_rms; if no measured output "
+            "depends on it, fix it or add an output (experiment.simulated.outputs)",
             "design",
         )
     ground = (blind * length[:, None]) @ (blind * length[:, None]).T
@@ -204,7 +204,7 @@ def visible(
 def _named(
     configurations: Sequence[Configuration], numbers: IntArray, realisations: int, taken: Sequence[str]
 ) -> tuple[ChosenConfiguration, ...]:
-    """The chosen ones, in the order of the candidates; those without a name of the user's are c1, c2 ..."""
+    """Chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
     chosen: list[ChosenConfiguration] = []
     used = {*taken, *(c.name for c in configurations if not c.name.startswith("candidate"))}
     free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)

@@ -38,8 +38,8 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
         if coulomb > LIMITS.coulomb_ratio * torque:
             unit = drive_unit(joint.slides)
             text = (
-                f"its Coulomb friction ({coulomb:.3g} {unit}) is more than a third of its rms torque ({torque:.3g} "
-                f"{unit}): the joint sticks, and friction looks like stiffness; raise excitation.torque_rms or add "
+                f"its Coulomb friction ({coulomb:.3g} {unit}) exceeds a third of its rms torque ({torque:.3g} {unit}), "
+                "so that the joint sticks and friction biases the stiffness. Raise excitation.torque_rms or add "
                 "experiment.simulated.carrier"
             )
             notes.append(Note("design/motor-sticks", text, f"motor {joint.name}"))
@@ -82,7 +82,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
 
 
 def settled_problem(problem: DesignProblem) -> DesignProblem:
-    """The problem with what a study leaves open: torques, the typical spectrum, damping by friction."""
+    """Problem with defaults for open settings: torques, typical spectrum, damping by friction."""
     return with_friction_damping(with_typical_spectrum(with_torques(problem), problem.excitation.torque_rms))
 
 
@@ -128,15 +128,16 @@ def _choose(
     if count < 1:
         raise StudyError(
             "design/limits",
-            f"no room for a configuration in addition to the {len(problem.experiment.configurations)} given: one takes "
-            f"{unit_time_s(*sections, problem.experiment.periods):g} s; give more, or fewer realisations or periods",
+            "the robot time is too short for a configuration in addition to the "
+            f"{len(problem.experiment.configurations)} given; one needs "
+            f"{unit_time_s(*sections, problem.experiment.periods):g} s. Give more, or fewer realisations or periods",
             "design.robot_time",
         )
     criterion, n = problem.criterion, len(candidates.configurations)
     if spec.count is not None and n < spec.count:
         raise StudyError(
             "design/candidates",
-            f"design.count: {spec.count} configurations are asked for, {n} candidates are admissible"
+            f"design.count: {spec.count} configurations for {n} admissible candidates"
             + (f" ({candidates.reasons})" if candidates.refused else "")
             + f"; lower count to {n}, give more candidates, or more realisations of each",
         )

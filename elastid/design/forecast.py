@@ -70,7 +70,7 @@ class Forecast:
 
     @property
     def std_parts(self) -> dict[str, FloatArray]:
-        """Contributions (n,) to `std` by name, as those of a `Result`; none for an exact robot model."""
+        """Contributions (n,) to `std` by name, as in a `Result`; empty for an exact robot model."""
         names = ("std_noise", "std_prior", "std_systematic")
         return {name: self.std * np.sqrt(part) for name, part in zip(names, self.parts, strict=False)}
 
@@ -86,7 +86,7 @@ class Forecast:
         return correlation_of(self.covariance)
 
     def strongest(self, name: str) -> tuple[str, float]:
-        """The parameter whose estimate is most correlated with this one's, and how; '' where none is."""
+        """Most correlated parameter and the correlation; '' without one."""
         row = self.parameters.index(name)
         strength = np.nan_to_num(np.abs(self.correlation[row]))
         strength[row] = 0.0
@@ -108,7 +108,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
     check_line_count(freq_hz, parameters)
     fit = expected_fit(expected)
     if fit.n_residuals == 0:
-        text = "no response rises above its noise at any line; raise excitation.torque_rms, or measure more periods"
+        text = "no response exceeds its noise at any line. Raise excitation.torque_rms, or measure more periods"
         raise StudyError("excitation/power", text, "excitation")
     responses, weights = [e.response for e in expected], [e.weights for e in expected]
     uncertainty = estimate_uncertainty(fit, responses, weights, x, is_forecast=True, is_taken_out=is_taken_out)
@@ -130,7 +130,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
 
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
-    """Refuse a grid with fewer lines than unknowns; StudyError says which period would do."""
+    """Raise StudyError for a grid with fewer lines than unknowns; the message states a sufficient period."""
     if refused := line_count_refusal(len(freq_hz), len(parameters.asked), "unknowns"):
         raise StudyError("excitation/power", f"{refused}, or fix some of fit.parameters", "excitation")
 
@@ -157,7 +157,7 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
         parts = [i for i in largest if abs(direction[i]) > LIMITS.component]
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
         who = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
-        text = f"this plan cannot determine {who}: fix or tie one number, or measure what depends on it"
+        text = f"this plan does not identify {who}. Fix or tie one parameter, or measure an output that depends on it"
         notes.append(Note("fit/not-identifiable", text))
     return notes
 

@@ -1,10 +1,8 @@
-"""The plan of a friction study: speeds of passes, their order, torques at standstill, and warm-ups.
+"""Plan of a friction study: speeds and order of constant-velocity runs, presliding torques, and warm-ups.
 
 Speeds are D-optimal over the laws that the joint may have (with a certificate), windows and ramps those that the
 joint's limits leave; what cannot be done is refused by name.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
@@ -60,13 +58,13 @@ class StribeckGuess:
     is_from_file: bool = False
 
     @property
-    def spread(self) -> tuple[StribeckGuess, ...]:
+    def spread(self) -> "tuple[StribeckGuess, ...]":
         """The laws that a design must serve: the Stribeck velocity is the number that is known least."""
         nu_s = self.stribeck_velocity
         return tuple(replace(self, stribeck_velocity=factor * nu_s) for factor in (0.4, 1.0, 2.5))
 
     def torque(self, speed: float) -> float:
-        """F(v), Nm: what braking takes at a speed."""
+        """F(v), Nm: friction torque at a speed."""
         fall = math.exp(-float((speed / self.stribeck_velocity) ** self.exponent))
         return self.coulomb + (self.stiction - self.coulomb) * fall + self.viscous * speed
 
@@ -104,7 +102,7 @@ def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class CommonGear:
-    """Friction where the robot's file has none, and limits where a joint has none.
+    """Friction and limits, with defaults if the robot model lacks them.
 
     LiTH-ISY-R-2948 has F_c of 3 % of the rating and nu_s of 5 % of the speed; its viscous friction at full speed is
     three times F_c.
@@ -187,9 +185,9 @@ class Axis:
             if self.sticks_at(speed) or self.peak_torque(speed) > largest:
                 raise StudyError(
                     "friction/plan",
-                    f"{place} would stick and slip at {speed:.4g} {unit}, or its torque be clipped "
-                    f"({self.peak_torque(speed):.4g} of {largest:.4g} {drive_unit(self.joint.slides)}); its loop and "
-                    f"its torque leave {self.slowest:.3g} to {self.fastest:.3g} {unit}: measure there, raise "
+                    f"{place} would stick and slip at {speed:.4g} {unit}, or saturate ({self.peak_torque(speed):.4g} "
+                    f"of {largest:.4g} {drive_unit(self.joint.slides)}); its loop and torque allow {self.slowest:.3g} "
+                    f"to {self.fastest:.3g} {unit}. Measure there, raise "
                     "experiment.simulated.controller.bandwidth_hz, or choose a posture with less gravity torque",
                     "friction.constant_velocity.speeds",
                 )
@@ -246,9 +244,9 @@ def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckG
         unit = "N" if joint.slides else "N*m"
         raise StudyError(
             "friction/plan",
-            f"gravity takes {holding:.4g} {unit} of the {limits.torque:.4g} that the drive of joint "
-            f"{joint.name} gives, and break-away about {guess.stiction:.3g}: nothing is left to move it; choose a "
-            "posture or window with less gravity torque, or correct limits.torque",
+            f"gravity needs {holding:.4g} {unit} and break-away about {guess.stiction:.3g} of the {limits.torque:.4g} "
+            f"of joint {joint.name}, so that no torque remains for motion. Choose a posture or window with less "
+            "gravity torque, or correct limits.torque",
             "friction.constant_velocity",
         )
     # Viscous friction at full speed takes its part while the ramp ends.
@@ -398,9 +396,9 @@ def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, Float
     if not 0 < lowest < highest / (4 if is_optimal else 1):
         raise StudyError(
             "friction/plan",
-            f"{axis.limits.place}: passes from {lowest:.3g} to {highest:.3g} {unit}/s: a friction curve takes a range "
-            f"of four and more; its window of {np.ptp(axis.limits.window):.3g} {unit}, its loop and its torque leave "
-            f"{axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
+            f"{axis.limits.place}: constant-velocity runs from {lowest:.3g} to {highest:.3g} {unit}/s are too narrow; "
+            f"a friction curve needs a factor of four. Its window of {np.ptp(axis.limits.window):.3g} {unit}, loop "
+            f"and torque allow {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
             "friction.constant_velocity.speeds",
         )
     if is_optimal:

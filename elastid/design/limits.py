@@ -1,4 +1,4 @@
-r"""Amplitudes within the robot's limits: scaled by linear prediction, then rehearsed on the nonlinear model.
+r"""Amplitudes within the robot's limits, scaled by linear prediction and checked by simulation of the nonlinear model.
 
 .. math:: |x_{movement}| + |x_{multisine}| \le (1 - margin)\, limit, \qquad
           x = torque, position, velocity, acceleration
@@ -82,9 +82,7 @@ def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
     try:
         return peaks_of_run(rig, rig.rehearse(experiment, 0.0))
     except DataError as error:
-        raise StudyError(
-            "design/limits", f"the robot leaves its configuration without any excitation: {error}"
-        ) from None
+        raise StudyError("design/limits", f"the robot leaves its configuration without excitation: {error}") from None
 
 
 def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
@@ -114,7 +112,7 @@ NEAR_SHARE = 0.8
 def within_limits(
     rig: SimulatedRig, excitation: MultisineSpec, execution: Execution | None = None
 ) -> tuple[Plan, LimitUse]:
-    """The plan of a nominal rig with amplitudes whose peaks in the rehearsal keep the margin, and all peaks.
+    """Plan of a nominal rig whose simulated peaks keep the margin, and all peaks.
 
     torque_rms: limits is scaled up or down, motor by motor; numbers are scaled down where they must be, all motors of a
     configuration by the same factor.  Raises StudyError where a limit leaves no room for any excitation.
@@ -183,10 +181,10 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
     unit = unit_of(int(kind), rig.robot.driven[i].slides)
     raise StudyError(
         "design/limits",
-        f"no excitation fits into the limits of joint "
-        f"{rig.robot.driven[i].name}. Without any, its motor goes to {base[q, kind, i]:.4g} {unit} "
-        f"({QUANTITIES[kind]}), the limit is {limit[q, kind, i]:.4g} {unit}, of which excitation.margin keeps "
-        f"{margin:.0%} free; move the configuration, or change velocity, amplitude or ramp of the carrier",
+        f"no excitation is possible within the limits of joint {rig.robot.driven[i].name}: without excitation its "
+        f"motor reaches {base[q, kind, i]:.4g} of {limit[q, kind, i]:.4g} {unit} ({QUANTITIES[kind]}), and "
+        f"excitation.margin reserves {margin:.0%}. Move the configuration, or change velocity, amplitude or ramp of "
+        "the carrier",
         f"configuration {plan.configurations[q].name}",
     )
 
@@ -259,8 +257,8 @@ def _rehearse(
     names = ", ".join(c.name for c, unsettled in zip(plan.configurations, open_, strict=True) if unsettled)
     raise StudyError(
         "design/limits",
-        "after 8 rehearsals with decreasing amplitudes the peaks are still "
-        "beyond the limits; take this configuration out, or move it away from the ends of its joints",
+        "the simulated peaks exceed the limits after 8 reductions of the amplitude. Remove this configuration, or "
+        "move it away from the joint limits",
         f"configuration {names}",
     )
 

@@ -13,8 +13,6 @@ w_p: the half width of a 95 % interval that the goal asks for, sigma_p the stand
 logarithmic parameter).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -59,7 +57,7 @@ class Goal:
         return np.asarray(QUANTILE_95 * std / size / np.array([*self.widths.values()]))
 
     def reached(self, result: Result) -> dict[str, float]:
-        """Half width of each interval of a fit, relative to the value, over what the goal asks for."""
+        """Half-width of each interval of a fit relative to the value, divided by the requested one."""
         used = {}
         for name, width in self.widths.items():
             low, high = result.interval(name)
@@ -80,8 +78,8 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
         if not pattern or not 0 < (share := _share(width)) < 1:
             raise StudyError(
                 "design/goal",
-                f"--goal '{text}': give parameters and half widths of their intervals in percent of the value, above "
-                f"0 % and below 100 %, as {EXAMPLE}",
+                f"--goal '{text}' is invalid. Give parameters and half-widths of their intervals between 0 and 100 % "
+                f"of the value, as {EXAMPLE}",
             )
         if not matches:
             raise StudyError(
@@ -112,21 +110,21 @@ class Known:
     covariance: FloatArray
 
     @classmethod
-    def before(cls, problem: DesignProblem) -> Known:
+    def before(cls, problem: DesignProblem) -> "Known":
         """Knowledge before any data: starts, priors and tolerances of the study."""
         parameters = with_tolerances(problem.parameters, problem.robot, problem.fit)
         return cls(parameters, parameters.x, np.asarray(np.linalg.inv(_prior_information(parameters))))
 
     @property
     def information(self) -> FloatArray:
-        """M_0 (n_x, n_x); what the data do not reach is known vaguely."""
+        """M_0 (n_x, n_x): vague prior information for unidentifiable parameters."""
         reached, M = np.isfinite(np.diag(self.covariance)), _prior_information(self.parameters)
         M[np.ix_(reached, reached)] = np.linalg.inv(self.covariance[np.ix_(reached, reached)])
         return M
 
 
 def _prior_information(parameters: Parameters) -> FloatArray:
-    """Information (n_x, n_x) of priors, and of vague ones where there are none."""
+    """Information (n_x, n_x) of the priors, with vague priors for all other parameters."""
     free = parameters.free
     # Without a prior 1 of ln p, or the size of a linear parameter.
     stds = [p.prior.std if p.prior else 1.0 if p.log else abs(p.value) or 1.0 for p in free]
@@ -251,7 +249,7 @@ def _option(
 def _within_envelope(
     problem: DesignProblem, plan: Plan, robots: Sequence[Robot], execution: Execution
 ) -> tuple[Plan, LimitUse]:
-    """The plan scaled until all robots keep the margin of their limits, and the use by that which comes closest."""
+    """Scale the plan until all robots keep the margin of their limits; return it with the largest use of a limit."""
     plan, closest = within_limits(problem.rig(plan), problem.excitation, execution)
     lowered = replace(problem.excitation, torque_rms=1.0)  # a number: amplitudes are never raised for a drawn robot
     for robot in robots:
@@ -264,7 +262,7 @@ def _within_envelope(
 
 
 def _check_obstacles(problem: DesignProblem, configuration: Configuration, use: LimitUse) -> None:
-    """StudyError for an obstacle that the robot reaches while it is shaken, at the corners of its excursions."""
+    """Raise StudyError if the robot reaches an obstacle at the corners of its excursions."""
     assert problem.design is not None
     swing = np.minimum(use.peak[0, 1], np.pi)
     corners = np.array([np.zeros(len(swing)), *product((-1, 1), repeat=len(swing))])

@@ -23,8 +23,6 @@ limit; for one input in the noise limit this is the optimal spectrum of Mehra, I
 753; Pukelsheim, Optimal Design of Experiments, chapter 6, for the bound of shares.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -54,7 +52,7 @@ class DesignCriterion:
         return np.linalg.solve(regular, np.broadcast_to(K, (*M.shape[:-2], *K.shape)))
 
     def _of_covariance(self, C: FloatArray) -> FloatArray:
-        """-ln det(C) / s of (M^-1)_SS (..., s, s); rounding may leave that of a singular M without a logarithm."""
+        """-ln det(C) / s of (M^-1)_SS (..., s, s); a singular M may have no logarithm due to rounding."""
         sign, log = np.linalg.slogdet(C)
         return np.where((sign > 0) & np.isfinite(log), -log / C.shape[-1], -np.inf)
 
@@ -66,7 +64,7 @@ class DesignCriterion:
         return float(self._of_covariance(C).mean()), gradient / len(M)
 
 
-def best_shares(H: FloatArray, criterion: DesignCriterion, known: FloatArray) -> Powers:
+def best_shares(H: FloatArray, criterion: DesignCriterion, known: FloatArray) -> "Powers":
     """The shares (1, Q, 1) of candidates with information H (S, Q, d, d) per experiment.
 
     known (S, d, d): earlier information, divided by the number of experiments to be shared.

@@ -106,11 +106,11 @@ class DesignProblem:
         return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, spectra_of, loop)
 
     def rig(self, plan: Plan) -> SimulatedRig:
-        """The rig that rehearses a plan: the simulated one without its truth."""
+        """Simulated rig with the nominal robot, for the simulation of a plan."""
         return SimulatedRig(self.robot, self.experiment.with_truth({}), plan, self.seed)
 
     def probe(self, experiment: ExperimentSpec, realisations: int = 4) -> Plan:
-        """A plan of the given configurations, and of eight more that stand for all candidates.
+        """Plan of the given configurations and of eight further ones that represent all candidates.
 
         Its phases are random where the study's are optimised, since it is not measured.
         """
@@ -160,7 +160,7 @@ class DesignProblem:
 
     @property
     def friction_is_left(self) -> bool:
-        """True if the responses will contain the motors' friction: it is not taken out, or cannot be identified."""
+        """True if the responses will include the motors' friction, uncompensated or not identifiable."""
         n_u, M = len(self.robot.driven), self.experiment.realisations
         E = self.experiment.runs(n_u)
         is_visible = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
@@ -237,9 +237,8 @@ def _best(
     if n_u > E:
         raise StudyError(
             "excitation/power",
-            f"information needs as many experiments as motors, and there are {E} for {n_u}: with fewer the inputs are "
-            "separated by neighbouring lines, which must all be strong; take another flat, or leave "
-            "experiment.experiments out",
+            f"flat: information needs as many experiments as motors; there are {E} for {n_u}. Choose another flat, or "
+            "omit experiment.experiments",
             "excitation.flat",
         )
     sources = [prospect.source(c, x) for prospect, c in measurements]

@@ -147,8 +147,8 @@ class Prospect:
         if not np.all(error > 0):
             raise StudyError(
                 "excitation/power",
-                "information needs noise whose part in a response falls with the injected power: set "
-                "experiment.simulated.noise, or take another flat",
+                "flat: information needs noise that decreases with the injected power. Set "
+                "experiment.simulated.noise, or choose another flat",
                 "excitation.flat",
             )
         spread = np.abs(np.linalg.inv(sensitivity)) ** 2
@@ -165,7 +165,7 @@ class Prospect:
         return both.with_outputs(range(n_u, len(both.outputs))), G[:, n_u:], G[:, :n_u]
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration) -> Covariance:
-        """cov(vec G) of the mean of all realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
+        """cov(vec G) of the mean over all realisations; motion (F, n_u, n_u): motor responses, in `quantity`."""
         M = self.realisations
         distortion = (self.distortion * np.abs(G)) ** 2 / M
         sensitivity, U = self._torques(configuration, motion)

@@ -21,45 +21,41 @@ class BoxSpec:
     """A box that the robot must stay out of, its edges along the axes of the base frame."""
 
     # fmt: off
-    name: Annotated[Name, Key("Name of the box, for messages.", "as people in the cell call it, since messages say "
-        "what a posture would hit.")]
-    lower: Annotated[Vector3, Key("Corner of smallest coordinates.", "measure it in the robot's base frame, and round "
+    name: Annotated[Name, Key("Name of the box in messages.", "the name used in the cell.")]
+    lower: Annotated[Vector3, Key("Corner with the smallest coordinates.", "measure it in the base frame, and round "
         "outwards.")]
-    upper: Annotated[Vector3, Key("Opposite corner, of largest coordinates.", "each of the three must exceed that of "
+    upper: Annotated[Vector3, Key("Opposite corner, with the largest coordinates.", "each coordinate must exceed "
         "lower; a fence is a thin box.")]
     # fmt: on
 
     def __post_init__(self) -> None:
         if any(not low < high for low, high in zip(self.lower, self.upper, strict=True)):
-            raise ValueError(f"box {self.name}: each number of lower must be below that of upper")
+            raise ValueError(f"box {self.name}: each coordinate of lower must be below upper")
 
 
 @section
 class CandidateSpec:
-    """Configurations to choose from: drawn at random (200 by default), a grid, or those given by name."""
+    """Candidate configurations: random (200 by default), on a grid, or given by name."""
 
     # fmt: off
-    random: Annotated[int | None, Key("Number of candidates that are drawn, uniformly within the joints' limits.",
-        "1000 for six axes, at the cost of time in proportion; beyond that the criterion gains little.",
-        least=1)] = None
-    grid: Annotated[int | tuple[int, ...] | None, Key("Grid points per driven joint, one number for all or one for "
-        "each, from limit to limit.", "3 to 5 for two or three axes; six axes need 3^6 = 729 postures, and drawn ones "
-        "cover them better.", least=1)] = None
-    given: Annotated[dict[FileName, tuple[JointPosition, ...]], Key("Candidates by name, name to angles. A joint that "
-        "turns without limits does so within +-180 deg, one that slides must have them; a simulated carrier keeps its "
-        "swing within the limits.", "postures that are known to be free and reachable, as taught points; nothing else "
-        "is then chosen from.")] = field(default_factory=dict)
-    margin: Annotated[JointPosition, Key("Further distance that drawn and grid candidates keep from the limits, room "
-        "for the multisine; in m where a joint slides.", "the amplitude of multisine and carrier at the lowest line "
-        "and some more; 0.05 rad is 3 deg.", least=0)] = 0.05
-    floor: Annotated[Length | None, Key("Height of the floor in the base frame, along gravity, that nothing may reach.",
-        "the height of the table, minus the reach of parts below the joints; without it nothing stops an elbow below "
-        "the floor.")] = None
-    boxes: Annotated[tuple[BoxSpec, ...], Key("Boxes that the robot must stay out of.", "tables, fences and the "
-        "neighbouring robot; paths between postures are not checked.")] = ()
-    clearance: Annotated[Length, Key("Distance that joints, centres of mass, frames and the lines between them "
-        "keep from floor and boxes.", "half the width of the arm, and the swing of the excitation; a frame of the "
-        "robot stands for a corner that sticks out.", least=0)] = 0.0
+    random: Annotated[int | None, Key("Number of random candidates, uniform within the joint limits (default: 200 "
+        "without grid and given).", "1000 for six axes; the gain beyond is small.", least=1)] = None
+    grid: Annotated[int | tuple[int, ...] | None, Key("Grid points per driven joint between its limits, one number or "
+        "one per joint (default: no grid).", "3 to 5 for two or three axes; for six axes random candidates cover the "
+        "workspace better.", least=1)] = None
+    given: Annotated[dict[FileName, tuple[JointPosition, ...]], Key("Candidates by name, name to angles (joints "
+        "without limits within +-180 deg; sliding joints need limits).", "for configurations known to be free and "
+        "reachable, such as taught points.")] = field(default_factory=dict)
+    margin: Annotated[JointPosition, Key("Distance of random and grid candidates from the joint limits; in m for "
+        "sliding joints.", "amplitude of multisine and superimposed slow motion at the lowest line; 0.05 rad is 3 "
+        "deg.", least=0)] = 0.05
+    floor: Annotated[Length | None, Key("Height of the floor in the base frame, along gravity (default: no floor).",
+        "height of the table minus the dimensions of the links below the joints.")] = None
+    boxes: Annotated[tuple[BoxSpec, ...], Key("Boxes that the robot must not enter.", "tables, fences and neighbouring "
+        "robots; motion between configurations is not checked.")] = ()
+    clearance: Annotated[Length, Key("Distance of joints, centres of mass, frames and their connecting lines from "
+        "floor and boxes.", "half the width of the arm plus the amplitude of the excitation; add a frame for a "
+        "protruding corner.", least=0)] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -71,25 +67,22 @@ class CandidateSpec:
 
 @section
 class DesignSpec:
-    """Choice of configurations in addition to those of experiment.configurations, for the smallest intervals of the
-    parameters.
-    """
+    """Choice of configurations, in addition to experiment.configurations, for the smallest parameter intervals."""
 
     # fmt: off
-    count: Annotated[int | None, Key("Number of configurations to choose, each measured experiment.realisations times; "
-        "a configuration chosen twice gets twice the realisations.", "more where the stage design predicts intervals "
-        "that are too wide; standard deviations fall with the root of the number.", least=1)] = None
-    robot_time: Annotated[Time | None, Key("Robot time for the chosen configurations, as many as fit in; in place of "
-        "count.", "where time is what is limited: an hour on the line; moving between postures is not counted.")] = None
-    candidates: Annotated[CandidateSpec, Key("Configurations to choose from.", "more, or given ones, where the robot "
-        "stands in a cell; the choice is only as good as what it may choose from.")] = CandidateSpec()
-    parameters: Annotated[tuple[str, ...], Key("Names or patterns such as k_* of the parameters that count (default: "
-        "all that the fit identifies); the volume of their confidence ellipsoid is to be the smallest.", "`k_*` where "
-        "dampings and friction do not matter; the others are still unknowns, and cost what they cost.")] = ()
-    distortion: Annotated[float, Key("Nonlinear distortion (friction above all) that is expected on top of the "
-        "rig's noise, as the standard deviation of G relative to |G| in one realisation.", "0.03 to 0.1 from the "
-        "report of an earlier measurement; without it many realisations seem as good as many periods, and predicted "
-        "intervals are those of the simulated rig.", least=0)] = 0.0
+    count: Annotated[int | None, Key("Number of chosen configurations, each measured experiment.realisations times "
+        "(default: none; then robot_time).", "more if the predicted intervals are too wide; standard deviations "
+        "decrease with the square root of the number.", least=1)] = None
+    robot_time: Annotated[Time | None, Key("Robot time for the chosen configurations (default: none; then count).",
+        "if robot time is limited; motion between configurations is not counted.")] = None
+    candidates: Annotated[CandidateSpec, Key("Candidate configurations.", "give limits and boxes of the cell; the "
+        "design can only be as good as its candidates.")] = CandidateSpec()
+    parameters: Annotated[tuple[str, ...], Key("Names or patterns such as k_* of the parameters of interest, whose "
+        "confidence ellipsoid is minimised (default: all parameters of the fit).", "`k_*` if damping and friction do "
+        "not matter; the others remain nuisance parameters.")] = ()
+    distortion: Annotated[float, Key("Expected nonlinear distortion in addition to noise: standard deviation of G "
+        "relative to |G| in one realisation.", "0.03 to 0.1, from the report of an earlier measurement; it decides "
+        "between realisations and periods.", least=0)] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -98,7 +91,7 @@ class DesignSpec:
 
 
 def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
-    """Columns (n, s) of the identity that select the parameters of names or patterns, all where there are none.
+    """Columns (n, s) of the identity that select the parameters of names or patterns, by default all.
 
     StudyError for a pattern that matches none of the names.
     """

@@ -37,7 +37,7 @@ def line_frequencies(lines: IntArray, rate_hz: float, period_samples: int) -> Fl
 def grid_lines(
     grid: Grid, band_hz: tuple[float, float], rate_hz: float, period_samples: int, ratio: float = 1.05
 ) -> IntArray:
-    """Lines k (F,) with band_hz[0] <= k rate_hz / N <= band_hz[1], 0 < k < N / 2, those of detection included.
+    """Lines k (F,) with band_hz[0] <= k rate_hz / N <= band_hz[1] and 0 < k < N / 2, including detection lines.
 
     N = period_samples.  odd: odd k only, wherever the band begins; odd-odd: k = 1, 5, 9 ...; quasi-log: each line at
     about `ratio` times the last.  Raises StudyError where the band holds no line.
@@ -79,7 +79,7 @@ def chosen_lines(lines: Sequence[int], band_hz: tuple[float, float], rate_hz: fl
 
 
 def with_detection(lines: IntArray, group: int, rng: np.random.Generator) -> Lines:
-    """One of every `group` consecutive lines (F,) left out at random; an incomplete last group stays whole."""
+    """Omit one random line of every `group` consecutive lines (F,); an incomplete last group stays complete."""
     groups = len(lines) // group
     left_out = np.arange(groups) * group + rng.integers(0, group, groups)
     return Lines(np.delete(lines, left_out), lines[left_out])

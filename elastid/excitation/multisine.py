@@ -29,7 +29,7 @@ _TAPS = {2: 1, 3: 2, 4: 3, 5: 3, 6: 5, 7: 6, 9: 5, 10: 7, 11: 9, 15: 14, 17: 14,
 
 
 def sweep_spectrum(kind: Sweep, lines: IntArray) -> ComplexArray:
-    """Relative spectrum (F,) of one input at the lines, which are all the lines or all the odd ones of a band."""
+    """Relative spectrum (F,) of one input at the lines, which are all lines or all odd lines of a band."""
     odd = bool(np.all(lines % 2))
     n = 2 * 64 * int(lines[-1])  # samples of a cycle of the highest line: little above half the rate folds back
     length = n // 2 if odd else n

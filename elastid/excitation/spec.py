@@ -1,7 +1,5 @@
 """The `excitation` section of a study, and the lines that it plans."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated, Literal, TypeAlias
 
@@ -25,66 +23,53 @@ class MultisineSpec:
     """Orthogonal multisines, in torque, at every motor: n_u experiments make a realisation."""
 
     # fmt: off
-    rate_hz: Annotated[Frequency, Key("Sampling rate of the controller and the log.", "that of the robot controller; "
-        "band_hz must stay below half of it, better below a fifth, where the torque that the drive holds still follows "
-        "the multisine.", above=0)]
-    period: Annotated[Time, Key("Period of the multisine; the lines are 1/period apart.", "longer for finer lines: a "
-        "resonance of f0 and damping ratio zeta is 2 zeta f0 wide and needs four lines or more in it. 10 s are usual; "
-        "time grows with it.", above=0)]
+    rate_hz: Annotated[Frequency, Key("Sampling rate of controller and log.", "rate of the robot controller; keep "
+        "band_hz below a fifth of it, where the zero-order hold hardly attenuates.", above=0)]
+    period: Annotated[Time, Key("Period of the multisine; DFT lines are 1/period apart.", "at least four lines within "
+        "the width 2 zeta f0 of each resonance; 10 s are typical, and the robot time is proportional.", above=0)]
     band_hz: Annotated[tuple[Frequency, Frequency], Key("Lowest and highest excited frequency.", "from a fifth of the "
-        "first antiresonance to twice the highest mode that the model has; wider bands spread the same torque over "
-        "more lines.", above=0, rising=True)]
-    torque_rms: Annotated[AskedTorque, Key("Root mean square of the torque on the link side, one number for all motors "
-        "or one for each, in N where a joint slides, lowered where a limit of the robot is in the way; or `limits`: as "
-        "much as each motor may have; or a list of such lists, amplitudes at which every configuration is measured in "
-        "all its realisations.", "more raises the ratio to noise and to dry friction, until a limit or a "
-        "nonlinear spring is in the way; `limits` takes the most that position, velocity, acceleration and torque "
-        "allow. Two amplitudes, [[200, 60], [100, 30]], show if responses depend on the amplitude, and if the "
-        "law that `gears` finds holds at both.")]
-    grid: Annotated[Grid, Key("Grid of the excited lines: `full` (every line), `odd` (odd multiples of 1/period: even "
-        "nonlinearities then fall between the lines), `odd-odd` (1, 5, 9 ...), `odd-random` (odd, some left out: odd "
-        "nonlinearities show there), `quasi-log` and `odd-quasi-log` (each about `ratio` times the last), or `lines`. "
-        "`full` gives the most lines, where nonlinearity is small.", "`odd` is the default since gear friction and "
-        "backlash then show as distortion apart from the response; `full` where nonlinearity is small gives the most "
-        "lines, quasi-logarithmic ones where the band spans more than two decades.")] = "odd"
-    group: Annotated[int, Key("Number of consecutive odd lines of which the grid odd-random leaves one out at random.",
-        "smaller where more lines should show odd distortion, at the price of lines that carry the response; 3 to 5 "
-        "are usual. 4 leaves three quarters of the odd lines.")] = 4
-    ratio: Annotated[float, Key("Ratio of neighbouring lines of a quasi-logarithmic grid.", "larger for fewer lines "
-        "with more power each; above 1.1 a lightly damped resonance falls between two lines. 1.05 gives 47 lines a "
-        "decade, and each resonance with a damping ratio of 0.025 or more a line within its width.")] = 1.05
+        "first antiresonance to twice the highest mode of the model; wider bands leave less torque per "
+        "line.", above=0, rising=True)]
+    torque_rms: Annotated[AskedTorque, Key("Root mean square of the torque on the link side (N for a sliding joint): "
+        "one number, one per motor, `limits` (as much as the robot's limits allow), or a list of such lists, the "
+        "amplitudes at which every configuration is measured; torques that violate a limit are lowered.",
+        "more torque improves the ratio to noise and dry friction; two amplitudes, [[200, 60], [100, 30]], show "
+        "whether responses depend on amplitude.")]
+    grid: Annotated[Grid, Key("Grid of the excited lines: `full`, `odd` (detects even nonlinearities), `odd-odd` (1, "
+        "5, 9 ...), `odd-random` (odd with random gaps, detects odd nonlinearities too), `quasi-log`, `odd-quasi-log` "
+        "(spacing by `ratio`), or `lines`.", "`odd` separates even distortion such as friction and backlash from the "
+        "response; `full` for nearly linear robots; quasi-logarithmic for bands of more than two decades.")] = "odd"
+    group: Annotated[int, Key("Number of consecutive odd lines of which the grid odd-random omits a random one.",
+        "3 to 5; smaller values detect odd distortion at more lines and leave fewer excited lines.")] = 4
+    ratio: Annotated[float, Key("Ratio of neighbouring lines of a quasi-logarithmic grid.", "larger values give fewer "
+        "lines with more power; at 1.05, each resonance with damping ratio of at least 0.025 contains a line.")] = 1.05
     lines: Annotated[tuple[int, ...], Key("Excited lines of the grid `lines`, as multiples of 1/period.",
-        "for a choice of your own, such as lines that avoid the mains or a harmonic of the gear.")] = ()
-    margin: Annotated[float, Key("Margin to every limit of the robot, the part of it that stays free.", "more where "
-        "the robot's file is rough, since the nominal model predicts the movement; 0 uses all of each limit. 0.1 "
-        "covers errors of the masses of ten percent.")] = 0.1
-    flat: Annotated[Signal | Literal["information"], Key("Quantity that has, closed loop and nominal robot, the same "
-        "amplitude at all lines: the injected `torque`, the motor's `position`, `velocity` or `acceleration` (less "
-        "around a resonance, wherever within 10 % it is), or the `information` that a little more power would bring "
-        "about the parameters of the fit: then no other spectrum of the same torques gives more about them (by the "
-        "criterion of `design`; each configuration has its own).", "`torque` needs no model and is the default; "
-        "`acceleration` moves power from the resonances to where the response is weak; `information` where the "
-        "parameters are nearly known, for the smallest intervals.")] = "torque"
-    least: Annotated[float, Key("Part of a flat torque's power that every line keeps under flat: information.",
-        "more where the nominal numbers are rough, so that a mode elsewhere than expected is still excited; less gains "
-        "some percent of standard deviation. 0.1 keeps a third of the amplitude.")] = 0.1
-    power: Annotated[float, Key("Exponent of frequency in the amplitude of the lines.", "positive where high "
-        "resonances need more, negative where position limits allow and low lines drown in friction; 0 leaves the "
-        "spectrum as `flat` says.")] = 0.0
+        "to avoid mains frequency or harmonics of the gear, for example.")] = ()
+    margin: Annotated[float, Key("Margin to every limit of the robot, as a fraction of the limit.", "larger for an "
+        "uncertain robot model, which predicts the movement; 0.1 covers errors of ten percent in the masses.")] = 0.1
+    flat: Annotated[Signal | Literal["information"], Key("Quantity with the same predicted amplitude at all lines, in "
+        "closed loop with the nominal model: injected `torque`; `position`, `velocity` or `acceleration` of the motor "
+        "(lower near resonances within 10 % tolerance); or `information` (D-optimal spectrum for the parameters of the "
+        "fit).", "`torque` needs no model; `acceleration` shifts power to lines with a small response; `information` "
+        "gives the smallest intervals if the parameters are roughly known.")] = "torque"
+    least: Annotated[float, Key("Minimum power per line with flat: information, as a fraction of a flat torque "
+        "spectrum.", "larger for uncertain nominal parameters, so that a shifted mode is still excited; 0.1 is a third "
+        "of the amplitude.")] = 0.1
+    power: Annotated[float, Key("Exponent of frequency in the amplitude of the lines.", "positive for more torque at "
+        "high resonances, negative for limited position or friction at low frequencies.")] = 0.0
     spectrum: Annotated[tuple[tuple[Frequency, float], ...], Key("Relative amplitude as (frequency, amplitude) points, "
-        "straight lines on log-log axes.", "for a shape of your own, such as a notch at a resonance of the cell; only "
-        "ratios count, torque_rms sets the level.")] = ()
+        "linear on log-log axes.", "for a spectrum of your own, such as a notch at a resonance of the cell; torque_rms "
+        "scales it.")] = ()
     phases: Annotated[Phases, Key("Phases of the lines: `random`, or `optimised` for low peaks; with realisations: 1 "
-        "also `schroeder`, `newman`, `linear-sweep`, `log-sweep` or `prbs` (band-limited).", "`optimised` halves the "
-        "peaks (crest factor about 1.4 to 1.9 in place of 3.2) where limits bind; `random` stays the default, since "
-        "averages over realisations then remove distortion without bias.")] = "random"
-    orthogonal: Annotated[Orthogonal, Key("Difference between the experiments of a realisation: `dft`, `hadamard` (2, "
-        "4, 8 ... motors), or `zippered` (each motor its own lines, exchanged from experiment to experiment). "
-        "`hadamard` for the same peaks in every experiment.", "`hadamard` for the same peaks in every experiment; "
-        "`zippered` where motors must not share lines, with n_u times fewer lines each.")] = "dft"
-    compress: Annotated[tuple[Signal, ...], Key("Signals whose peaks optimised phases lower.", "name the signal whose "
-        "limit binds, velocity or acceleration mostly; several share the effort and each is lowered "
-        "less.")] = ("torque",)
+        "also `schroeder`, `newman`, `linear-sweep`, `log-sweep` or `prbs` (band-limited).",
+        "`optimised` (crest factor 1.4 to 1.9 instead of 3.2) if limits are active; `random` averages distortion over "
+        "realisations without bias.")] = "random"
+    orthogonal: Annotated[Orthogonal, Key("Input matrix of the experiments in a realisation: `dft`, `hadamard` (2, 4, "
+        "8 ... motors) or `zippered` (separate lines per motor, exchanged between experiments).",
+        "`hadamard` for equal peaks in all experiments; `zippered` if motors must not share lines, with n_u times "
+        "fewer lines per motor.")] = "dft"
+    compress: Annotated[tuple[Signal, ...], Key("Signals whose peaks optimised phases reduce.", "name the signal with "
+        "the active limit, mostly velocity or acceleration; several signals share the reduction.")] = ("torque",)
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -157,7 +142,7 @@ class MultisineSpec:
             return (tuple(item for item in given if not isinstance(item, tuple)),)
         return tuple(item[0] if len(item) == 1 else item for item in lists)
 
-    def at_amplitude(self, level: int) -> MultisineSpec:
+    def at_amplitude(self, level: int) -> "MultisineSpec":
         """Multisine with one of its amplitudes, counted from 1."""
         return self if len(self.amplitudes) == 1 else replace(self, torque_rms=self.amplitudes[level - 1])
 

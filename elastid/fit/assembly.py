@@ -9,8 +9,6 @@ about the nominal parameters would lead all starts into one valley. The same hol
 their places: M contains m c^2.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -90,7 +88,7 @@ class Assembly:
         loads: Sequence[PlacedTest] = (),
         weights: Sequence[Weights] | None = None,
         home: Execution = HERE,
-    ) -> Assembly:
+    ) -> "Assembly":
         """Weigh the responses, unless their weights are known, and build the model, under the static loads, too."""
         weights = tuple(weights or (weigh(response, spec) for response in responses))
         linearisation = Linearisation.of_robot(robot, model, parameters.names)
@@ -100,14 +98,14 @@ class Assembly:
             return assembly if linearisation.follows else replace(assembly, home=home)
         return replace(assembly, linearisation=Linearisation.of(linearisation.model, follows=True))
 
-    def only(self, of_tool: bool) -> Assembly:
-        """Assembly with the responses at the tool alone, or those of the motors alone, and without load tests."""
+    def only(self, of_tool: bool) -> "Assembly":
+        """Assembly with the tool responses or the motor responses alone, and without load tests."""
         pairs = zip(self.responses, self.weights, strict=True)
         kept = [(G, weights) for G, weights in pairs if any(map(is_load, G.inputs)) == of_tool]
         responses, weights = zip(*kept, strict=True) if kept else ((), ())
         return replace(self, responses=responses, weights=weights, loads=None)
 
-    def with_floor(self, floor: float | None) -> Assembly:
+    def with_floor(self, floor: float | None) -> "Assembly":
         """Assembly with the weights of a floor."""
         spec, pairs = with_floor(self.spec, floor), zip(self.responses, self.weights, strict=True)
         return replace(self, spec=spec, weights=tuple(each_at_home(partial(_weigh, spec), list(pairs), self.home)))
@@ -129,7 +127,7 @@ class Assembly:
         inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
         return ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home)), inertias, self.loads, self.home)
 
-    def as_linearised(self, fit: ElasticFit, of: Assembly) -> ElasticFit:
+    def as_linearised(self, fit: ElasticFit, of: "Assembly") -> ElasticFit:
         """The fit with every configuration linearised as in the fit of another assembly."""
         each = list(zip(self.responses, of.responses, self.weights, fit.parts, strict=True))
         return replace(fit, parts=tuple(each_at_home(_part_again, each, self.home)))
@@ -155,8 +153,8 @@ class Assembly:
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
-    def at_rest(self, x: FloatArray) -> Assembly:
-        """Assembly without what the motion of the measurements adds to their responses at x (n_x,)."""
+    def at_rest(self, x: FloatArray) -> "Assembly":
+        """Assembly without the motion-induced bias of the responses at x (n_x,)."""
         rested = partial(_at_rest, self.linearisation, self.parameters, x)
         return replace(self, responses=tuple(each_at_home(rested, self.responses, self.home)))
 
@@ -173,7 +171,7 @@ class Assembly:
             notes += spring_notes(model, theta, (equilibrium(model, theta, c) for c in configurations.values()))
         return tuple(notes)
 
-    def reweighted(self, x: FloatArray) -> Assembly:
+    def reweighted(self, x: FloatArray) -> "Assembly":
         """Assembly with the weights of the robust loss at x."""
         if self.spec.weights.loss == "square":
             return self
@@ -181,12 +179,12 @@ class Assembly:
         weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
         return replace(self, weights=tuple(weights))
 
-    def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> Assembly:
+    def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> "Assembly":
         """Assembly with measured systematic errors as the model of a fit has them at x (n_x,)."""
         modelled = (part.kernel.response(part.theta(fit.parameters, x)) for part in fit.parts)
         return replace(self, responses=tuple(map(with_modelled_bias, self.responses, modelled)))
 
-    def unbiased(self, c: FloatArray) -> Assembly:
+    def unbiased(self, c: FloatArray) -> "Assembly":
         """Assembly without the systematic errors of its responses, for their factors c (n_b,)."""
         if not c.any():
             return self
@@ -246,7 +244,7 @@ class RelinearisedOptimum:
 
 
 class NoRestError(FitError):
-    """The best start ended at numbers with which the robot finds no rest, as those of misread responses may be."""
+    """Best start that ended at parameters without an equilibrium, as with misinterpreted responses."""
 
     def __init__(self, error: StudyError) -> None:
         super().__init__(
@@ -262,7 +260,7 @@ def is_friction_taken_out(response: Response) -> bool:
 
 
 def is_distorted_by_friction(response: Response) -> bool:
-    """True if distortion is well above the noise, and no friction was taken out of the response."""
+    """True if distortion is significant and friction was not compensated."""
     noise, total = response.noise, response.total
     if noise is None or total is None or is_friction_taken_out(response):
         return False

@@ -134,7 +134,7 @@ def estimate_uncertainty(
     is_forecast: bool = False,
     is_taken_out: bool = False,
 ) -> Uncertainty:
-    """The covariance of x (n_x,), the optimum of `fit`; is_forecast: of responses without noise, V as it will be.
+    """Covariance of x (n_x,), the optimum of `fit`. is_forecast: expected covariance for responses without noise.
 
     Readings of load tests have the covariance that is stated.  is_taken_out: friction of motors is, of the torques.
     """
@@ -206,7 +206,7 @@ STIFFNESS_ERROR, DAMPING_ERROR, FRICTION_ERROR = 2e-4, 2e-3, 1e-2
 
 
 def taken_out_error(parameters: Parameters) -> FloatArray:
-    """Standard deviation (n_x,) of x by friction, or effects of gears, that were taken out: of k, d and frictions."""
+    """Standard deviation (n_x,) of k, d and friction parameters in x due to compensated friction or gear effects."""
 
     def of(parameter: Parameter) -> float:
         if parameter.is_nuisance or not parameter.log:
@@ -298,7 +298,7 @@ def _by_ratios(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
 
 
 def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:
-    """Pulls (n_x, F) of all configurations, those of one frequency summed up."""
+    """Pulls (n_x, F) of all configurations, summed over equal frequencies."""
     freq_hz, place = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
     total = np.zeros((len(freq_hz), len(parts[0].pull)))
     np.add.at(total, place, np.concatenate([part.pull for part in parts], axis=1).T)
@@ -306,7 +306,7 @@ def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:
 
 
 def _larger(noise: FloatArray, residuals: FloatArray, half: FloatArray) -> FloatArray:
-    """Variances the larger of noise and residuals (n_x,), correlations those of the noise (of A^-1 without any)."""
+    """Larger variances (n_x,) of noise and residuals, with the correlations of the noise (by default of A^-1)."""
     variance = np.diag(noise)
     shape = noise if np.all(variance > 0) else half.T @ half
     wanted, deviation = np.sqrt(np.maximum(variance, residuals)), np.sqrt(np.diag(shape))

@@ -1,7 +1,5 @@
 """FittedRobot: a robot with fitted numbers, linearised where it was measured: predictions, modes, exports."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -42,7 +40,7 @@ class FittedRobot:
     name: str = ""
 
     @classmethod
-    def of(cls, result: Result, robot: Robot, measured: Sequence[Response], spec: ModelSpec = EXACT) -> FittedRobot:
+    def of(cls, result: Result, robot: Robot, measured: Sequence[Response], spec: ModelSpec = EXACT) -> "FittedRobot":
         """The model that was fitted, linearised in each configuration of `measured`, which need not have been fitted.
 
         robot, spec: as they were fitted.  Fitted coordinates of the geometry are parameters of the equations.
@@ -67,11 +65,11 @@ class FittedRobot:
 
     @property
     def theta(self) -> FloatArray:
-        """theta (n_theta,) of the first configuration, which is that of all in a model of one group."""
+        """theta (n_theta,) of the first configuration, equal for all configurations of a model with one group."""
         return self.theta_of(self.measured[0].configuration.name)
 
     def theta_of(self, configuration: str) -> FloatArray:
-        """The fitted numbers (n_theta,) in a configuration, SI: those of the equations, then the delay."""
+        """Fitted values (n_theta,) in a configuration, SI: parameters of the equations, then the delay."""
         return _theta(self.result, self.model, configuration)
 
     def at(self, configuration: str) -> FittedModel:
@@ -84,7 +82,7 @@ class FittedRobot:
         return self.responses_by({}) if self.modelled is None else self.modelled
 
     def responses_by(self, effects: Mapping[str, ComplexArray]) -> tuple[Response, ...]:
-        """`responses`; effects: what its motion adds to a response (F, n_y, n_u), by configuration, where known."""
+        """`responses`; effects: motion-induced bias (F, n_y, n_u) by configuration, if known."""
         responses = []
         for model, G in zip(self.models, self.measured, strict=True):
             modelled = replace(model.response(G.freq_hz, sampled=True), rate_is_known=G.rate_is_known)
@@ -96,7 +94,7 @@ class FittedRobot:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Parameters that count here: not those of other groups, nor those which this group has of its own."""
+        """Parameters of a group: without other groups' and without parameters that this group replaces."""
         return parameters_of(self.result, self.measured[0].configuration.name)
 
 
@@ -117,7 +115,7 @@ def models_by_group(
 
 
 def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:
-    """Parameters that count in a configuration: not those of other groups, nor those that its own replace."""
+    """Parameters of a configuration, without other groups' and without parameters that its group replaces."""
     local = result.parameters.configuration_of_its_own(configuration)
     local_names = [p.stands_for for p in result.parameters if local in p.only]
     return tuple(p for p in result.parameters if local in p.only or not (p.only or p.name in local_names))
@@ -147,7 +145,7 @@ def _theta(result: Result, model: ElasticModel, configuration: str) -> FloatArra
 
 
 def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | None:
-    """Tolerances of the robot with the estimates of a fit: by body, what the data have left of them.
+    """Posterior tolerances of the robot after a fit, by body.
 
     The widest coordinate counts for all of a body.  As they are where the file is exact.
     """

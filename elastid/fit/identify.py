@@ -9,8 +9,6 @@ The operating point moves with the stiffnesses under gravity, so the model is li
 again until nothing moves. Where springs are nonlinear the search itself linearises at every step.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -93,7 +91,7 @@ def identified(
     parameters: Parameters | None = None,
     loads: Sequence[PlacedTest] = (),
 ) -> tuple[Result, dict[str, ComplexArray]]:
-    """`identify`, and what the motion of each fitted response adds to it (F, n_y, n_u), by configuration."""
+    """`identify`, and the motion-induced bias (F, n_y, n_u) of each fitted response, by configuration."""
     execution = execution or Execution()
     assembly, ends = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
@@ -142,7 +140,7 @@ def _search(
     execution: Execution,
     parameters: Parameters | None = None,
     loads: Sequence[PlacedTest] = (),
-) -> tuple[Assembly, _Ends]:
+) -> "tuple[Assembly, _Ends]":
     """The assembled fit, where all starts ended, best first, and how many reached the best."""
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_kind(parameters, Parameters | None, "parameters", "elastid.choose(robot, 'k_*') makes them")
@@ -252,7 +250,7 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
         )
 
 
-def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution) -> _Ends:
+def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution) -> "_Ends":
     """Ends of all starts, best first, and how many reached the best; fit: at the start of the parameters."""
     parameters, problems = fit.parameters, [assembly.search_problem(fit, spec.criterion)]
     if spec.criterion == "complex":
@@ -320,7 +318,7 @@ _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]
 
 
 def _with_found_floor(assembly: Assembly, spec: FitSpec, ends: _Ends, execution: Execution) -> _Found:
-    """The estimate with the floor of the study, or where it gives none with that which the data show.
+    """Estimate with the model error of the study, by default estimated from the residuals.
 
     Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
     lines, and springs and dampers take it up. There the floor is the usual one.

@@ -1,4 +1,4 @@
-r"""Further intervals than those of the covariance, as a study asks for: profile likelihood, and the bootstrap's.
+r"""Intervals beyond the covariance, if a study requests them: profile likelihood and bootstrap.
 
 The profile likelihood is V against one parameter, minimised over all others:
 
@@ -19,8 +19,6 @@ The bootstrap repeats the fit on data that are drawn again about its optimum:
 e is drawn from the measured covariance, or where none is known from the weights (Efron and Tibshirani, An Introduction
 to the Bootstrap, 1993, 6.5). Numbers of the robot's file are drawn within their tolerances, too.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Sequence
@@ -67,7 +65,7 @@ def bootstrap(
 
 def _repeat(
     fit: ElasticFit,
-    sources: tuple[_Source, ...],
+    sources: "tuple[_Source, ...]",
     static: FloatArray | None,
     x: FloatArray,
     draw: np.random.SeedSequence,

@@ -163,7 +163,8 @@ def autocovariance(residual: ComplexArray) -> FloatArray:
 
 
 def correlation_length(autocovariances: Sequence[FloatArray], n_residuals: int) -> float:
-    r"""tau of whitened residuals of each configuration, pooled, n_residuals real ones of them not zero; 1 if white.
+    r"""Correlation time tau of the whitened residuals, pooled over configurations with n_residuals real non-zero
+    values; 1 if white.
 
     .. math:: \tau = 1 + 2 \sum_{l=1}^{L} \rho(l), \qquad \rho(l) = \mathrm{Re} \sum_k r_k^* r_{k+l} / \sum_k |r_k|^2
 

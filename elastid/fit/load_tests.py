@@ -23,29 +23,29 @@ class LoadTest:
     """A load on a frame and the deflection of a frame from the unloaded robot to the loaded one, motors held."""
 
     # fmt: off
-    configuration: Annotated[str, Key("Name of the configuration in which the robot stood; or give `angles`.",
-        "a name where responses were measured in the same posture.")] = ""
-    angles: Annotated[tuple[JointPosition, ...] | None, Key("Angles of the driven joints (m where a joint slides), in "
-        "place of a configuration.", "for load tests in postures of their own; choose those in which the load bends "
-        "the springs that the responses barely constrain.")] = None
-    frame: Annotated[str, Key("Frame at whose origin the load acts.", "the frame of the hook or of the flange, not the "
-        "place of the dial gauge.")] = TOOL
+    configuration: Annotated[str, Key("Name of the configuration of the load test (default: none; then angles).",
+        "if responses were measured in the same configuration.")] = ""
+    angles: Annotated[tuple[JointPosition, ...] | None, Key("Angles of the driven joints, m for sliding joints "
+        "(default: none; then configuration).", "choose configurations in which the load deflects the springs that "
+        "responses barely identify.")] = None
+    frame: Annotated[str, Key("Frame at whose origin the load acts.", "frame of the hook or flange, not of the dial "
+        "gauge.")] = TOOL
     force: Annotated[tuple[Force, Force, Force], Key("Force on the frame, in the axes of the base.", "as large as the "
-        "robot may carry: the deflection grows with it, the error of the gauge does not.")] = (0.0, 0.0, 0.0)
-    torque: Annotated[tuple[Torque, Torque, Torque], Key("Torque on the frame, in the axes of the base.", "for a lever "
-        "on the flange with two equal forces; a force at its end is a force at another frame.")] = (0.0, 0.0, 0.0)
-    mass: Annotated[Mass, Key("Mass hung on the frame; its weight adds to the force.", "for a load test with "
-        "weights.", least=0)] = 0.0
-    measured_at: Annotated[str, Key("Frame whose deflection is measured (default: that of the load).", "where the dial "
-        "touches another place, or to separate the springs before it from those behind it.")] = ""
-    along: Annotated[Axis | None, Key("Direction of a dial gauge in the axes of the base: x, y, z or three numbers; "
-        "left out of a tracker, which measures x, y and z.", "the direction in which a positive reading moves.")] = None
-    deflection: Annotated[Deflection | None, Key("Measured deflection: one number of a dial gauge, three of a tracker. "
-        "A simulated rig measures it, where it is left out.", "loaded minus unloaded; the mean of loading and "
-        "unloading takes most of the gears' hysteresis out.")] = None
-    std: Annotated[Deflection | None, Key("Standard deviation of the deflection, one for all directions or three.",
-        "that of repeated loading, which contains hysteresis and friction; the resolution of the gauge alone is too "
-        "small.")] = None
+        "robot's payload allows, since the error of the gauge is constant.")] = (0.0, 0.0, 0.0)
+    torque: Annotated[tuple[Torque, Torque, Torque], Key("Torque on the frame, in the axes of the base.",
+        "for two equal forces on a lever at the flange.")] = (0.0, 0.0, 0.0)
+    mass: Annotated[Mass, Key("Mass hung on the frame; its weight adds to the force.", "for load tests with weights, "
+        "instead of a force.", least=0)] = 0.0
+    measured_at: Annotated[str, Key("Frame whose deflection is measured (default: frame of the load).", "if the gauge "
+        "is at another location, or to separate springs before and behind it.")] = ""
+    along: Annotated[Axis | None, Key("Direction of a dial gauge in the axes of the base: x, y, z or three numbers "
+        "(default: none, a tracker measures x, y and z).", "direction of motion for a positive measurement.")] = None
+    deflection: Annotated[Deflection | None, Key("Measured deflection: one number for a dial gauge, three for a "
+        "tracker (default: measured by the simulated rig).", "loaded minus unloaded; average loading and unloading to "
+        "remove most of the hysteresis.")] = None
+    std: Annotated[Deflection | None, Key("Standard deviation of the deflection, one or three numbers (default: none; "
+        "needed for a measured deflection).", "from repeated loading, which includes hysteresis and friction; the "
+        "resolution of the gauge is too small.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -98,13 +98,13 @@ class LoadsSpec:
     """Static load tests, listed or in a file, whose deflections are fitted together with the responses."""
 
     # fmt: off
-    file: Annotated[str | None, Key("CSV file with a row for each test, relative to the study: columns configuration "
-        "or the joints' names, frame, measured_at, fx fy fz, tx ty tz, mass, along_x along_y along_z with deflection "
-        "and std, or x y z with std or std_x std_y std_z; units in brackets, `deflection [mm]`.", "where the readings "
-        "are in a spreadsheet; columns that are not needed are left out.")] = None
-    tests: Annotated[tuple[LoadTest, ...], Key("Load tests, listed here, besides those of the file.", "for a few; 20 "
-        "with loads in several directions and postures halve the intervals of springs that the motors barely "
-        "move.")] = field(default_factory=tuple)
+    file: Annotated[str | None, Key("CSV file with a row per test, relative to the study: columns configuration or "
+        "joint names, frame, measured_at, fx fy fz, tx ty tz, mass, along_x along_y along_z with deflection and std, "
+        "or x y z with std or std_x std_y std_z; units in brackets, `deflection [mm]` (default: no file).",
+        "for tests in a spreadsheet; omit columns that are not needed.")] = None
+    tests: Annotated[tuple[LoadTest, ...], Key("Load tests in addition to the file.", "20 tests in several directions "
+        "and configurations halve the intervals of springs that the motors barely "
+        "excite.")] = field(default_factory=tuple)
     # fmt: on
 
 
@@ -168,7 +168,7 @@ class Agreement:
 
 @dataclass(frozen=True)
 class StaticAgreement(Agreement):
-    """Deflections of load tests next to those of the responses alone."""
+    """Deflections of load tests compared with the fit of the responses alone."""
 
     readings: tuple[LoadReading, ...] = labelled(rows=True, default=())
 
@@ -180,7 +180,7 @@ class StaticAgreement(Agreement):
 
 @dataclass(frozen=True)
 class ToolAgreement(Agreement):
-    """Responses at the tool next to those of the motors' responses alone.
+    """Responses at the tool compared with the fit of the motors' responses alone.
 
     is_misread: the cause is another reading of force and motion (sign, axis, quantity, motors), which pulls no spring.
     """

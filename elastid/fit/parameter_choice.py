@@ -61,7 +61,7 @@ def groups_of(
 
 
 def group_labels(parameters: Parameters, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """The groups that have parameters of their own, each with those of these configurations that are in it.
+    """Groups with parameters of their own, each with its configurations among the given ones.
 
     Where parameters are grouped in several ways, by the names of the groups side by side: A-warm. Configurations that
     no group names are `others`; one group of all, called "", where no parameter has groups.
@@ -102,7 +102,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
 
 
 def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Parameters:
-    """Parameters of `choose`; ValueError for what no set of parameters can be."""
+    """Parameters of `choose`; raise ValueError for an impossible set."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
     table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
     wanted = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
@@ -128,7 +128,7 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Param
 
 
 def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
-    """The names of robot.geometry that fit.parameters ask for, by a key or as what another one is tied to.
+    """Names of robot.geometry in fit.parameters, as a key or as the target of a tie.
 
     A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
     """
@@ -140,7 +140,7 @@ def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
 
 
 def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
-    """The names of robot.on_demand that fit.parameters ask for: geometry, and numbers of channels by full name."""
+    """Names of robot.on_demand in fit.parameters: geometry, and numbers of channels by full name."""
     ties = [asked.tie.to for asked in given.values() if asked.tie is not None]
     return (*named_geometry(given, robot), *(name for name in robot.channel_numbers if name in (*given, *ties)))
 
@@ -159,7 +159,7 @@ def _match(
 
 
 def _starred(key: str, name: str, asked: ParameterSpec, table: Collection[str]) -> ParameterSpec:
-    """The key for one name of a pattern: the * of its tie is what the * of the key stands for."""
+    """Key for one name of a pattern; the * of its tie is the match of the key's *."""
     if asked.tie is None or "*" not in asked.tie.to or asked.tie.to in table:
         return asked
     if key.count("*") != 1:

@@ -1,7 +1,5 @@
 """A fitted robot in a posture that need not have been measured: the equations, linearised there, and their ports."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -74,7 +72,7 @@ class Family:
     def of(
         cls, robot: Robot, spec: ModelSpec, parameters: Parameters, x: FloatArray, covariance: FloatArray,
         asked: Asked, where: str = "", doubts: tuple[Doubt, ...] = (),
-    ) -> Family:  # fmt: skip
+    ) -> "Family":  # fmt: skip
         """Family of a fit; StudyError for places that the robot lacks.  where: configuration whose parameters count."""
         robot, frame = _with_frames(robot, asked)
         held = replace(robot, payload=asked.payload) if isinstance(asked.payload, Payload) else robot
@@ -120,7 +118,7 @@ class Family:
         return "acceleration"
 
     def at(self, configuration: Configuration) -> FittedModel:
-        """The model about the equilibrium of a posture; StudyError where there is none."""
+        """Model about the equilibrium of a posture; raise StudyError without an equilibrium."""
         if self.asked.payload is False:
             configuration = replace(configuration, has_payload=False)
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)
@@ -204,7 +202,7 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
 
 
 def default_frame(robot: Robot) -> str:
-    """The frame `tool`, else the last frame; of a robot without frames the one that is made for it."""
+    """Frame `tool`, else the last frame; for a robot without frames, the frame added to it."""
     names = [frame.name for frame in robot.frames]
     return TOOL if TOOL in names or not names else names[-1]
 

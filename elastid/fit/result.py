@@ -1,7 +1,5 @@
 """Result: estimate, covariance and status of a fit, ends of its starts, and indices of numbers that it held."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -86,7 +84,7 @@ class ModificationIndex:
         )
 
     def most_moved(self, free_names: Sequence[str]) -> tuple[str, float]:
-        """The stiffness among the free parameters that moves most, and its relative change; "" where there is none."""
+        """Free stiffness with the largest relative change, and this change; "" without one."""
         stiff = [i for i, name in enumerate(free_names) if name.startswith("k") and math.isfinite(self.effects[i])]
         if not stiff:
             return "", 0.0
@@ -133,12 +131,12 @@ OTHER_AMPLITUDE = (
 
 
 def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
-    """True if V exceeds what the noise explains, once in 700 fits of a true model."""
+    """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
     return cost > expected_cost * largest_by_chance(cost_dof)
 
 
 def largest_by_chance(cost_dof: float) -> float:
-    """V over what the noise explains, as far as chance goes in 699 of 700 fits of a true model.
+    """Upper limit of V / E[V] for a correct model (false-alarm rate 1/700).
 
     2 / cost_dof: relative variance of that ratio, a chi-square variable over its degrees of freedom.
     """
@@ -147,7 +145,7 @@ def largest_by_chance(cost_dof: float) -> float:
 
 
 def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
-    """C_xx - C_xn C_nn^-1 C_nx (n, n), of the first n variables as it were if the others were known; C: of all."""
+    """C_xx - C_xn C_nn^-1 C_nx (n, n): conditional covariance of the first n variables given the others. C: of all."""
     cross = C[:n, n:]
     if not np.isfinite(C).all():  # of what the data do not reach
         return C[:n, :n].copy()
@@ -218,6 +216,18 @@ class Result:
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     robot, equations: those that were fitted, for postures that were not measured.
     static, tool: static load tests, and responses at the tool, next to the responses of the motors; None without any.
+
+    Examples
+    --------
+    >>> from elastid import Body, Joint, Motor, Robot, Spring, estimate, identify, simulate
+    >>> joint = Joint("1", spring=Spring(100.0, damping=0.1), motor=Motor(0.01))
+    >>> robot = Robot("bench", (Body("load", joints=(joint,), inertia=0.02),))
+    >>> excitation = {"rate_hz": 500, "period": 1, "band_hz": [5, 50], "torque_rms": [1]}
+    >>> experiment = {"configurations": {"bench": [0]}, "simulated": {"noise": {"torque_std": 0.01}}}
+    >>> result = identify(estimate(simulate(robot, excitation=excitation, experiment=experiment)), robot, starts=2)
+    >>> low, high = result.interval("k_1")  # N*m/rad
+    >>> low < result["k_1"].value < high, result.status
+    (True, 'converged')
     """
 
     parameters: Parameters
@@ -336,12 +346,12 @@ class Result:
 
     @property
     def exceeds_noise(self) -> bool:
-        """True if V is beyond what noise alone leaves; once in 700 fits of a true model."""
+        """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
         return self.noise_is_known and is_in_error(self.cost, self.cost_expected, self.cost_dof)
 
     @property
     def residual_ratio(self) -> float:
-        """Residuals over what the noise alone explains, root mean square."""
+        """Ratio of residuals to noise, root mean square."""
         return math.sqrt(self.cost / max(self.cost_expected, 1e-300))
 
     @property
@@ -402,7 +412,7 @@ class Result:
         return self._part(np.diag(self.covariance)[:n] + base)
 
     def _shared(self, share: FloatArray, without: float) -> FloatArray:
-        """Variance (n_asked,) by a share of it, infinite where the data do not reach; without: share where none is."""
+        """Fraction of the variance (n_asked,), infinite for unidentifiable parameters. without: default fraction."""
         variance = np.diag(self.covariance)[: len(self.parameters.asked)]
         part = share[: len(variance)] if len(share) else np.full(len(variance), without)
         return np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
@@ -444,7 +454,7 @@ class Result:
         return name in self.parameters.free_names
 
     def __getitem__(self, name: str) -> Any:
-        """The estimate of a parameter, or those of a pattern (`k_*`) by name; UnknownNameError for what is no such."""
+        """Estimate of a parameter, or of a pattern (`k_*`); UnknownNameError for others."""
         if name not in self and (names := matching(name, self.keys())):
             return {key: self[key] for key in names}
         low, high = self.interval(name)
@@ -512,7 +522,7 @@ class Result:
         return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
 
     def family(self, asked: Asked, where: str = "") -> Family:
-        """Family of many postures; where: the configuration whose parameters count, of those with their own."""
+        """Family of many postures. where: configuration whose group parameters apply."""
         spec = self.equations or ModelSpec()
         known = self.parameters, self.x, self.covariance_of_prediction
         return Family.of(self.known_robot, spec, *known, asked, where, self.doubts)
@@ -528,7 +538,7 @@ class Result:
             )
         return self.robot
 
-    def with_parameters(self, **values: float) -> Result:
+    def with_parameters(self, **values: float) -> "Result":
         """Result with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
 
         They count as exact, all others keep their values and covariances.  UnknownNameError for a name that is none,
@@ -556,7 +566,7 @@ class Result:
 
     @property
     def covariance_of_prediction(self) -> FloatArray:
-        """`covariance`, which holds what postures and bands disagree about; where no one cause explains a misfit, more.
+        """`covariance`, including the disagreement between postures and bands if no single cause explains a misfit.
 
         Then it counts times the square of residuals over their noise.
         """

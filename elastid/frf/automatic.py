@@ -56,7 +56,7 @@ LIMITS = AutomaticLimits()
 
 def chosen(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
     """A method and the note on it."""
-    text = f"estimator.method auto takes {method}: {reason}"
+    text = f"estimator.method auto selects {method}: {reason}"
     return method, (Note("frf/method", text, severity="information"),)
 
 
@@ -75,11 +75,11 @@ def choose_by_error(
         local = preview()
     except DataError as refusal:
         candidate()
-        return chosen(method, f"local_rational refuses these records ({refusal})")
+        return chosen(method, f"local_rational rejects these records ({refusal})")
     try:
         response = candidate()
     except DataError as refusal:
-        return chosen("local_rational", f"{method} refuses these records ({refusal})")
+        return chosen("local_rational", f"{method} rejects these records ({refusal})")
     if min(response.n_lines, local.n_lines) < 2:
         return chosen("local_rational", f"{method} has {response.n_lines} lines")
     error, error_l, resolution = stated_errors(response, local, has_bias=method == "h1")
@@ -150,8 +150,8 @@ def within_excitation(response: Response) -> Response:
     if last == lines[-1] or not all(place.startswith("motor ") for place in response.inputs):
         return response
     text = (
-        f"lines above {response.freq_hz[last]:.4g} Hz are left out: the torques have less than a hundredth of their "
-        "largest amplitude there, and motors move by what their controllers make of noise"
+        f"lines above {response.freq_hz[last]:.4g} Hz are discarded: the torques have less than a hundredth of their "
+        "largest amplitude there, and the motors follow the noise of their controllers"
     )
     return replace(response.lines(lines <= last), notes=(*response.notes, Note("frf/lines-discarded", text)))
 

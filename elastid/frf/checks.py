@@ -46,13 +46,11 @@ LIMITS = Limits()
 
 
 def refuse_mismatch(records: Sequence[Record]) -> None:
-    """DataError where the records of a configuration do not fit together, or there are none."""
+    """Raise DataError without records, or if the records of a configuration are inconsistent."""
     if isinstance(records, Record):
-        raise TypeError("records is a single Record; give a sequence of them, such as [record]")
+        raise TypeError("records is a single Record. Give a sequence, such as [record]")
     if not records:
-        raise DataError(
-            "frf/records", "there is no record to estimate a response from; measure at least one experiment"
-        )
+        raise DataError("frf/records", "there is no record. Measure at least one experiment")
     first = records[0]
     names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "sampled", "inputs", "outputs"]
     # Without a period each record has its own length.
@@ -65,8 +63,8 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
             if not is_same:
                 raise DataError(
                     "frf/records",
-                    f"records {first.name} and {record.name} of configuration {first.configuration.name} do not fit "
-                    f"together: {name} is {a} and {b}; make two configurations of them",
+                    f"records {first.name} and {record.name} of configuration {first.configuration.name} are "
+                    f"inconsistent: {name} is {a} and {b}. Make two configurations of them",
                 )
 
 
@@ -81,8 +79,8 @@ def refuse_few(groups: Sequence[Sequence[Record]], method: str) -> None:
     if short:
         raise DataError(
             "frf/periods",
-            f"records {', '.join(short)} of configuration {first.configuration.name} hold one period, method "
-            f"{method} needs two; measure more, or take estimator.method local_rational",
+            f"records {', '.join(short)} of configuration {first.configuration.name} have one period; method {method} "
+            "needs two. Measure more, or set estimator.method local_rational",
         )
     if method == "arithmetic":
         counts = {f"realisation {group[0].realisation}": len(group) for group in groups}
@@ -92,9 +90,8 @@ def refuse_few(groups: Sequence[Sequence[Record]], method: str) -> None:
         if count < n_u:
             raise DataError(
                 "frf/inputs-not-separable",
-                f"{count} experiments for "
-                f"{n_u} inputs ({', '.join(first.inputs)}); each realisation needs at least {n_u} that move the inputs "
-                "in different ways (number them as its experiments 0, 1, ...)",
+                f"{count} experiments for {n_u} inputs ({', '.join(first.inputs)}); each realisation needs at least "
+                f"{n_u} with independent inputs. Number them as its experiments 0, 1, ...",
                 f"configuration {first.configuration.name}, {realisation}",
             )
 
@@ -123,9 +120,9 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
         ways, n_u = int(np.median(np.sum(ratio > 1, axis=1))), len(record.inputs)
         raise DataError(
             "frf/inputs-not-separable",
-            f"its {E} experiments move "
-            f"the {n_u} inputs ({', '.join(record.inputs)}) in {ways} independent ways only, above the noise; "
-            "check for a file listed twice, an input that was not excited, and equal phases in all experiments",
+            f"its {E} experiments excite the {n_u} inputs ({', '.join(record.inputs)}) in only {ways} independent "
+            "ways above the noise. Check for a file listed twice, an input without excitation, and equal phases in "
+            "all experiments",
             f"configuration {record.configuration.name}, realisation {record.realisation}",
         )
     return separated
@@ -150,8 +147,8 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
         a, b = (block.U[:: -(-len(block.U) // LIMITS.lines)] for block in (blocks[m - 1], blocks[m]))
         if a.shape == b.shape and np.linalg.norm(a - b) < LIMITS.difference * np.linalg.norm(a):
             text = (
-                f"realisations {groups[m - 1][0].realisation} and {groups[m][0].realisation} have the same phases, "
-                "so the total variance misses the nonlinear distortion; draw new phases for every realisation"
+                f"realisations {groups[m - 1][0].realisation} and {groups[m][0].realisation} have the same phases, so "
+                "that the total variance lacks the nonlinear distortion. Choose new phases for every realisation"
             )
             notes.append(Note("frf/inputs-not-separable", text))
     return notes
@@ -172,15 +169,15 @@ def unlike_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) ->
     if ratios[m, e] < LIMITS.unlike:
         return []
     text = (
-        f"it disagrees with the {len(blocks) - 1} other realisations of its configuration by "
-        f"{math.sqrt(ratios[m, e]):.2g} times what these differ by: the same robot, load, gains of channels and angles "
-        f"in all of them? Measure realisation {groups[m][e].realisation} again, or leave it out"
+        f"it differs from the {len(blocks) - 1} other realisations of its configuration by "
+        f"{math.sqrt(ratios[m, e]):.2g} times their scatter. Check that robot, load and channel gains were equal; "
+        f"measure realisation {groups[m][e].realisation} again, or omit it"
     )
     return [Note("frf/records", text, f"record {groups[m][e].name}")]
 
 
 def _power_unlike(blocks: Sequence[Block], m: int) -> FloatArray:
-    """Power of the experiments (E,) of block m over that of the others."""
+    """Power of the experiments (E,) of block m relative to the other blocks."""
     step = -(-len(blocks[0].U) // LIMITS.lines)
     others = [block for i, block in enumerate(blocks) if i != m]
     U, Y = (np.concatenate([getattr(block, Z)[::step] for block in others], axis=2) for Z in "UY")
@@ -192,7 +189,7 @@ def _power_unlike(blocks: Sequence[Block], m: int) -> FloatArray:
 
 
 def hit_notes(records: Sequence[Record]) -> tuple[Note, ...]:
-    """Notes on double hits, cut ones and overloads in records without a period; none where no input is a hammer's."""
+    """Notes on double hits, truncated hits and overloads in records without a period, for hammer inputs only."""
     return tuple(note for record in records for note in _hit_notes(record))
 
 
@@ -218,15 +215,15 @@ def _hit_notes(record: Record) -> Iterator[Note]:
         if len(bounces := np.flatnonzero(gap < LIMITS.bounce_s)):
             i, total = bounces[0], len(first) - len(bounces)
             text = (
-                f"{len(bounces)} of {total} hits of {name} are double, one {first[i] / rate_hz:.4g} s into the record "
-                f"with a second blow {1000 * gap[i]:.3g} ms later: the force has dips every {1 / gap[i]:.3g} Hz, where "
-                "the response is uncertain; leave that hit out of the record, or hit again with a lighter hammer"
+                f"{len(bounces)} of {total} hits of {name} are double hits, one {first[i] / rate_hz:.4g} s into the "
+                f"record with a second impact {1000 * gap[i]:.3g} ms later, which makes the response uncertain every "
+                f"{1 / gap[i]:.3g} Hz. Exclude that hit, or use a lighter hammer"
             )
             yield Note("frf/hits", text, place)
         if first[0] == 0 or edges[-1, 1] == len(u):
             text = (
-                f"begins or ends within a hit of {name}, whose force or answer is cut: set a pretrigger of some "
-                "milliseconds, and record until the answer has died out"
+                f"it begins or ends within a hit of {name}, which truncates force or response. Set a pretrigger of "
+                "some milliseconds, and record until the response has decayed"
             )
             yield Note("frf/hits", text, place)
         overloads[name] = len(runs(np.abs(u) == np.abs(u).max(), LIMITS.run))
@@ -236,7 +233,7 @@ def _hit_notes(record: Record) -> Iterator[Note]:
         overloads |= {name: visits} if visits > 1 else {}  # one alone may be rest
     if places := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
         text = (
-            f"stays at the end of its range at {', '.join(places)}: overloaded, which makes responses too large or "
-            "looks like damping; hit more softly, or take a wider range"
+            f"overloaded at {', '.join(places)}, which biases magnitude and damping. Hit more softly, or choose a "
+            "wider range"
         )
         yield Note("frf/overload", text, place)

@@ -56,7 +56,7 @@ class Detected:
 
 
 def detection_lines(lines: IntArray, half_wave: bool) -> IntArray:
-    """Lines (K,) inside the band of an odd multisine that were not excited; none where even lines were."""
+    """Unexcited lines (K,) inside the band of an odd multisine; empty if even lines were excited."""
     if half_wave or len(lines) < 2 or np.any(lines % 2 == 0):
         return np.zeros(0, dtype=np.int64)
     return np.setdiff1d(np.arange(lines[0], lines[-1] + 1), lines)
@@ -120,7 +120,7 @@ def friction_bias(
     noise: ComplexArray,
     dof: float,
 ) -> ComplexArray | None:
-    """delta G (3, n_u, F, n_y, n_u) by the friction of each input's motor, zero where there is none.
+    """delta G (3, n_u, F, n_y, n_u) due to the friction of each input's motor, zero without friction.
 
     First the second order and what it may be turned by, which configurations share, then the part of the first order
     that each has by itself.

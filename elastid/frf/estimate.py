@@ -104,7 +104,7 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
     count = len(grid_lines("full", band_hz, first.rate_hz, min(record.n_samples for record in records)))
     is_long = count > AUTOMATIC.long_lines and spec.resolution_hz is None
     if is_long and count * len(first.inputs) * len(first.outputs) > AUTOMATIC.long_values:
-        return chosen("h1", f"a local method would fit {count} lines, and records so long leave many segments")
+        return chosen("h1", f"a local method would fit {count} lines, and records of this length give many segments")
     h1 = partial(welch_response, records, replace(spec, method="h1"))
     preview = partial(local_response, records, replace(spec, method="local_rational"), most_lines=AUTOMATIC.lines)
     return choose_by_error("h1", h1, preview, AUTOMATIC.margin if is_long else 1.0)
@@ -118,7 +118,7 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
         "transient_periods": spec.transient_periods not in ("auto", 0),
     }
     for key in (key for key, needs_period in asked.items() if needs_period):
-        text = f"has no period, which estimator.{key} {getattr(spec, key)} needs; leave the key out or state it"
+        text = f"it has no period; estimator.{key} {getattr(spec, key)} needs one. Omit the key, or give a period"
         raise StudyError("frf/periods", text, f"record {records[0].name}")
 
 
@@ -157,8 +157,8 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     notes = [*(note for group in groups for record in group for note in record.notes), *data.notes]
     if not usable.all():
         why = (
-            "some combination of the inputs is less than 6 dB above its noise there, so that outputs cannot be traced "
-            "to inputs"
+            "a combination of the inputs is less than 6 dB above its noise there, so that the columns of G are not "
+            "identifiable"
         )
         notes.append(left_out_note(lines[~usable], first, why))
     notes += [*same_phases_notes(data.blocks, groups), *unlike_notes(data.blocks, groups)]
@@ -186,8 +186,8 @@ def _fitted(
     if not usable.any():
         raise DataError(
             "frf/inputs-not-separable",
-            f"no line has separate inputs in every realisation: lines "
-            f"{described_lines(lines, first)} are lost in one or another; measure the weak realisations again",
+            f"no line has independent inputs in every realisation: lines {described_lines(lines, first)} are lost in "
+            "at least one. Measure the weak realisations again",
             f"configuration {first.configuration.name}",
         )
     data = data.on(usable)
@@ -196,7 +196,8 @@ def _fitted(
     except np.linalg.LinAlgError as error:
         raise DataError(
             "frf/inputs-not-separable",
-            f"estimator.method {method} finds a singular matrix at some line; check the units, or take arithmetic",
+            f"estimator.method {method}: the matrix is singular at a line. Check the units, or set estimator.method "
+            "arithmetic",
             f"configuration {first.configuration.name}",
         ) from error
 
@@ -208,17 +209,19 @@ def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Me
     n_u, total = len(groups[0][0].inputs), sum(map(len, groups))
     short = [record.name for group in groups for record in group if record.n_samples < 2 * record.repeat_samples]
     if short:
-        return chosen("local_rational", f"{short[0]} holds one period, which has no scatter: neighbouring lines have")
+        return chosen(
+            "local_rational", (f"{short[0]} has one period and thus no scatter; neighbouring lines provide it")
+        )
     if total < n_u:
         return chosen(
-            "local_rational", f"{total} experiments separate {n_u} inputs only with the help of neighbouring lines"
+            "local_rational", f"{total} experiments separate {n_u} inputs only together with neighbouring lines"
         )
     if any(len(group) < n_u for group in groups):
         known = all(record.r is not None for group in groups for record in group)
         return chosen(
             "joint" if known else "errors_in_variables",
-            "over all realisations together, since a single one has fewer experiments than inputs and so no response "
-            "to be averaged, and h1 is biased by the noise and friction that feedback brings into u",
+            "jointly over all realisations, since one has fewer experiments than inputs, and h1 is biased by noise "
+            "and friction fed back into u",
         )
     # It pairs torque and motion of each realisation, while noise and friction in the loop bias h1.
     return "arithmetic", ()
@@ -314,7 +317,7 @@ def _feedback(
     excited: IntArray,
     moving: BoolArray,
 ) -> FloatArray | None:
-    """(3, n_m, n_m) from motors' angles q (E, K, n_m) at s (K,); None where they do not explain the torques."""
+    """(3, n_m, n_m) from motor angles q (E, K, n_m) at s (K,); None if the angles do not explain the torques."""
     order = [records[0].inputs.index(motor) for motor in motors]
     drive = np.stack([_amplitudes(record, record.u, order)[1 : len(s) + 1] for record in records])
     injected = [record.r for record in records if record.r is not None]

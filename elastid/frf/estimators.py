@@ -76,7 +76,11 @@ def joint(data: MeanSpectra) -> Estimate:
     R = [block.R for block in data.blocks if block.R is not None]
     if len(R) < len(data.blocks):
         raise DataError(
-            "frf/method", "estimator.method joint needs the injected torque r of every record; take arithmetic"
+            "frf/method",
+            (
+                "estimator.method joint needs the injected torque r of every record. Log r, or set estimator.method "
+                "arithmetic"
+            ),
         )
     return _instrumental(data, R)
 

@@ -1,7 +1,5 @@
 """Mean spectra of a configuration's experiments and the scatter of their periods, the input of every estimator."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -138,7 +136,7 @@ class Block:
             return inverse(self.U)
         return self.U.mT.conj() @ inverse(self.U @ self.U.mT.conj())
 
-    def on(self, lines: BoolArray) -> Block:
+    def on(self, lines: BoolArray) -> "Block":
         """Spectra on some of the lines (F,)."""
         R = None if self.R is None else self.R[lines]
         return replace(self, U=self.U[lines], Y=self.Y[lines], R=R, input_noise=self.input_noise[lines])
@@ -206,7 +204,7 @@ class MeanSpectra:
             dof=dof,
         )
 
-    def on(self, lines: BoolArray) -> MeanSpectra:
+    def on(self, lines: BoolArray) -> "MeanSpectra":
         """Spectra on some of the lines (F,)."""
         if lines.all():
             return self

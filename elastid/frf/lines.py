@@ -1,4 +1,4 @@
-"""DFT lines to analyse: those planned, those of a grid, or those found excited in recorded inputs."""
+"""DFT lines to analyse: planned lines, lines of a grid, or excited lines detected in recorded inputs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -36,7 +36,9 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
     if spec.lines in ("full", "odd"):
         if first.half_wave and spec.lines == "full":
             raise StudyError(
-                "frf/lines", "full does not go with half_wave records, which have odd lines only", "estimator.lines"
+                "frf/lines",
+                ("estimator.lines full contradicts half_wave, whose records have odd lines only. Set odd"),
+                "estimator.lines",
             )
         return grid_lines(spec.lines, band_hz, rate_hz, N)
     candidates = grid_lines("odd" if first.half_wave else "full", band_hz, rate_hz, N)
@@ -47,8 +49,8 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
     if lines.size == 0:
         raise DataError(
             "frf/lines",
-            f"no excited line between {band_hz[0]:g} and {band_hz[1]:g} Hz; "
-            "check period, band_hz and the channels with role u, or state the grid with estimator.lines",
+            f"no excited line between {band_hz[0]:g} and {band_hz[1]:g} Hz. Check period, band_hz and the channels "
+            "with role u, or set the grid by estimator.lines",
             f"configuration {first.configuration.name}",
         )
     return lines

@@ -51,7 +51,7 @@ def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
 
 
 def inverse(A: ComplexArray) -> ComplexArray:
-    """A^-1 of each matrix; LinAlgError where one has none."""
+    """A^-1 of each matrix; raise LinAlgError for a singular matrix."""
     F, n, _ = A.shape
     if not is_compiled():
         return np.asarray(np.linalg.inv(A), np.complex128)

@@ -9,8 +9,6 @@ in units of the noise, too, which periods in the second half of the log have at 
 an acceleration fast.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -82,7 +80,7 @@ class Compared:
     is_weighed: bool = False
 
     @classmethod
-    def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> Compared:
+    def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> "Compared":
         """All periods of a record with each other, or of a long one with some."""
         few = spectra.on(slice(None, None, -(-len(spectra.scale) // LIMITS.lines)))
         amplitudes = np.empty((few.z.shape[2], *few.z.shape[:2]), dtype=np.complex128)
@@ -90,14 +88,14 @@ class Compared:
         return cls._from_amplitudes(amplitudes.view(np.float64), outlier_sigma)
 
     @classmethod
-    def _from_amplitudes(cls, X: FloatArray, outlier_sigma: float) -> Compared:
+    def _from_amplitudes(cls, X: FloatArray, outlier_sigma: float) -> "Compared":
         P = X.shape[1]
         references = np.linspace(0, P - 1, min(P, max(LIMITS.least_compared, LIMITS.pairs // P))).round().astype(int)
         power = np.einsum("cpk,cpk->cp", X, X)
         squares = power[:, :, None] + power[:, None, references] - 2 * X @ np.swapaxes(X[:, references], 1, 2)
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
 
-    def weighed(self, good: IntArray) -> Compared:
+    def weighed(self, good: IntArray) -> "Compared":
         """Spectra in units of the noise that the good periods (indices) have at each line and its neighbours."""
         c, _, n = self.X.shape
         of_good = self.X[:, good]
@@ -128,7 +126,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     P = len(spectra.periods)
     if P < 2:
         raise DataError(
-            "frf/periods", "fewer than two periods are left after its repair; measure more", f"record {record.name}"
+            "frf/periods", "fewer than two periods remain after its correction. Measure more", f"record {record.name}"
         )
     compared = Compared.from_spectra(spectra, spec.outlier_sigma)
     bounds = [0, *np.searchsorted(spectra.periods, record.starts).tolist(), P]
@@ -141,8 +139,8 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     if len(settled) < 2:
         raise DataError(
             "frf/periods",
-            f"transient_periods {spec.transient_periods} leaves {len(settled)} of {P} periods; "
-            "at least two are needed for the noise level",
+            f"transient_periods {spec.transient_periods} leaves {len(settled)} of {P} periods; at least two are "
+            "needed to estimate the noise. Lower transient_periods",
             f"record {record.name}",
         )
     far = settled[:0]
@@ -242,7 +240,7 @@ def _transient(
 def _leading(
     spectra: PeriodSpectra, compared: Compared, logs: Sequence[IntArray], halves: Sequence[IntArray], later: IntArray
 ) -> tuple[BoolArray, tuple[Note, ...]]:
-    """Transient as of `_transient`, by distances as compared.  halves: of each log, may be one; later: all others."""
+    """Transient as by `_transient`, from the compared distances. halves: per log, one is enough. later: all others."""
     P = len(spectra.periods)
     none = np.zeros(P, dtype=np.bool_)
     if compared.agree:
@@ -272,8 +270,8 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
     numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
         "frf/periods-discarded",
-        f"{kind}{'s' if len(numbers) > 1 else ''} {', '.join(numbers)} of {record.n_repeats} left out as {reason}: "
-        f"up to {100 * measured.D[left_out, worst].max():.2g} % away from the others in {channels[worst]}, where "
-        f"{100 * measured.typical[worst]:.2g} % is usual",
+        f"{kind}{'s' if len(numbers) > 1 else ''} {', '.join(numbers)} of {record.n_repeats} discarded as {reason}: "
+        f"deviation up to {100 * measured.D[left_out, worst].max():.2g} % in {channels[worst]}, typically "
+        f"{100 * measured.typical[worst]:.2g} %",
         f"record {record.name}",
     )

@@ -115,7 +115,7 @@ def described_lines(lines: IntArray, record: Record) -> str:
 
 def left_out_note(lines: IntArray, first: Record, why: str) -> Note:
     """A note on lines of records like the first at which G is not estimated."""
-    return Note("frf/lines-discarded", f"lines {described_lines(lines, first)} are left out: {why}")
+    return Note("frf/lines-discarded", f"lines {described_lines(lines, first)} are discarded: {why}")
 
 
 def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
@@ -125,8 +125,8 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
     return [
         Note(
             "frf/low-signal-to-noise",
-            f"output {name} barely moved: not 6 dB above its noise at {int(weak[:, i].sum())} of {len(weak)} lines, so "
-            "that its row of G is mostly noise; check its channel, or raise the torque",
+            f"output {name} is noise at most lines: less than 6 dB above its noise at {int(weak[:, i].sum())} of "
+            f"{len(weak)} lines. Check its channel, or raise the torque",
         )
         for i, name in enumerate(outputs)
         if weak[:, i].mean() > LIMITS.weak_share
@@ -140,8 +140,8 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
     notes = [
         Note(
             "frf/low-signal-to-noise",
-            f"input {name} was barely excited: less than 20 dB above its noise at {int(weak[:, i].sum())} of "
-            f"{len(weak)} lines, so that its column of G is uncertain; raise its torque",
+            f"input {name} is barely excited: less than 20 dB above its noise at {int(weak[:, i].sum())} of "
+            f"{len(weak)} lines, so that its column of G is uncertain. Raise its torque",
         )
         for i, name in enumerate(inputs)
         if weak[:, i].mean() > LIMITS.weak_share
@@ -155,8 +155,8 @@ def together_notes(quality: Quality, advice: str) -> list[Note]:
     if condition <= LIMITS.condition:
         return []
     text = (
-        "the inputs move nearly together: the condition of the input matrix, each input relative to its RMS, is "
-        f"{condition:.3g} at the median line (1 is best); {advice}"
+        f"the inputs are nearly dependent: the condition number of the normalised input matrix is {condition:.3g} at "
+        f"the median line (1 is best); {advice}"
     )
     return [Note("frf/inputs-not-separable", text)]
 
@@ -193,8 +193,8 @@ def wide_windows(
     worst = beyond[np.argmax(load[beyond])]
     text = (
         f"windows are too wide for {beyond.size} of {len(span)} modes: {span[worst]:.3g} Hz at {f_0[worst]:.4g} Hz, "
-        f"where a mode is {width[worst]:.3g} Hz wide and a window has {inside[worst]}, with poles for {poles}; "
-        "take a longer period or record, more experiments, or method local_rational with a higher local_order"
+        f"for a mode width of {width[worst]:.3g} Hz with {inside[worst]} in a window and poles for {poles}. Use a "
+        "longer period or record, more experiments, or method local_rational with a higher local_order"
     )
     return [Note("frf/window", text)]
 
@@ -211,16 +211,16 @@ def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, fir
     worst = narrow[np.argmin(width[narrow])]
     unit = "Hz" if first.rate_is_known else "of the sampling rate"
     text = (
-        f"segments of {1 / spacing:.3g} s barely resolve {narrow.size} of {len(f_0)} resonances, that at "
-        f"{f_0[worst]:.4g} {unit} least: its peak is flattened and its damping too large, beyond the variance; take "
-        f"estimator.segment {2 * LIMITS.lines_of_mode / width[worst]:.3g} or more where the records allow it, or "
+        f"segments of {1 / spacing:.3g} s are too short for {narrow.size} of {len(f_0)} resonances, above all at "
+        f"{f_0[worst]:.4g} {unit}: its peak is too low and its damping too large, beyond the variance. Set "
+        f"estimator.segment to at least {2 * LIMITS.lines_of_mode / width[worst]:.3g}, or estimator.method "
         "local_rational"
     )
     return [Note("frf/segment", text)]
 
 
 def _half_power(freq_hz: FloatArray, power: FloatArray) -> float | None:
-    """Frequency where the power (F,) from a peak, its first entry, on has halved; None where it rises before."""
+    """Frequency at which the power (F,) has halved from a peak, its first entry; None if it rises before."""
     half = np.flatnonzero(power < power[0] / 2)
     if half.size == 0 or np.any(power[: half[0]] > power[0]):
         return None

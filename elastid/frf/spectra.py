@@ -5,8 +5,6 @@
 With this sign a delay turns the phase of Y / U down, and y = Re Y exp(j omega t) like every phasor of the model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -61,8 +59,8 @@ def whole_logs(records: Sequence[Record]) -> list[Record]:
             periods = ", ".join(str(period + 1) for period in log.left_out)
             raise DataError(
                 "records/missing-samples",
-                f"too many samples of period {periods} are missing, and a local method takes a "
-                "record as one piece; cut it with samples: [first, last], or take another estimator.method",
+                f"too many samples of period {periods} are missing for a local method, which needs one piece. Cut the "
+                "record by samples: [first, last], or set another estimator.method",
                 f"record {log.name}",
             )
         refuse_uncomputable(log)
@@ -190,12 +188,12 @@ class PeriodSpectra:
         n_y = len(self.record.outputs)
         return self.z[:, :, n_y:] * self.scale[:, n_y:]
 
-    def on(self, lines: BoolArray | slice) -> PeriodSpectra:
+    def on(self, lines: BoolArray | slice) -> "PeriodSpectra":
         """Spectra on some of the lines (F,)."""
         index = lines if isinstance(lines, slice) else _wanted(np.flatnonzero(lines))
         return replace(self, z=self.z[:, index], scale=self.scale[index])
 
-    def only(self, keep: IntArray) -> PeriodSpectra:
+    def only(self, keep: IntArray) -> "PeriodSpectra":
         """Spectra of some of the periods."""
         if len(keep) == len(self.periods):
             return self
@@ -221,7 +219,7 @@ def period_spectra(
 def period_groups(
     spectra: RecordSpectra, lines: IntArray, quantity: Motion, scale: ComplexArray | None = None
 ) -> Iterator[PeriodSpectra]:
-    """Spectra of all periods at once; of a large record some at a time, which memory need not hold."""
+    """Spectra of all periods; a large record is processed in pieces to save memory."""
     record = spectra.record
     scale = amplitude_scale(record, lines, quantity) if scale is None else scale
     drifts = np.array([logged != "acceleration" for logged in record.quantities])
@@ -252,7 +250,7 @@ def unit_scale(record: Record, freq_hz: FloatArray, quantity: Motion) -> Complex
 
 
 def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray | None:
-    """R (F, n_u) of the injected torque, which is known and free of noise; None where it was not recorded."""
+    """R (F, n_u) of the injected torque, known without noise; None if it was not recorded."""
     record = spectra.record
     if record.r is None:
         return None
@@ -299,8 +297,8 @@ def refuse_uncomputable(record: Record) -> None:
                 sample, column = np.argwhere(~np.isfinite(size))[0]
                 raise DataError(
                     "records/values",
-                    f"{role} at {names[column]} is NaN or infinite from sample {start + sample} "
-                    "on; leave that part out, or repair the record",
+                    f"{role} at {names[column]} is NaN or infinite from sample {start + sample} on. Exclude that "
+                    "part, or correct the record",
                     f"record {record.name}",
                 )
             largest = np.maximum(largest, size.max(axis=0))
@@ -308,8 +306,8 @@ def refuse_uncomputable(record: Record) -> None:
         for column in np.flatnonzero(~_computable(largest)):
             raise DataError(
                 "records/missing-samples",
-                f"{role} at {names[column]} reaches {largest[column]:.3g} in SI units, which "
-                "no sensor can; check unit and scale of its channel, and the log's placeholder for missing values",
+                f"{role} at {names[column]} reaches {largest[column]:.3g} in SI units, which is implausible. Check "
+                "unit and scale of its channel, and the log's placeholder for missing values",
                 f"record {record.name}",
             )
 

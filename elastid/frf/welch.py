@@ -32,8 +32,6 @@ that, and what a boxcar leaks lies between the lines.
 (Bendat and Piersol, Random Data, 4th ed., sections 8.5, 9.2 and 11.5.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
@@ -104,7 +102,7 @@ class Segments:
 
     @property
     def leakage(self) -> tuple[FloatArray, float]:
-        """Weights (2 m + 1,) of neighbouring lines in beta, and variance of beta by noise over that of H."""
+        """Weights (2 m + 1,) of neighbouring lines in beta, and noise variance of beta relative to H."""
         power = np.abs(rfft(self.window)) ** 2
         m = min(int(np.flatnonzero(power > _LEAST_LEAKAGE * power[0])[-1]), len(power) // 4)
         kernel = np.concatenate([power[m:0:-1], power[: m + 1]])
@@ -147,7 +145,7 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
         if L < 4:
             raise DataError(
                 "frf/segment",
-                f"{where}estimator.segment {spec.segment:g} s is {L} samples; give {4 / first.rate_hz:g} s or more",
+                f"{where}estimator.segment {spec.segment:g} s is {L} samples. Give at least {4 / first.rate_hz:g} s",
             )
         segments = segments_of(L)
     else:
@@ -162,9 +160,9 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
         longest = max(lengths) / first.rate_hz
         raise DataError(
             "frf/segment",
-            f"{where}{sum(map(segments.count, lengths))} segments of {L / first.rate_hz:g} s leave no degree of "
-            f"freedom for {n_u} inputs in records of up to {longest:g} s; give estimator.segment "
-            f"{longest / (2 * n_u + 2):.3g} or less, or take estimator.method local_rational",
+            f"{where}{sum(map(segments.count, lengths))} segments of {L / first.rate_hz:g} s are too few for {n_u} "
+            f"inputs in records of up to {longest:g} s. Set estimator.segment to at most "
+            f"{longest / (2 * n_u + 2):.3g}, or estimator.method local_rational",
         )
     return replace(segments, step=max(1, L // 4)) if inputs_pass(records) else segments
 
@@ -197,7 +195,7 @@ class CrossSpectra:
         """S_uu (F, n_u, n_u)."""
         return self.S[:, self.n_y :, self.n_y :]
 
-    def on(self, lines: BoolArray) -> CrossSpectra:
+    def on(self, lines: BoolArray) -> "CrossSpectra":
         """Spectra on some of the lines (F,)."""
         return self if lines.all() else replace(self, freq_hz=self.freq_hz[lines], S=self.S[lines])
 
@@ -266,7 +264,7 @@ def _by_leverage(
 
 
 def _shares(parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArray) -> tuple[ComplexArray, FloatArray]:
-    """V U^H (F, n_y, n_u, K) of segments and their leverage (F, K), those of repeats added up."""
+    """V U^H (F, n_y, n_u, K) of segments and their leverage (F, K), with repeated records summed."""
     n_y, K = G.shape[1], max(part.shape[2] for part in parts)
     E, h = np.zeros((*G.shape, K), dtype=np.complex128), np.zeros((len(G), K))
     for Z in parts:
@@ -277,7 +275,7 @@ def _shares(parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArra
 
 
 def _repeats(records: Sequence[Record]) -> list[list[Record]]:
-    """Records by their inputs: those with the same ones, which leak alike."""
+    """Group records with identical inputs, which have identical leakage."""
     groups: list[list[Record]] = []
     for record in records:
         alike = next((group for group in groups if _are_repeats(group[0], record)), None)
@@ -311,9 +309,9 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     if not usable.any():
         raise DataError(
             "frf/inputs-not-separable",
-            f"its records do not separate the {len(first.inputs)} inputs "
-            f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; excite "
-            "each with its own noise, or leave out the channel that was not excited",
+            f"its records do not separate the {len(first.inputs)} inputs ({', '.join(first.inputs)}) at any line, "
+            "since one was not excited or two are proportional. Excite each with its own noise, or omit the unexcited "
+            "channel",
             f"configuration {first.configuration.name}",
         )
     is_cut = np.zeros_like(usable) if records[0] is whole[0] else _is_cut(whole, segments, spec, data)
@@ -324,13 +322,12 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     quality = _quality(data, G, C_V)
     notes = [note for record in records for note in record.notes]
     if not usable.all():
-        text = f"{np.sum(~usable)} lines are left out: an input has no power there, or two move in proportion"
+        text = f"{np.sum(~usable)} lines are discarded, since an input has no power there or two are proportional"
         notes.append(Note("frf/lines-discarded", text))
     length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
     text = (
-        f"h1 from {data.K} segments of {length}, window {spec.window}, overlap "
-        f"{percent(1 - segments.step / L, 2)}: "
-        f"worth {data.K_e:.3g} independent ones"
+        f"h1 from {data.K} segments of {length}, window {spec.window}, overlap {percent(1 - segments.step / L, 2)}; "
+        f"equivalent to {data.K_e:.3g} independent segments"
     )
     notes.append(Note("frf/segment", text, severity="information"))
     # Leakage is most of the variance at a peak that a segment does not resolve; it stands out of the noise by 10 dB.
@@ -344,7 +341,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
 
 
 def _is_cut(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, data: CrossSpectra) -> BoolArray:
-    """Flags (F,) of lines that a sweep has reached as its record ends, and beyond; data: of records with zeros."""
+    """Flags (F,) of lines that a sweep reaches at or after the end of its record. data: zero-padded records."""
     lines, _, scale = _lines(records[0], segments, spec)
     w, n_y = segments.window, data.n_y
     n = max(1, round(_END * len(w)))
@@ -381,7 +378,7 @@ def _covariances(
 
 
 def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> ComplexArray:
-    """beta (F, n_y, n_u) of G, as large as its mean square without what noise of that variance makes of it."""
+    """beta (F, n_y, n_u) of G, with the mean square corrected for noise of that variance."""
     weights, noise = segments.leakage
     F, m = len(G), len(weights) // 2
     if m >= F:

@@ -1,4 +1,4 @@
-r"""Friction laws: static ones, dynamic ones with states, and those at the motors and joints of a robot.
+r"""Friction models: static models, dynamic models with states, and their use at motors and joints of a robot.
 
 In a frequency response: about a sliding speed v_0 > 0 a LuGre law is, to first order,
 

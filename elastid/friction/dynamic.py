@@ -52,7 +52,7 @@ class Bristle:
         return exponential_step(z, v, self.sigma_0 * ca.fabs(v) / curve.level(v), step)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """A spring and a damper to ground; of a law with numbers."""
+        """Spring and damper to ground; friction model with numeric parameters."""
         return float(self.sigma_0), float(self.sigma_1)
 
 

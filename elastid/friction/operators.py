@@ -8,8 +8,6 @@ Both depend on the way alone; between two turning points they are functions of t
 turning points need to be followed one after the other, and s is exact where q is monotonous between its points.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -28,7 +26,7 @@ class Path:
     moved: FloatArray
 
     @classmethod
-    def of(cls, q: FloatArray) -> Path:
+    def of(cls, q: FloatArray) -> "Path":
         """The turning points of q (n,), its ends among them."""
         rising = np.diff(q)
         is_turning = rising[1:] * rising[:-1] <= 0
@@ -37,7 +35,7 @@ class Path:
         last = np.append(np.repeat(np.arange(len(counts)), counts), len(counts) - 1)
         return cls(np.diff(q[turning]), last, np.asarray(q - q[turning[last]]))
 
-    def without(self, n: int) -> Path:
+    def without(self, n: int) -> "Path":
         """Path without the points of its first n q, whose steps it still has."""
         return Path(self.steps, self.last[n:], self.moved[n:])
 

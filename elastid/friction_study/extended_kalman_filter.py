@@ -242,7 +242,7 @@ class Track:
         return self.innovation**2 / self.variance
 
     def values(self, name: str, stds: float = 0.0) -> FloatArray:
-        """A state over time (n,), or the end of its band at so many stds; of a followed logarithm the number itself."""
+        """State over time (n,), or the limit of its band at so many stds; logarithmic states are converted."""
         i = self.joint.states.index(name)
         column = self.x[:, i] + stds * self.std[:, i]
         return np.exp(column) if name in self.joint.followed and name != "offset" else column
@@ -427,7 +427,7 @@ class FollowedFriction:
 
     @property
     def verdict(self) -> str:
-        """Verdict whether the bands are to be believed."""
+        """Verdict on the reliability of the confidence bands."""
         return "no test doubts the bands" if not self.consistency.doubts else "the bands are too narrow (see warnings)"
 
 
@@ -484,7 +484,7 @@ def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> Followed
 
 
 def _notes(place: str, track: Track, judged: Consistency) -> Iterator[Note]:
-    """Warnings on numbers that the motion does not identify, and on bands that are not to be believed."""
+    """Warnings on states that the motion does not identify, and on unreliable confidence bands."""
     names, P = track.joint.followed, track.followed_covariance[-1]
     never = np.all(unknown(track), axis=0).tolist()
     std = np.sqrt(np.diag(P))

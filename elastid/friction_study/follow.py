@@ -1,4 +1,4 @@
-"""The friction of joints followed over their motions: where a filter starts, what it reads, its noise.
+"""Friction tracking of joints over their motions: initial state, measurements and noise of the filter.
 
 A joint is elastic where the robot's file has a spring, else rigid with the inertia that was identified.
 """

@@ -12,8 +12,6 @@ regressed as that of a motion is. Of a motion one way an offset of the torque ca
 friction, nor an error of the inertia from a factor of all friction.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -52,7 +50,7 @@ def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionR
     return tuple(_of_joint(robot, joint, measured, motions.get(joint.name, JointMotion())) for joint in joints)
 
 
-def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion) -> JointLevels:
+def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "JointMotion") -> JointLevels:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     runs = measured.of(joint.name, "constant_velocity")
     planned = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
@@ -78,8 +76,8 @@ def _turn(joint: Joint) -> float:
     return 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
 
 
-def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
-    """The regression of run-downs of one joint; DataError where it does not coast for long, or friction drives."""
+def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> "JointMotion":
+    """Regression of the coast-down tests of one joint; DataError if they are too short, or friction accelerates it."""
     motions = []
     for record in records:
         log = motion_log(robot, {joint.name: record}, PASSBAND_HZ)
@@ -100,7 +98,7 @@ def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Motion of one joint: the regression (None where its logs cannot identify it), passes, and notes."""
+    """Motion of one joint: regression (None if its logs do not identify it), constant-velocity runs, and notes."""
 
     friction: MotionFriction | None = None
     passes: tuple[FrictionRecord, ...] = ()
@@ -177,7 +175,7 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
 
 
 def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
-    """The passes where they contain more than the regression: of a stated speed, or of enough conditions."""
+    """Constant-velocity runs that add to the regression: with a stated speed, or under enough conditions."""
     temperatures = [float(np.nan_to_num(part.mean_temperature)) for part in passes]
     conditions = {
         (round(np.log(part.speed or 1.0) / PASSES.steady_share), part.load, round(degc / TEMPERATURE_STEP_K))

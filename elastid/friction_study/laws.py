@@ -7,8 +7,6 @@ The law through levels, by variable projection: its linear numbers are eliminate
 (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.) W = 1 / std of each level.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -40,7 +38,7 @@ ONE_SPEED = 0.1
 
 @dataclass(frozen=True)
 class Terms:
-    """Numbers of a law: linear ones, nonlinear ones that are searched for, and held ones with their value."""
+    """Parameters of a friction model: linear ones, nonlinear ones found by search, fixed ones with their value."""
 
     linear: tuple[str, ...]
     searched: tuple[str, ...]
@@ -64,10 +62,10 @@ class StaticLaw:
     covariance: FloatArray
     cost: float
     dof: int
-    held: tuple[Held, ...] = ()
+    held: "tuple[Held, ...]" = ()
 
     @staticmethod
-    def of(levels: Levels, spec: LawSpec) -> StaticLaw:
+    def of(levels: Levels, spec: LawSpec) -> "StaticLaw":
         """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
         # Of speeds that are nearly one Coulomb friction alone is the whole of their torque.
         names = ("coulomb", "viscous") if np.ptp(levels.speed) > ONE_SPEED * levels.speed.max() else ("coulomb",)
@@ -241,7 +239,7 @@ class _Search:
 
 
 def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> Friction:
-    """The law of numbers by name, those by temperature about a reference in degC, as a robot's file has it."""
+    """Friction model from parameters by name, temperature terms about a reference in degC, as in a robot model."""
     of_part = {
         part: {name.removeprefix(part): x for name, x in value.items() if name.startswith(part)}
         for part in ("load.", "temperature.", "directions.")
@@ -278,7 +276,7 @@ STRIBECK_NUMBERS = ("stiction", "stribeck_velocity", "exponent")
 
 @dataclass(frozen=True)
 class Held:
-    """A part of the law without numbers: why, and what would give them."""
+    """Term of the friction model that is not identified: the reason, and the required data."""
 
     part: str
     reason: str

@@ -186,7 +186,7 @@ class Solution:
 
 
 def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
-    """The numbers that all logs share; rate_hz: of the instants."""
+    """Parameters common to all logs. rate_hz: of the instants."""
     X, R, y, states = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y", "states"))
     (n, m), n_x = y.shape, X.shape[2]
     weight, used = np.ones(m), np.any(X, axis=2).sum(axis=0)
@@ -231,7 +231,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
 
 
 def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tuple[str, str], tuple[float, float]]:
-    """Number of the second less that of the first, and the std of the difference, by joint and name.
+    """Difference of the second and the first estimate, and its std, by joint and name.
 
     Both of the same logs, instant by instant: their residuals are correlated.
     """
@@ -302,7 +302,7 @@ def _long_run(scores: FloatArray, terms: int) -> FloatArray:
 
 
 def _basis(R: FloatArray) -> FloatArray:
-    """Orthonormal columns (n, rank) that span those of R (n, n_r)."""
+    """Orthonormal basis (n, rank) of the columns of R (n, n_r)."""
     size = np.linalg.norm(R, axis=0)
     if not size.any():
         return np.zeros((len(R), 0))

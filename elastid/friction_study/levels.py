@@ -15,8 +15,6 @@ which loses no information under white noise. Sticking would be taken
 for friction: such passes do not count.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -77,7 +75,7 @@ class PassRegression:
     shared: tuple[str, ...]
 
     @classmethod
-    def of(cls, passes: Sequence[Pass], has_gravity: bool, turn: float) -> PassRegression:
+    def of(cls, passes: Sequence[Pass], has_gravity: bool, turn: float) -> "PassRegression":
         """The columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
         lengths = [len(part.position) for part in passes]
         step = max(1, min(sum(lengths) // 15_000, min(lengths) // 40))  # rows of all passes, and of the shortest
@@ -118,7 +116,7 @@ class PassRegression:
         spare = 1 + (2 * len(autocovariance) - 1) * len(values) / len(self.y)
         return values, spare * long_run * inverse @ inverse.T
 
-    def _with_waves(self, waves: IntArray) -> PassRegression:
+    def _with_waves(self, waves: IntArray) -> "PassRegression":
         columns = [column for i in waves for column in (self.waves[:, i].real, self.waves[:, i].imag)]
         names = [name for i in waves.tolist() for name in wave_names(i)]
         return replace(self, A=np.column_stack([self.A, *columns]), shared=(*self.shared, *names))
@@ -281,7 +279,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
 
 
 def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
-    """The passes that slide all the time, and notes on the others, whole pairs; DataError where none is."""
+    """Constant-velocity runs with continuous sliding, in pairs, and notes on the others; DataError without any."""
     sticks = dict.fromkeys(part.pair for part in passes if np.any(part.velocity * part.direction <= 0))
     text = (
         "the joint stands or turns back within the pass: it sticks and slips at this speed, and its level does not "

@@ -25,8 +25,6 @@ body lacks (springs, counterbalances, couplings of gears) stay in the residuals:
 are small. The base parameters, with the columns that they belong to, give the rigid body's torque along other logs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -116,7 +114,7 @@ class RigidBody:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the base parameters, those of their columns."""
+        """Names of the base parameters, taken from their columns."""
         return tuple(self.columns[i] for i in self.chosen)
 
 
@@ -142,7 +140,7 @@ class MotionFriction:
     rigid_body: RigidBody | None = None
 
     @classmethod
-    def of(cls, signals: Sequence[MotionSignals], chosen: Regression, terms: MotionTerms) -> MotionFriction:
+    def of(cls, signals: Sequence[MotionSignals], chosen: Regression, terms: MotionTerms) -> "MotionFriction":
         """Friction of a motion without its judgement; DataError where friction supplies power at every speed."""
         first = signals[0]
         if chosen["coulomb"] < 0 and chosen["viscous"] <= 0:
@@ -215,7 +213,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
 
 
 def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:
-    """Notes on dry friction that changes with the position, and on what rigid body and friction leave."""
+    """Notes on position-dependent dry friction, and on the residual of rigid body and friction."""
     place, F_c = f"motion of {fit.motion.place}", max(abs(fit.chosen["coulomb"]), 1e-300)
     if fit.terms.angles:
         change = legval(np.linspace(-1, 1, 101), [0.0, *(fit.chosen[name] for name in ANGLE)]) / F_c
@@ -327,7 +325,7 @@ PARTS = ("inertia", "gravity", "viscous", "coulomb")
 
 
 def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """The torque (n,) of PARTS by the columns of a regression; of joints that moved together that of friction alone.
+    """Torque (n,) of PARTS from the columns of a regression; for joints that moved together, the friction torque.
 
     Offset, ripple and delay are in that of gravity, without an offset in that of Coulomb friction.
     """
@@ -419,7 +417,7 @@ def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
 
 
 def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[str, FloatArray]:
-    """The torque (n,) of the identified rigid body along a log, of each joint of both; empty where there is none.
+    """Torque (n,) of the identified rigid body along a log, for each joint; empty without a rigid body.
 
     DataError where its motion takes numbers that the motions behind `body` have not identified.
     """
@@ -441,7 +439,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
 
 
 def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
-    """Name and unit of the number of each column: of all frames, then rotors and offsets of the joints."""
+    """Name and unit of the parameter of each column: of all frames, then rotors and offsets of the joints."""
     of_frames = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
     slides = {joint.name: joint.slides for joint in robot.joints}
     rotors = [(f"Jm_{joint}", "kg" if slides[joint] else "kg*m^2") for joint in joints]
@@ -449,7 +447,8 @@ def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLog]) -> tuple[IntArray, FloatArray]:
-    """Places (n_b,) of columns that span all of those of friction's rest, and these as combinations of them (n_b, n_c).
+    """Indices (n_b,) of columns that span the remainder of friction, and all columns as combinations of them (n_b,
+    n_c).
 
     All columns: rigid body (10 n_l), rotors (m) and offsets (m).
     """

@@ -11,8 +11,6 @@ plateau, whose ends are where the line is left. Elsewhere, as in ways with sever
 velocity is steady.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -33,7 +31,7 @@ SMOOTHED_HZ = 60.0
 
 
 def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position, velocity, that which was logged where it was, and acceleration (n,) below a frequency."""
+    """Low-pass filtered position, velocity, logged velocity if available, and acceleration (n,)."""
     smooth = butter(2, min(hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
     position = np.asarray(sosfiltfilt(smooth, record.position))
     velocity = np.gradient(position, 1 / record.rate_hz) if record.velocity is None else record.velocity
@@ -99,7 +97,7 @@ def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
 
 
 def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
-    """A record of passes for each pair of plateaus of a motion, named after it with a number; none where it has none.
+    """Record of constant-velocity runs for each pair of plateaus of a motion, named after it with a number.
 
     has_gravity: there and back must then share positions.  Of a log with a speed, its plateaus at that speed alone;
     DataError where such a log has no pass there and back at it.
@@ -116,7 +114,7 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
 
 
 def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
-    """Plateaus in their order; of a log with a speed those at it alone."""
+    """Plateaus in chronological order; for a log with a speed, the plateaus at this speed."""
     position, velocity, acceleration = smoothed(record, PASSES.steady_hz)
     of_ways = [_plateau_of_way(position, *way, record.rate_hz) for way in _ways(position)]
     ways = [plateau for plateau in of_ways if plateau is not None]
@@ -253,7 +251,7 @@ class MotionSignals:
     passband_hz: float
 
     @classmethod
-    def of(cls, motion: Motion, passband_hz: float) -> MotionSignals:
+    def of(cls, motion: Motion, passband_hz: float) -> "MotionSignals":
         """Signals of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
         rate = motion.rate_hz
         spoilt = round(6.0 / passband_hz * rate)  # samples at either end, six periods of the passband
@@ -322,7 +320,7 @@ class MotionSignals:
 
     @property
     def seconds(self) -> dict[str, float]:
-        """Durations that add up to that of the log: in the regression, and why the others are not."""
+        """Durations that sum to the duration of the log: used in the regression, and rejected with the reason."""
         total, used = len(self.position) / self.motion.rate_hz, float(self.used.sum()) / self.kept_hz
         rest = min(float(self.rests.mean()) * total, total - used)
         return {"used": used, "at rest": rest, "near a reversal, rest or end": total - used - rest}
@@ -359,7 +357,7 @@ class MotionLog:
     resting: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, motions: Mapping[str, Motion], resting: Mapping[str, float], passband_hz: float) -> MotionLog:
+    def of(cls, motions: Mapping[str, Motion], resting: Mapping[str, float], passband_hz: float) -> "MotionLog":
         """Log of motions by joint; DataError as of `MotionSignals`."""
         return cls({joint: MotionSignals.of(motion, passband_hz) for joint, motion in motions.items()}, resting)
 
@@ -370,7 +368,7 @@ class MotionLog:
 
 
 def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog], ...]:
-    """All of the band and a narrow part of it at the same samples; none where logs are short or reverse too often."""
+    """Signals of the whole band and of a narrow band at the same samples; none for short logs or many reversals."""
     bands = list[MotionLog](), list[MotionLog]()
     for log in logs:
         try:

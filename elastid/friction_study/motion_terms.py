@@ -7,8 +7,6 @@ moves, has a column far below its frequency omega:
           H(s) = \frac{\omega^2}{s^2 + \omega^2}
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -70,11 +68,11 @@ class MotionTerms:
         stribeck = {"stribeck_velocity": self.stribeck_velocity} if self.stribeck_velocity else {}
         return stribeck | ({"temperature.decay": self.decay} if self.is_decay_free else {})
 
-    def at(self, numbers: Regression) -> MotionTerms:
+    def at(self, numbers: Regression) -> "MotionTerms":
         """Terms with the nonlinear numbers of a regression with these parts, which has searched for its own."""
         return self.moved({name: numbers[name] for name in self.searched if name in numbers.names})
 
-    def moved(self, ends: Mapping[str, float]) -> MotionTerms:
+    def moved(self, ends: Mapping[str, float]) -> "MotionTerms":
         """Terms with other nonlinear numbers."""
         velocity = ends.get("stribeck_velocity", self.stribeck_velocity)
         return replace(self, stribeck_velocity=velocity, decay=ends.get("temperature.decay", self.decay))
@@ -184,7 +182,7 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
 
 
 def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocities: FloatArray) -> float:
-    """Velocity (of m) whose fall of stiction explains most of what a regression without it leaves."""
+    """Stribeck velocity (of m candidates) that best explains the residual of a regression without Stribeck effect."""
     logs = [axis_equations(log, terms) for log in signals]
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
     falls = [axis.direction[:, None] * np.exp(-((axis.velocity[:, None] / velocities) ** 2)) for axis in signals]
@@ -211,7 +209,7 @@ def _waves(signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, .
 
 
 def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int = 12) -> Regression:
-    """steps: of the search for the Stribeck velocity, by its column in the Jacobian (Gauss and Newton)."""
+    """steps: number of Gauss-Newton steps of the search for the Stribeck velocity, by its column in the Jacobian."""
 
     def solved(about: Regression | None) -> Regression:
         return solve([axis_equations(axis, terms, about) for axis in signals], signals[0].kept_hz).at("")
@@ -281,7 +279,7 @@ def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | N
 def full_rate_columns(
     signals: MotionSignals, terms: MotionTerms, about: Regression | None = None
 ) -> dict[str, FloatArray]:
-    """The columns (n,) by the names of their numbers; about: numbers where those of nonlinear ones are derivatives."""
+    """Columns (n,) by parameter name. about: values at which the columns of nonlinear parameters are derivatives."""
     v, s, q, motion = signals.velocity, signals.direction, signals.position, signals.motion
     # A log without temperature is at T_0; a speed above 0 has a logarithm.
     degc = np.full_like(v, np.nan) if motion.temperature is None else motion.temperature

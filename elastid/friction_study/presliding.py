@@ -30,8 +30,6 @@ for all amplitudes and so extrapolates to none:
               -\omega^2 J_m + \frac{(k + j \omega d)(-\omega^2 J_l)}{k + j \omega d - \omega^2 J_l}
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
 
@@ -188,11 +186,11 @@ class AtRest:
 
 def fit_at_rest(
     place: str,
-    responses: Sequence[RestResponse],
+    responses: "Sequence[RestResponse]",
     joint: ElasticJoint | None = None,
     viscous: tuple[float, float] = (0.0, 0.0),
 ) -> AtRest:
-    """Bristles from responses of one amplitude or more; joint: None for a rigid one, whose inertia is found.
+    """Estimate presliding from responses at one amplitude or more. joint: None for a rigid joint with unknown inertia.
 
     viscous: alpha_2 of sliding with its std, Nms/rad.  An elastic joint is near that of the robot's file, `OF_FILE`.
     Raises FitError where the responses do not identify all unknowns.
@@ -221,17 +219,18 @@ def fit_at_rest(
 
 @dataclass(frozen=True)
 class _Model:
-    """Unknowns x: ln J of a rigid joint, or ln of inertias, stiffness, damping of an elastic one over those of a file.
+    """Unknowns x: ln J of a rigid joint, or ln of inertias, stiffness and damping of an elastic joint relative to the
+    robot model.
 
     Then ln sigma_0, s_q / z_s of the largest motion, sigma_1 / unit.
     """
 
-    responses: tuple[RestResponse, ...]
+    responses: "tuple[RestResponse, ...]"
     joint: ElasticJoint | None
     viscous: float
 
     def reaction(self, x: FloatArray, omega: FloatArray) -> ComplexArray:
-        """Torque per angle (F,) of the inertias: of a motor with a link on a spring, or of a rigid joint."""
+        """Torque per angle (F,) of the inertias: of a motor with an elastic link, or of a rigid joint."""
         if self.joint is None:
             return np.asarray(-(omega**2) * np.exp(x[0]) + 0j)
         joint = ElasticJoint(*(np.exp(x[:-3]) * astuple(self.joint)).tolist())
@@ -245,7 +244,7 @@ class _Model:
         middle = len(first.freq_hz) // 2
         return float(1 / np.abs(first.G[middle]) / (2 * np.pi * first.freq_hz[middle]))
 
-    def receptance(self, x: FloatArray, response: RestResponse) -> ComplexArray:
+    def receptance(self, x: FloatArray, response: "RestResponse") -> ComplexArray:
         """G (F,) at one amplitude."""
         omega = 2 * np.pi * response.freq_hz
         per_bend = x[-2] / max(G.rms_position for G in self.responses)  # 1 / z_s
@@ -268,7 +267,7 @@ class _Model:
         return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
 
     def covariance(self, fit: Optimum) -> FloatArray:
-        """Covariance of x, whatever the variances of the residuals; those of the file's numbers are as stated."""
+        """Covariance of x, whatever the residual variances; parameters of the robot model keep the stated one."""
         n_file = len(fit.r) - sum(2 * len(G.G) for G in self.responses)
         expansion = [np.tile(G.expansion / G.variance, 2) for G in self.responses]
         correlated = [np.full(2 * len(G.G), G.correlated_lines) for G in self.responses]
@@ -284,7 +283,7 @@ class _Model:
         return np.concatenate([*left, of_file])
 
 
-def slipped(omega: FloatArray, response: RestResponse, per_bend: float) -> ComplexArray:
+def slipped(omega: FloatArray, response: "RestResponse", per_bend: float) -> ComplexArray:
     """z / q (F,) of bristles with 1 / z_s = per_bend, under the motion of a response; at most half of it slips."""
     rate = np.sqrt(2 / np.pi) * response.rms_velocity * per_bend
     epsilon = min(2 / np.pi * (response.rms_position * per_bend) ** 2, 0.5)
@@ -309,7 +308,7 @@ class RestResponse:
     correlated_lines: float = 1.0
 
     @classmethod
-    def of(cls, records: Sequence[FrictionRecord]) -> RestResponse:
+    def of(cls, records: Sequence[FrictionRecord]) -> "RestResponse":
         """Response from the records of one amplitude, each a realisation of a multisine.
 
         DataError for motion of less than a few counts of the encoder, and as `estimate`.

@@ -69,7 +69,7 @@ class JointLevels:
 
 @dataclass(frozen=True)
 class JointFriction:
-    """Friction of one joint, link side; None where it was not measured or cannot be identified.
+    """Friction of one joint, link side; None if it was not measured or is not identifiable.
 
     friction, viscous: the law as a whole, with the ranges in which it was measured.
     numbers: the table.  held: parts without numbers, with reasons.
@@ -91,7 +91,7 @@ class JointFriction:
 
     @property
     def shared(self) -> Mapping[str, tuple[float, float]]:
-        """Value and std of what is no friction, as identified: inertia, parts of gravity."""
+        """Values and stds of identified parameters other than friction: inertia, gravity."""
         if self.motion is None:
             return {} if self.constant_velocity is None else self.constant_velocity.shared
         chosen = self.motion.chosen
@@ -327,7 +327,7 @@ def _law(
 def _numbers(
     levels: JointLevels, static: StaticLaw | None, at_rest: AtRest | None, truth: Truth
 ) -> Iterator[FrictionNumber]:
-    """The table; of a number that two experiments identify the later one counts, passes more than a motion."""
+    """Table of parameters; of two experiments for one, the later counts, and constant-velocity runs over motions."""
     if static is not None:
         yield from numbers_of_law(levels.joint, static, truth)
     if levels.motion is not None:
@@ -370,7 +370,7 @@ def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: F
 
 
 def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None) -> AtRest | None:
-    """Bristles from responses of one joint at rest; static: of its passes."""
+    """Presliding from responses of one joint at zero velocity. static: friction from its constant-velocity runs."""
     if not records:
         return None
     viscous = (0.0, 0.0)

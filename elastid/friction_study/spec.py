@@ -91,7 +91,7 @@ class PreslidingLoopsSpec:
 
 @section
 class PreslidingTestSpec:
-    """A multisine of the joint's torque at standstill, whose response gives stiffness and damping of the bristles."""
+    """Multisine of the joint torque at zero velocity; its response gives the presliding stiffness and damping."""
 
     # fmt: off
     torque: Annotated[tuple[Ratio, ...], Key("Amplitudes as parts of the Coulomb torque; two and more extrapolate to "
@@ -136,19 +136,19 @@ class FrictionSpec:
     rate_hz: Annotated[Frequency, Key("Sampling rate of controller and logs of a design.", "the controller's rate; "
         "runs are evaluated below 60 Hz.", above=0)] = 1000.0
     constant_velocity: Annotated[ConstantVelocitySpec | Literal["detect"] | None, Key("Constant-velocity runs: their "
-        "design, or `detect` to find constant velocity in logs.", "give {} to design the runs. Use `detect` for logs "
-        "of any motion with stretches of constant velocity.")] = None
+        "design, or `detect` to find constant velocity in logs (default: no such runs).", "give {} to design the runs. "
+        "Use `detect` for logs of any motion with stretches of constant velocity.")] = None
     loads: Annotated[tuple[LoadSpec, ...], Key("Loads under which all runs are repeated (default: the robot as it "
         "is).", "two identify load-dependent Coulomb friction, three also its Stribeck velocity; the gravity torque "
         "must differ.")] = ()
     presliding_loops: Annotated[PreslidingLoopsSpec | None, Key("Hysteresis loops of growing torque before the joint "
-        "slides.", "give {} to identify a LuGre or Maxwell slip model of small motions. Coulomb friction does not need "
-        "it.")] = None
-    presliding_test: Annotated[PreslidingTestSpec | None, Key("Small multisine of the torque at zero velocity.", "give "
-        "{} if the encoder resolves a tenth of the presliding deflection, typically 1 to 3 counts; otherwise use "
-        "presliding_loops.")] = None
-    warm_up: Annotated[WarmUpSpec | None, Key("Warm-up: hours of motion, for temperature-dependent friction.",
-        "give it if friction changes during a shift; it takes hours of robot time.")] = None
+        "slides (default: no loops).", "give {} to identify a LuGre or Maxwell slip model of small motions. Coulomb "
+        "friction does not need it.")] = None
+    presliding_test: Annotated[PreslidingTestSpec | None, Key("Small multisine of the torque at zero velocity "
+        "(default: no such test).", "give {} if the encoder resolves a tenth of the presliding deflection, typically 1 "
+        "to 3 counts; otherwise use presliding_loops.")] = None
+    warm_up: Annotated[WarmUpSpec | None, Key("Warm-up: hours of motion, for temperature-dependent friction (default: "
+        "no warm-up).", "give it if friction changes during a shift; it takes hours of robot time.")] = None
     law: Annotated[LawSpec, Key("Terms of the friction model that are tested.", "switch off terms that later tools "
         "cannot represent; `yes` fails if the term is not identifiable.")] = LawSpec()
     # fmt: on
@@ -161,7 +161,7 @@ class FrictionSpec:
 
     @property
     def designed_passes(self) -> ConstantVelocitySpec:
-        """Passes of a design, all by default where none are given."""
+        """Constant-velocity runs of a design, with all defaults if none are specified."""
         return (
             self.constant_velocity
             if isinstance(self.constant_velocity, ConstantVelocitySpec)

@@ -154,7 +154,7 @@ def _shortened(
 
 
 def rigid_posture(model: ElasticModel, configuration: Configuration, theta: FloatArray | None = None) -> FloatArray:
-    """q (n_q,) without deflection: driven joints at their motors' angles, elastic ones at 0, loops closed.
+    """q (n_q,) without deflection: driven joints at their motors' angles, elastic joints at 0, loops closed.
 
     theta (n_theta,): model.parameters, of which the geometry counts; default the robot's own.
     StudyError where the configuration does not give one angle for each motor, or the loops do not close there.
@@ -183,7 +183,7 @@ def _faults(
     balance: _Balance,
     load: float,
 ) -> Iterator[str]:
-    """Reasons why q (n_q,) is no equilibrium to linearise at; rigid (n_q,): undeflected.  load: largest by gravity."""
+    """Reasons why q (n_q,) is no equilibrium. rigid (n_q,): undeflected. load: largest gravity load."""
     slides, names, K = model.robot.slides, model.coordinates, balance.K
     soft = "under gravity; raise the stiffness of its springs, or let a joint without spring hang down"
     if (gap := np.abs(balance.phi).max(initial=0.0)) > LIMITS.gap:

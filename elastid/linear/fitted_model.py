@@ -17,8 +17,6 @@ where M, D, K are symmetric, so that left and right eigenvectors are one (Adhika
 stiffness are of draws where these do not agree with the first order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -63,7 +61,7 @@ class Doubt:
 
 @dataclass(frozen=True, eq=False)
 class Estimated:
-    """theta (n_theta,) of a linear model as a function of x (n_x + n_d,): parameters, then the sizes of doubts.
+    """theta (n_theta,) of a linear model as a function of x (n_x + n_d,): parameters, then the uncertain factors.
 
     fit_x (n_x,), fit_covariance (n_x, n_x): of the fit.  names: of theta.  base (n_theta,): numbers that are no
     parameters of the fit.  rows, places: which are, and where in its theta.  where: the configuration whose parameters
@@ -84,7 +82,7 @@ class Estimated:
     def of(
         cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
         where: str = "", doubts: tuple[Doubt, ...] = (), held: Collection[str] = (),
-    ) -> Estimated:  # fmt: skip
+    ) -> "Estimated":  # fmt: skip
         """Numbers of a fit; held: names that keep their base."""
         known = [i for i, name in enumerate(names) if name in parameters.names and name not in held]
         places = [parameters.names.index(names[i]) for i in known]
@@ -247,7 +245,7 @@ class FittedModel:
     __repr__, _repr_html_ = as_text, as_html
 
     @classmethod
-    def of(cls, linear: LinearModel, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> FittedModel:
+    def of(cls, linear: LinearModel, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> "FittedModel":
         """A configuration that was fitted; covariance (n_x, n_x) of x (n_x,)."""
         none, where = np.zeros(len(linear.parameters)), linear.configuration.name
         return cls(linear, Estimated.of(parameters, x, covariance, linear.parameters, none, where))
@@ -294,7 +292,7 @@ class FittedModel:
         return ResponseBand(response, spread.std, pointwise, simultaneous, level, spread.by)
 
     def response_std(self, freq_hz: FloatArray) -> FloatArray:
-        """Standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) of `response` by that of the parameters, to first order."""
+        """Standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) of `response` by the parameter covariance, first order."""
         if self.linear.integral is not None:
             return self.response_band(freq_hz).std
         J = self._response_slopes(freq_hz)
@@ -319,7 +317,7 @@ class FittedModel:
         return np.tensordot(self.estimated.slopes[moved].T, Columns(kernel).evaluate(self.theta)[1], axes=1)
 
     def modes(self) -> UncertainModes:
-        """Natural frequencies, damping ratios and shapes of what can move, an integral of a controller left out.
+        """Natural frequencies, damping ratios and mode shapes, without the integral states of a controller.
 
         Standard deviations are infinite where they need infinite ones.
         """

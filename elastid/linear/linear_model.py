@@ -23,8 +23,6 @@ gravity in accelerometers, [T, 0], adds to the last alone.
 The lags of the measurement chain, the same for every motor, are states of their own in front of B.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -95,7 +93,7 @@ Element = LagElement | DifferenceElement
 
 
 def elements(chain: Chain) -> tuple[Element, ...]:
-    """The elements of a chain: first those of the torque, then those of the sensor."""
+    """Elements of a chain: first of the torque, then of the sensor."""
     return (*torque_elements(chain), *sensor_elements(chain))
 
 
@@ -130,7 +128,7 @@ def projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
 
 @frozen_value
 class Slope:
-    """d(M, D, K) / d theta_p of one parameter, each symmetric (n, n) or None where the parameter does not enter.
+    """d(M, D, K) / d theta_p of one parameter, each symmetric (n, n), or None without dependence.
 
     C, T (n_y, n): of the outputs.  B (n, n_u): of forces and torques at frames.
     """
@@ -251,7 +249,7 @@ class LinearModel:
         ]
         return self.B + sum(change, np.zeros_like(self.B)) if change else self.B
 
-    def with_outputs(self, rows: Sequence[int]) -> LinearModel:
+    def with_outputs(self, rows: Sequence[int]) -> "LinearModel":
         """Model with some of its outputs, by their places."""
         rows = list(rows)
 
@@ -377,7 +375,7 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
 def _behind_a_lag(
     A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray, coefficients: tuple[float, ...], T: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """System with each input behind 1 / P(s T), P = 1 + p_1 x + p_2 x^2 ...; w = [u_1; T u_1'; ...]."""
+    """System with each input filtered by 1 / P(s T), P = 1 + p_1 x + p_2 x^2 ..., and states w = [u_1, T u_1', ...]."""
     n, order, n_u = len(A), len(coefficients), B.shape[1]
     shift = np.eye(order, k=1)
     shift[-1] = -np.array([1.0, *coefficients[:-1]]) / coefficients[-1]

@@ -24,8 +24,6 @@ of the coordinates y, the one that leaves the motors' rows of Z, and with them B
 constraint.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
@@ -145,7 +143,7 @@ class Linearisation:
     point: PointDerivatives | None
     recipe: tuple[Robot, ModelSpec, tuple[str, ...]] | None = None
 
-    def __reduce__(self) -> tuple[Callable[..., Linearisation], tuple[Any, ...]]:
+    def __reduce__(self) -> "tuple[Callable[..., Linearisation], tuple[Any, ...]]":
         if self.recipe is not None:
             return _linearised, self.recipe
         return Linearisation, (self.model, self.matrices, self.point)
@@ -165,7 +163,7 @@ class Linearisation:
         return not moved or not any(ca.which_depends(ca.vec(triangles), ca.vertcat(*moved), 2))
 
     @classmethod
-    def of(cls, model: ElasticModel, follows: bool = False) -> Linearisation:
+    def of(cls, model: ElasticModel, follows: bool = False) -> "Linearisation":
         """Differentiate a model; follows: the operating point, too, even where all springs are linear."""
         q, theta, lambda_ = model.symbols("q", "theta", "lambda")
         rows, columns = np.tril_indices(model.n_q)
@@ -178,7 +176,7 @@ class Linearisation:
         return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), point)
 
     @classmethod
-    def of_robot(cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = ()) -> Linearisation:
+    def of_robot(cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = ()) -> "Linearisation":
         """A robot's equations, differentiated, built once in a process; arguments and errors as `formulate`."""
         return _linearised(robot, spec, tuple(name for name in robot.on_demand if name in geometry))
 
@@ -248,7 +246,7 @@ def linearise(
 
 @cache
 def _places(n: int) -> IntArray:
-    """Places of the entries of a symmetric (n, n) among those of its lower triangle."""
+    """Index of each entry of a symmetric (n, n) matrix in its lower triangle."""
     places = np.zeros((n, n), np.int64)
     rows, columns = np.tril_indices(n)
     places[rows, columns] = places[columns, rows] = np.arange(rows.size)

@@ -19,8 +19,6 @@ J: velocity of a frame's origin, or its angular velocity, so that a force at a p
 motors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -43,7 +41,7 @@ _SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A force and a torque (3,) at the origin of a frame, in N and N m, and what is read there.
+    """Force and torque (3,) at the origin of a frame, in N and N m, and the measured frame.
 
     directions (n, 3): of the readings at the frame `read_at`.  All in the axes of the base.
     """
@@ -80,7 +78,7 @@ class LoadedRobot:
     @classmethod
     def of(
         cls, model: ElasticModel, loads: Sequence[Load], theta: Sequence[FloatArray], moved: Sequence[str]
-    ) -> LoadedRobot:
+    ) -> "LoadedRobot":
         """Robot under loads, each with theta (n_theta,) of its posture to begin with; StudyError without a rest."""
         known = [frame.name for frame in model.robot.frames]
         frames = tuple(dict.fromkeys(name for load in loads for name in (load.frame, load.read_at)))
@@ -153,7 +151,7 @@ class LoadedRobot:
         )
 
     def _solved(self, K: FloatArray, right: FloatArray) -> FloatArray:
-        """K^-1 right; of constraints that repeat each other, the smallest multipliers."""
+        """K^-1 right; for redundant constraints, with the smallest multipliers."""
         if not self.model.n_c:
             return np.asarray(np.linalg.solve(K, right), dtype=float)
         return np.linalg.pinv(K, rcond=1e-12, hermitian=False) @ right
@@ -220,7 +218,7 @@ class Ports:
     read: FloatArray
 
     @classmethod
-    def at_frames(cls, model: LinearModel, inputs: tuple[str, ...]) -> Ports:
+    def at_frames(cls, model: LinearModel, inputs: tuple[str, ...]) -> "Ports":
         """Forces on motions that are among the outputs of a model, which are read as they are."""
         n, rows = len(model.outputs), [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
         return cls(inputs, model.outputs, np.eye(n, n + len(model.inputs))[rows], np.eye(n))

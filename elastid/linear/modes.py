@@ -37,7 +37,7 @@ class Modes:
 
     @property
     def poles(self) -> ComplexArray:
-        """lambda (n_m,) in 1/s of each mode, that with the positive imaginary part."""
+        """lambda (n_m,) in 1/s of each mode, with positive imaginary part."""
         swinging = 1j * np.sqrt(np.maximum(1 - self.zeta**2, 0.0))
         return 2 * np.pi * self.freq_hz * (swinging - self.zeta)
 

@@ -1,4 +1,4 @@
-r"""What the motion of a measurement does to its frequency response: it moves the robot out of the posture.
+r"""Motion-induced bias of the best linear approximation: the measurement moves the robot out of its posture.
 
 With the equations R(z) = B u of z = (q, lambda, q', q''), phi(q) = 0 and outputs among them, a nearly
 Gaussian motion z_0 + e_1 + e_2 about the operating point, e_1 in proportion to the torque, and R', R'' at that point,
@@ -18,8 +18,6 @@ is measured: a controller without integral gives way to that of e_2.
 Without motion, and in a model whose equations are linear, the change is zero. It falls off with the square of the
 motion; what is left out, of fourth order, is smaller by that square in rad^2.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -54,7 +52,7 @@ _LARGEST_SHIFT = 30.0
 def effect_of_motion(
     model: ElasticModel, linear: LinearModel, theta: FloatArray, response: Response
 ) -> ComplexArray | None:
-    """dG (F, n_y, n_u) that the motion of a measured response adds to that of a model about its posture at rest.
+    """dG (F, n_y, n_u) that the motion adds to the response of a model about its static posture.
 
     linear: of `model` in a configuration, at theta (n_theta,), which ends with the delay.  Motors that were not
     measured count as standing still.  StudyError as `equilibrium`.
@@ -134,7 +132,7 @@ class _Expansion:
         return np.asarray(np.linalg.solve(self.L(omega), self.B), np.complex128)
 
     def response_change(self, omega: FloatArray, change: ComplexArray) -> ComplexArray:
-        """Change of the outputs (F, n_y, n_u), as of positions, by that of equations and outputs (F, n + n_y, n)."""
+        """Change of the outputs (F, n_y, n_u), as positions, by that of equations and outputs (F, n + n_y, n)."""
         X, of_equations, of_outputs = self.X(omega), change[:, : self.n], change[:, self.n :]
         dX = -np.linalg.solve(self.L(omega) + of_equations, of_equations @ X)
         moved = self._in_front_of_x(self.J[self.n :], omega) @ dX + of_outputs @ (X + dX)
@@ -168,8 +166,8 @@ class _Moved:
     @classmethod
     def of(
         cls, expansion: _Expansion, motion: MotorMotion, measured: IntArray, at: list[int], mean: FloatArray, most: int
-    ) -> _Moved:
-        """measured: those of the model's motors that are in the motion, there at.  most: lines of the motion."""
+    ) -> "_Moved":
+        """measured: indices of the model's motors in the motion signals. most: most lines of the motion."""
         few = motion.grouped(most)
         sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
         W = _amplitudes(expansion, centres, sums, measured) / np.sqrt(2)  # of each sign of the frequency
@@ -181,7 +179,7 @@ class _Moved:
         return cls(expansion, np.concatenate([centres, -centres]), curved, mean, feedback)
 
     def change(self, omega: float) -> ComplexArray:
-        """(n + n_y, n): what the equations and the outputs gain in front of x at a frequency."""
+        """(n + n_y, n): change of the coefficients of x in equations and outputs at a frequency."""
         e, both, (rows, unknowns, met, partners) = self.expansion, omega + self.omega, self._curved_parts
         (_, K, n_r, m, n_k), s = met.shape, 1j * both[:, None]
         # R''[., e_1] of all z of an unknown: its own, its rate and its acceleration.
@@ -196,7 +194,8 @@ class _Moved:
 
     @cached_property
     def _curved_parts(self) -> tuple[IntArray, IntArray, ComplexArray, ComplexArray]:
-        """Rows with any curvature, and the unknowns (n_k,) whose places in z have any; motors mostly have none.
+        """Rows with curvature, and the unknowns (n_k,) whose entries in z have curvature; motors mostly have zero
+        curvature.
 
         R''[., e_1] there by the order of the place: of the equations (3, 2 K, n_rows, m, n_k), and of outputs, too, at
         the frequencies of opposite sign (2 K, 3, n_rows n_k m).
@@ -249,7 +248,7 @@ def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, m
 def _mean(
     expansion: _Expansion, motion: MotorMotion, angles: FloatArray, measured: IntArray, at: list[int]
 ) -> FloatArray:
-    """`_Moved.mean`; angles (n_u,): of the configuration.  measured, at: of `_Moved.of`."""
+    """Mean as by `_Moved.mean`. angles (n_u,): of the configuration. measured, at: as for `_Moved.of`."""
     every = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
     covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
     shift = np.zeros_like(angles)
@@ -267,7 +266,7 @@ def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
 
 
 def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) -> FloatArray:
-    """R''[mean of e_2] (n + n_y, n_z); shift (n_u,): of the motors."""
+    """R''[mean of e_2] (n + n_y, n_z). shift (n_u,): mean shift of the motors."""
     n, moved = expansion.n, expansion.B @ shift
     torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ moved
     mean = moved - expansion.held(0.0).real @ torque

@@ -91,7 +91,7 @@ def has_variance(response: Response) -> bool:
 
 
 def floored(variance: FloatArray, power: FloatArray) -> FloatArray:
-    """The variance, positive: at least that of rounding."""
+    """Variance, at least the variance of rounding, so that it is positive."""
     mean = power.mean(axis=0)
     floor = MIN_RELATIVE_VARIANCE * (power + mean) + np.where(mean > 0, 0.0, 1.0)
     return np.asarray(np.maximum(variance, floor))
@@ -236,7 +236,7 @@ def _reached(response: Response) -> BoolArray:
 
 
 def _residual_variance(response: Response, fit: ModalFit) -> FloatArray:
-    """Variance (F, n_y, n_u) by what a model leaves of the lines, smooth along frequency."""
+    """Variance (F, n_y, n_u) of the residuals of a model, smoothed over frequency."""
     power = np.abs(response.G) ** 2
     model = fit.synthesis().reshape(response.G.shape)
     free = np.maximum(1 - np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2, 0.1)[:, None, None]
@@ -249,7 +249,7 @@ def modal_data(response: Response, variance: FloatArray | None = None) -> ModalD
 
 
 def weighted(response: Response, data: ModalData) -> ComplexArray:
-    """G (F, n_y, n_u) over the scale of its elements; of inputs, one scale for all outputs, so that G = B / A holds."""
+    """G (F, n_y, n_u) divided by the scale of its elements, or by one scale per input so that G = B / A holds."""
     scale = data.scale.reshape(response.G.shape[1:])
     of_outputs = np.exp(np.log(scale).mean(axis=1, keepdims=True))
     of_inputs = np.exp((np.log(scale) - np.log(of_outputs)).mean(axis=0, keepdims=True))
@@ -276,7 +276,7 @@ def _fitted(
 
 
 def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) -> ComplexArray:
-    """The candidates nearest to natural frequencies, each once; one of 1 % damping where none is within 2 %."""
+    """Candidates nearest to natural frequencies, each once; a pole of 1 % damping without a candidate within 2 %."""
     chosen = []
     for f in poles_hz:
         size = 2 * np.pi * f / data.basis.scale
@@ -293,7 +293,7 @@ def _modes(
     shift: float,
     poles_hz: Sequence[float] | None,
 ) -> Modes:
-    """The poles that are modes; shift: of poles by a window that is taken out, 1/s; poles_hz: as chosen."""
+    """Poles selected as modes. shift: correction for an exponential window, 1/s. poles_hz: user selection."""
     influences, scale = Influences(fit, response.correlated_lines), fit.data.basis.scale
     fitted = []
     for r in np.argsort(np.abs(fit.poles)).tolist():

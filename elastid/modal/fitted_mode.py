@@ -10,8 +10,6 @@ With the influence I_k of line k on a number, and residuals relative to the stat
 so that elements with noise in common, and a model that does not fit, widen the intervals.  rho: correlation of lines.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -70,7 +68,7 @@ class FittedMode:
     residue_std: FloatArray
 
     @classmethod
-    def of(cls, response: Response, influences: Influences, r: int, pole: complex) -> FittedMode:
+    def of(cls, response: Response, influences: "Influences", r: int, pole: complex) -> "FittedMode":
         """The pole r of a fit; pole: the same in 1/s, without windows."""
         fit, size, scale = influences.fit, abs(pole), influences.fit.data.basis.scale
         C = influences.pole_covariances[r] * scale**2
@@ -103,7 +101,7 @@ class FittedMode:
         """True where one of these frequencies is within 5 %, or within the half width: poles may wander in a fit."""
         return any(abs(self.freq_hz / f - 1) < max(LIMITS.chosen_distance, self.zeta) for f in poles_hz)
 
-    def is_twin_of(self, other: FittedMode) -> bool:
+    def is_twin_of(self, other: "FittedMode") -> bool:
         """True for a weak pole within a resonance of the same shape: it follows an error of that one."""
         size, size_of_other = float(np.linalg.norm(self.residue)), float(np.linalg.norm(other.residue))
         width = LIMITS.twin_distance * max(self.freq_hz * self.zeta, other.freq_hz * other.zeta)
@@ -131,7 +129,7 @@ def lost_notes(modes: Sequence[FittedMode], response: Response, poles_hz: Sequen
 
 
 def window_notes(modes: Sequence[FittedMode], shift: float, response: Response) -> tuple[Note, ...]:
-    """A note on poles with clearly less damping than the window that is taken out."""
+    """Note on poles with significantly less damping than the removed exponential window."""
     count = sum(mode.zeta < -LIMITS.undamped_std * mode.zeta_std for mode in modes) if shift else 0
     if not count:
         return ()
@@ -199,7 +197,7 @@ class Influences:
         return total * small_sample_factors(max(dof, LEAST_DOF)) ** 2
 
     def _line_factor(self, influence: ComplexArray) -> float:
-        """Variance with correlated lines over that without, by the autocorrelation of the residuals."""
+        """Ratio of variances with and without correlation between lines, from the autocorrelation of the residuals."""
         power, seen, stated = float(np.sum(np.abs(influence) ** 2)), 1.0, 1.0
         for lag, rho in enumerate(self._autocorrelation[: influence.shape[1] - 1], start=1):
             product = complex(np.vdot(influence[:, :-lag], influence[:, lag:])) / power
@@ -210,7 +208,7 @@ class Influences:
 
     @cached_property
     def _autocorrelation(self) -> ComplexArray:
-        """rho (n,) at the lags 1, 2 ... over which lines are correlated as stated; none where they are not."""
+        """rho (n,) at the lags 1, 2 ... over which the estimator correlates lines; empty for independent lines."""
         if self.correlated_lines <= 1:
             return np.empty(0, complex)
         size = np.abs(self._normalised)
@@ -226,7 +224,7 @@ class Influences:
 
     @property
     def _together(self) -> float:
-        """Lines whose errors are one: those of local methods; of segments, leakage at a resonance is independent."""
+        """Lines with a common error by local methods; with segments, leakage at a resonance is independent."""
         return self.correlated_lines if self.fit.data.basis.correlation is None else 1.0
 
     @property
@@ -236,7 +234,7 @@ class Influences:
 
     @cached_property
     def _free(self) -> FloatArray:
-        """Part (F,) of the noise that a fit leaves in the residuals about a line: of lines together it takes more."""
+        """Fraction (F,) of the noise that a fit leaves in the residuals near a line; correlated lines lose more."""
         taken = np.sum(np.abs(unstacked(self.fit.Q)) ** 2, axis=1) / 2 + self._pole_leverage()
         mean = uniform_filter1d(self._together * taken, 2 * self._half + 1, mode="reflect")
         return np.asarray(np.maximum(1 - mean, LEAST_FREE))

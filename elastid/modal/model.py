@@ -22,8 +22,6 @@ compliance) and the others are their next terms.  A response by Welch's method i
 where the input is white within the width of a line; the smoothed columns have no leakage.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -50,7 +48,7 @@ class Basis:
     segment_s: float = 0.0
 
     @classmethod
-    def of(cls, response: Response) -> Basis:
+    def of(cls, response: Response) -> "Basis":
         """The columns for a response, smoothed where its segments had a window."""
         correlation = window_correlation(response) if response.window else None
         scale = 2 * np.pi * float(response.freq_hz[-1])
@@ -126,7 +124,7 @@ class ModalData:
     variance: FloatArray
 
     @classmethod
-    def of(cls, basis: Basis, G: ComplexArray, variance: FloatArray) -> ModalData:
+    def of(cls, basis: Basis, G: ComplexArray, variance: FloatArray) -> "ModalData":
         """G and variance (F, n_y, n_u)."""
         F = len(G)
         flat, log = G.reshape(F, -1), np.log(variance.reshape(F, -1))
@@ -228,7 +226,7 @@ class ModalFit:
         inner = (self.free_slopes.T @ self.residual).reshape(n, 2, -1)
         return np.asarray(np.einsum("rpic,ric->rp", self.directions, inner).reshape(2 * n))
 
-    def refined(self, steps: int = 20, tolerance: float = 1e-3) -> ModalFit:
+    def refined(self, steps: int = 20, tolerance: float = 1e-3) -> "ModalFit":
         """Fit at the poles with the least squares, by damped Gauss-Newton steps; tolerance in standard deviations."""
         fit, damping = self, 1e-3
         if not len(fit.poles):
@@ -256,7 +254,7 @@ class ModalFit:
                 break
         return fit
 
-    def without(self, r: int) -> ModalFit:
+    def without(self, r: int) -> "ModalFit":
         """The model without a pole."""
         return ModalFit(self.data, np.delete(self.poles, r))
 

@@ -84,7 +84,7 @@ class Modes:
 
     @property
     def frequency_unit(self) -> str:
-        """Hz, or that of a response whose rate is unknown."""
+        """Unit Hz, or cycles per sample for a response with unknown rate."""
         return "Hz" if self.rate_is_known else "of the sampling rate"
 
     @property

@@ -285,7 +285,7 @@ def eliminated(fit: ModalFit, correlated_lines: float) -> ModalFit:
 
 
 def residual_peaks(fit: ModalFit) -> ComplexArray:
-    """Candidates at the highest peaks of what the model leaves, of several dampings."""
+    """Candidates at the highest residual peaks of the model, with several dampings."""
     power = np.mean(np.abs(unstacked(fit.residual)) ** 2, axis=1)
     smooth = np.convolve(power, np.ones(3), "same")
     tops = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1

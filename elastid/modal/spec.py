@@ -12,10 +12,10 @@ class GeometrySpec:
     """Points of the structure, for its mode shapes in motion."""
 
     # fmt: off
-    points: Annotated[dict[str, tuple[Length, Length, Length]], Key("Coordinates of points by name.", "give those of "
-        "the sensors and, for the outline, of corners that no sensor has.")] = field(kw_only=True)
-    lines: Annotated[tuple[tuple[str, str], ...], Key("Pairs of points with a line between them.", "edges of the "
-        "structure; without any, neighbouring points in the order given are joined.")] = ()
+    points: Annotated[dict[str, tuple[Length, Length, Length]], Key("Coordinates of points by name.",
+        "sensor locations and, for the outline, corners without a sensor.")] = field(kw_only=True)
+    lines: Annotated[tuple[tuple[str, str], ...], Key("Pairs of points connected by a line.", "edges of the structure; "
+        "without any, elastid connects consecutive points.")] = ()
     motion: Annotated[dict[str, tuple[str, str]], Key("Point and direction (`x`, `-z` ...) in which each output "
         "measures.", "needed unless outputs are named by point and direction, such as `tip x`.")] = field(
         default_factory=dict)
@@ -31,7 +31,7 @@ class GeometrySpec:
                 raise ValueError(f"the direction of {output} is {direction}; give x, y or z, with - for the opposite")
 
     def direction_of(self, output: str) -> tuple[str, str] | None:
-        """Point and direction of an output; None where neither `motion` nor its name has them."""
+        """Point and direction of an output; None if neither `motion` nor its name states them."""
         if output in self.motion:
             return self.motion[output]
         point, _, direction = output.rpartition(" ")
@@ -44,19 +44,19 @@ class ModalSpec:
 
     # fmt: off
     band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Band in which modes are searched for (default: all "
-        "lines with excitation and coherence).", "narrower for dense modes, band by band; modes outside it count as "
-        "residuals.", least=0, rising=True)] = None
-    max_order: Annotated[int | None, Key("Highest order of the matrix polynomials whose poles are compared; 60 by "
-        "default, fewer with few lines.", "higher for more than about 30 modes in the band.", least=2, most=200)] = None
-    poles_hz: Annotated[tuple[Frequency, ...] | None, Key("Natural frequencies of the poles that are taken as modes, "
-        "each the nearest stable one, in place of the automatic choice.", "give those that you choose in the "
-        "stabilisation diagram, in one band, where the automatic choice has one too many or too few.",
-        above=0, distinct=True)] = None
-    exponential: Annotated[Time | None, Key("Time constant of the exponential window that was put on hits and answers "
-        "before they came here; its damping is taken out.", "only where your analyser used such a window; elastid "
-        "needs none, since its local methods have the transient in their model.", above=0)] = None
-    geometry: Annotated[GeometrySpec | None, Key("Points and lines of the structure, which move on the page.", "give "
-        "it for mode shapes in motion; universal files bring their own.")] = None
+        "lines with excitation and coherence).", "narrower for high modal density, band by band; modes outside are "
+        "included as residuals.", least=0, rising=True)] = None
+    max_order: Annotated[int | None, Key("Highest order of the matrix polynomials in the stabilisation diagram "
+        "(default: 60, fewer with few lines).", "higher for more than about 30 modes in the "
+        "band.", least=2, most=200)] = None
+    poles_hz: Annotated[tuple[Frequency, ...] | None, Key("Natural frequencies of the selected poles, each the nearest "
+        "stable one (default: automatic selection).", "select them in the stabilisation diagram of one band if the "
+        "automatic selection is wrong.", above=0, distinct=True)] = None
+    exponential: Annotated[Time | None, Key("Time constant of an exponential window in the data, whose damping elastid "
+        "removes (default: no window).", "only if your analyser applied such a window; elastid needs none, since its "
+        "local methods model the transient.", above=0)] = None
+    geometry: Annotated[GeometrySpec | None, Key("Points and lines of the structure for animated mode shapes (default: "
+        "geometry of universal files).", "give it for mode shapes on the page.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

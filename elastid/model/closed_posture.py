@@ -73,7 +73,7 @@ def mechanism(robot: Robot) -> Mechanism:
 
 
 def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
-    """The joints (n_l,) at the driven joints' angles (n_u,): passive ones as the loops require, elastic ones at 0.
+    """Joints (n_l,) at the driven joints' angles (n_u,): passive joints from the loop closure, elastic joints at 0.
 
     StudyError where the loops do not close there, leave a joint undetermined, lock a motor or are about to fold over.
     """
@@ -116,7 +116,7 @@ def open_loops(robot: Robot, angles: FloatArray) -> float:
 
 
 def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
-    """True (Q,) of joints q (Q, n_l) with closed loops that are not about to fold over: what `assembled` accepts."""
+    """True (Q,) for joints q (Q, n_l) with closed loops away from singularities, as `assembled` accepts them."""
     if not robot.loops:
         return np.ones(len(q), bool)
     parts = mechanism(robot)

@@ -111,11 +111,11 @@ class ElasticModel:
 
     @cached_property
     def of_payload(self) -> tuple[str, ...]:
-        """Parameters of the payload alone; mass and inertia make it what it is."""
+        """Parameters that affect the payload only."""
         return tuple(name for name in self.parameters if self.robot.payload and name in self.robot.payload.numbers)
 
     def carried(self, theta: FloatArray, carries: bool) -> FloatArray:
-        """theta (n_theta,), with a payload of neither mass nor inertia unless the robot carries it."""
+        """theta (n_theta,), with zero mass and inertia of the payload unless the robot carries it."""
         absent = () if carries else [self.parameters.index(name) for name in self.of_payload]
         return np.where(np.isin(np.arange(len(theta)), absent), 0.0, theta)
 

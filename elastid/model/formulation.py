@@ -55,7 +55,7 @@ def serial(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
 
 
 def constrained(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
-    """The ElasticModel with one row for each rod and those of each pin and point; redundant rows are kept."""
+    """ElasticModel with one constraint row per rod and the rows of each pin and point, including redundant rows."""
     tree = open_chain(robot, geometry)
     loops = closures(robot, tree.q[: len(robot.joints)], by_name(tree))
     equations, rows = stretching(with_rod_inertia(robot, tree, loops), loops)
@@ -161,7 +161,7 @@ def _axes(robot: Robot) -> list[FloatArray]:
 
 
 def series_stiffness(robot: Robot, equations: Equations, stretched: Sequence[Closure], constant: bool) -> Equations:
-    """The gear springs of levers with those of the elastic rods of loops in series; constant: as at the start."""
+    """Gear springs of levers in series with the elastic rods of loops. constant: as in the start posture."""
     theta = by_name(equations)
     for closure in stretched:
         lever = _lever(robot, closure.loop)
@@ -215,7 +215,7 @@ class ElasticJoint:
 
 
 def held_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | None:
-    """Inertias of motor and link, link side, with the spring of the gear; None where it has no such form.
+    """Inertias of motor and link, link side, with the gear spring; None if the model has no such form.
 
     angles (n_u,): posture in which the other joints are held, their springs and those of undriven joints stiff.
     Without the form: a stiff joint, one in a loop, of coupled gears, or with a spring that is not linear.

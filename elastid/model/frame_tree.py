@@ -12,8 +12,6 @@ a coordinate axis; rotation matrices are never formed. Two points are compared i
 that an expression holds the joints between them and no others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -58,7 +56,7 @@ class Attachment:
     R: FloatArray
     p: Point
 
-    def placed(self, rotation: FloatArray, xyz: Point) -> Attachment:
+    def placed(self, rotation: FloatArray, xyz: Point) -> "Attachment":
         """The seat at xyz (3,) and with a rotation (3, 3) in these axes."""
         is_number = isinstance(self.p, np.ndarray) and isinstance(xyz, np.ndarray)
         p = _clean(self.p + self.R @ xyz) if is_number else ca.SX(self.p) + ca.DM(self.R) @ xyz
@@ -70,7 +68,7 @@ ON_BASE = Attachment(-1, np.eye(3), np.zeros(3))
 
 @dataclass(frozen=True)
 class Tree:
-    """The robot as frames (one a joint, in the robot's order), attachments (one a body), and those of named frames."""
+    """Robot as frames (one per joint, in the robot's order), attachments (one per body), and named frames."""
 
     frames: tuple[BodyFrame, ...]
     attachments: tuple[Attachment, ...]
@@ -102,7 +100,7 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
 
 
 def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Point:
-    """A point of the description: numbers, or the symbols of those of its coordinates name_x, ... that theta has."""
+    """Point of the description: numbers, or symbols for the coordinates name_x, ... that theta contains."""
     names = [f"{name}_{axis}" for axis in "xyz"]
     if not any(name in theta for name in names):
         return np.array(xyz, dtype=float)
@@ -192,7 +190,7 @@ def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
 def ends_of(
     robot: Robot, layout: Tree, part: Loop | Compensator, letter: str, theta: Mapping[str, ca.SX]
 ) -> tuple[tuple[Attachment, Point], ...]:
-    """Seat and place of both ends of a loop or a compensator; letter: of the names of their coordinates."""
+    """Body and location of both ends of a loop or a compensator. letter: prefix of the coordinate names."""
     return tuple(
         (seat(robot, layout, end.body), located(f"{letter}{i}_{part.name}", end.point, theta))
         for i, end in enumerate(part.ends, start=1)
@@ -200,7 +198,7 @@ def ends_of(
 
 
 def rotation(layout: Tree, turned: Sequence[Turn], seat: Attachment) -> ca.SX:
-    """R (3, 3) from the axes of a body to those of the base."""
+    """R (3, 3) from the axes of a body to the base axes."""
     return ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
 
 

@@ -120,7 +120,7 @@ def with_coordinates(equations: Equations, names: Sequence[str]) -> Equations:
 
 
 def with_strains(equations: Equations, *strains: Strain) -> Equations:
-    """Equations with the strains of further springs, which replace those of the same springs."""
+    """Equations with the strains of further springs, which replace the previous strains of the same springs."""
     by_spring = {strain.spring: strain for strain in (*equations.strains, *strains)}
     return replace(equations, strains=tuple(by_spring.values()))
 

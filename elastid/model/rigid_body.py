@@ -8,8 +8,6 @@ and inertias, g in masses. Springs, dampers, friction and rotors are left out; a
 other here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -29,7 +27,7 @@ class BodyInertia:
     h: ca.SX
     I: ca.SX  # noqa: E741
 
-    def __add__(self, other: BodyInertia) -> BodyInertia:
+    def __add__(self, other: "BodyInertia") -> "BodyInertia":
         return BodyInertia(self.m + other.m, self.h + other.h, self.I + other.I)
 
 
@@ -58,7 +56,7 @@ def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[Bo
 
 
 def composites(layout: Tree, carried: tuple[BodyInertia, ...], turned: tuple[Turn, ...]) -> tuple[BodyInertia, ...]:
-    """The inertia that each joint moves, in its own frame; last, that of the robot about the base's origin."""
+    """Inertia moved by each joint, in its own frame; last, the inertia of the robot about the origin of the base."""
     total = [*carried, NOTHING]
     for i in reversed(range(len(layout.frames))):
         body, frame, p = total[i], layout.frames[i], turned[i].origin

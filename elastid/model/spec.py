@@ -18,22 +18,19 @@ class ModelSpec:
     """Equations of motion of the robot."""
 
     # fmt: off
-    formulation: Annotated[Formulation | None, Key("Formulation of the equations of motion (default: serial for a "
-        "tree, constrained where there are loops). serial: a tree of bodies. constrained: all coordinates, the loops "
-        "closed by constraints with multipliers. minimal: independent coordinates; elastic rods are cut and become "
-        "force elements.", "`constrained` works for every linkage; `minimal` where results are wanted in independent "
-        "coordinates, or elastic rods are to be cut, so that a simulation has no loop to keep closed. Both give the "
-        "same response to rounding, and either checks the other.")] = None
-    variant: Annotated[Variant, Key("Variant of the minimal formulation: exact, or one of the approximations in use "
-        "for parallel linkages. rigid_loop: nothing gives inside loops but driven springs. constant_stiffness: so, and "
-        "the stiffness of an elastic rod is in series with that of its lever's gear, as at the start posture. "
-        "series_stiffness: the same with its change with the posture. bending_outside: loops do not see the elastic "
-        "joints in them. lumped_rod: rods are a point mass at each end.", "an approximation only to see what it costs, "
-        "or to match a model that another tool uses; parameters of an approximation are not those of the "
-        "robot.")] = "exact"
+    formulation: Annotated[Formulation | None, Key("Formulation of the equations of motion: serial (tree of bodies), "
+        "constrained (all coordinates, Lagrange multipliers), minimal (independent coordinates; elastic rods become "
+        "force elements) (default: serial for a tree, constrained with loops).", "`constrained` works for every "
+        "linkage; `minimal` gives results in independent coordinates and an independent check.")] = None
+    variant: Annotated[Variant, Key("Variant of the minimal formulation: exact, or an approximation of parallel "
+        "linkages. rigid_loop: only driven springs deflect inside loops. constant_stiffness: in addition, elastic rods "
+        "in series with the lever's gear, as in the start posture. series_stiffness: the same for every posture. "
+        "bending_outside: loops ignore their elastic joints. lumped_rod: rods are point masses at their ends.",
+        "an approximation only to quantify its error, or to match another tool; its parameters differ from the "
+        "robot's.")] = "exact"
     independent: Annotated[tuple[str, ...], Key("Names of the independent coordinates of the minimal formulation, such "
-        "as `joint 2` or `motor 3` (default: chosen by rank).", "where the choice by rank is not the one in which you "
-        "want to read the results; coordinates that are dependent in a posture are refused.")] = ()
+        "as `joint 2` or `motor 3` (default: chosen by rank).", "to state results in other coordinates; elastid "
+        "rejects coordinates that are dependent in a posture.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:

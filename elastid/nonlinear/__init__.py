@@ -1,4 +1,4 @@
-r"""Effects of gears and motors that are not linear, found in multisine records and taken out of them.
+r"""Nonlinear effects of gears and motors, estimated from multisine records and compensated in them.
 
 .. math:: Y(k) = G(k)\, U(k) + \sum_i f_i\, H_i(k)\, \Phi_i(k)
 

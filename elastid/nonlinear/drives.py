@@ -43,7 +43,8 @@ REACH = 2  # times the highest line of the motion, up to which the torques are k
 
 @dataclass(frozen=True, eq=False)
 class DriveLines:
-    """H (F, n, n), C (n_u, n) of the motors' angles, G (F, n_u, n_u) of the logged ones with images of held torque.
+    """H (F, n, n), C (n_u, n) of the motor angles, G (F, n_u, n_u) of the logged angles including aliases of the held
+    torque.
 
     command (F, n_u): the torque that acts over the one that was logged.  sensor (F, n_u): logged angle over the true
     one.  images (F, n_u, n_u): what G has beyond sensor C H B command.  joints (n_j,): those that are driven, with the
@@ -98,7 +99,7 @@ def drive_lines(
     parameters: Parameters,
     x: FloatArray,
 ) -> DriveLines:
-    """The model at x (n_x,); response: as fitted, of the same configuration, whose inputs have all their motors."""
+    """Model at x (n_x,). response: fitted response of the same configuration, with all motors as inputs."""
     robot, name = linearisation.model.robot, lines.configuration.name
     theta = parameters.expand(x, name)
     motors = [response.outputs.index(place) for place in response.inputs]
@@ -167,7 +168,7 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
 
 
 def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLines:
-    """The lines with tau_g, and with the motion by it taken out of their angles.
+    """Lines with tau_g subtracted, and their angles with its motion subtracted.
 
     The motion of the joints is that of the model `drive` under tau_g, and such torques at the motors as make the rest
     of the measured angles.

@@ -11,8 +11,6 @@ Friction's sign along a velocity that is known at points of a period, by its mea
 The velocity of an inertia at the points depends on the means over cells alone, exact with their spectrum over sinc.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
@@ -44,7 +42,7 @@ def points_of_means(means: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=4)
 def _from_means(n: int) -> ComplexArray:
-    """Spectrum (n // 2 + 1,) at the points by that of means over the cells that begin there."""
+    """Factor (n // 2 + 1,) from the spectrum of cell means to the spectrum at the first points of the cells."""
     half = np.arange(n // 2 + 1) / n  # of the angle between two points, over pi
     return np.asarray(np.exp(-1j * np.pi * half) / np.sinc(half))
 
@@ -151,13 +149,13 @@ class GearEffect:
         return bool(self.row.scales)
 
     @property
-    def edge(self) -> GearEffect | None:
-        """Change of the effect with its scale, of level f ds if that is wrong by ds; None where none is to be found."""
+    def edge(self) -> "GearEffect | None":
+        """Change of the effect with its scale, f ds for a scale error ds; None for an effect without scale."""
         return replace(self, is_edge=True) if self.scale and self.is_implicit else None
 
     @property
     def order(self) -> float:
-        """Order of what is periodic, in turns of the motor; 0 of the others."""
+        """Order of a periodic effect per motor revolution; 0 for other effects."""
         return 0.0 if self.is_implicit else self.scale
 
 
@@ -180,7 +178,7 @@ class GearMotion:
 
     @cached_property
     def along(self) -> Callable[[Kind, float], FloatArray]:
-        """Phi (n,) of an implicit kind of a scale, worked out once: friction by load, and edges, turn as friction."""
+        """Phi (n,) of an implicit effect of a scale, cached; load friction and hysteresis edges reverse as friction."""
         signals = {"motor": self.velocity, "link": self.link_velocity, "gear": self.deflection}
 
         def phi(kind: Kind, scale: float) -> FloatArray:
@@ -191,7 +189,7 @@ class GearMotion:
 
 
 def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,) of a period; of a load of 1 Nm.
+    """Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,) over a period; for a load, per Nm.
 
     What breaks or turns between the points does so there.
     """

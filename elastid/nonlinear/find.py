@@ -153,7 +153,7 @@ class _Found:
 
     @cached_property
     def result(self) -> FrictionTakenOut:
-        """Friction taken out, with a note on each motor."""
+        """Compensate friction; return it with a note on each motor."""
         (levels, equations), first, choice = self.sums, self.first, self.choice
         left = shares(equations, len(first.inputs), choice.motor_of)
         is_compensated = np.isin(np.arange(len(first.inputs)), choice.motor_of)

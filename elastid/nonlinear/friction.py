@@ -195,7 +195,7 @@ def hold_of(record: Record) -> ComplexArray:
 
 @frozen_value
 class FrictionTakenOut:
-    """Levels f_i of shapes of friction, torque = -sum f_i phi_i, that were taken out of the records' torque.
+    """Coefficients f_i of the friction basis functions, torque = -sum f_i phi_i, compensated in the records.
 
     places (n_m,): the motors that were looked at, `motor 1`.  place_units (n_m,): N*m, or N where a motor slides.
     shapes (n_f,): each with its motor; motors without shapes are not compensated.  coulomb_torque (n_f,): Nm (N), link
@@ -226,12 +226,12 @@ class FrictionTakenOut:
         return np.sqrt(np.diag(self.covariance))
 
     def taken_shapes(self, place: str) -> tuple[tuple[Shape, float], ...]:
-        """The shapes that were taken out of a motor's torque, each with its level."""
+        """Basis functions compensated in a motor's torque, each with its coefficient."""
         pairs = zip(self.shapes, self.coulomb_torque.tolist(), strict=True)
         return tuple((shape, level) for shape, level in pairs if shape.place == place and level > 0)
 
     def taken_places(self) -> tuple[str, ...]:
-        """The motors that friction was taken out of."""
+        """Motors with compensated friction."""
         return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
 
     def sliding_level(self, place: str) -> tuple[float, float]:
@@ -263,7 +263,7 @@ class FrictionTakenOut:
 
 @dataclass(frozen=True)
 class FrictionRow:
-    """Sliding friction F_c of a motor in Nm (N), link side, with std and 95 % interval; None where none was taken out.
+    """Coulomb friction F_c of a motor in Nm (N), link side, with std and 95 % interval; None without compensation.
 
     residual_power_ratio: of the unexplained torque, in realisations that the levels were not fitted to.
     """

@@ -149,7 +149,7 @@ def _on_grid(known: Levels, lines: Sequence[PeriodLines]) -> Levels:
 
 
 def _settled(data: GearData, known: Levels) -> Levels:
-    """Levels to the end, without what is then within some standard deviations of 0."""
+    """Final estimates, without effects that are then insignificant."""
     known = find_levels(data, known, known.effects)
     pruned = _pruned(data, known)
     return known if pruned is known else _settled(data, pruned)
@@ -289,7 +289,7 @@ def _left(sums: Sums, prior: tuple[FloatArray, FloatArray], chosen: IntArray) ->
 
 
 def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
-    """Number of the sheet, joint, and order of what is periodic: shapes of one effect have the same."""
+    """Row of the gearbox characteristics: joint and order of a periodic effect, shared by its basis functions."""
     return effect.row.number, effect.joint, effect.order
 
 

@@ -10,8 +10,6 @@ starts from that of a linear one and needs no amplitude to be small. Scales s ar
 f_i d Phi_i / d s of every effect that turns or bends over s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -98,7 +96,7 @@ class GearData:
         every = zip(self.lines, drives, before, strict=True)
         return [estimate_motion(lines, drive, effects, levels, start, near) for lines, drive, start in every]
 
-    def sums_with(self, known: Levels, further: Sequence[GearEffect]) -> tuple[Sums, tuple[FloatArray, FloatArray]]:
+    def sums_with(self, known: Levels, further: Sequence[GearEffect]) -> "tuple[Sums, tuple[FloatArray, FloatArray]]":
         """Normal equations, and priors, of parameters, levels and levels of further effects about 0."""
         effects, drives = [*known.effects, *further], self.drives(known.parameters, known.x)
         levels = known.levels_of(effects)
@@ -115,7 +113,8 @@ def find_levels(
     held: Collection[GearEffect] = (),
     wanted: float = np.inf,
 ) -> Levels:
-    """Parameters and levels of the effects from those of others, or of none (`start_levels`); 0 of those it has not.
+    """Start parameters and levels of the effects from another estimate, or without one (`start_levels`); 0 for new
+    effects.
 
     settled: move below which no further round is taken.  held: effects whose scales stay.  wanted: a lack that no
     further round is taken to reach where the last one brought less than is missing.
@@ -158,7 +157,7 @@ def find_levels(
 
 
 def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
-    """The effects that have each scale: friction of a motor turns over one velocity, that by load with the rest."""
+    """Effects by scale: friction effects of a motor share one smoothing velocity, including load-dependent friction."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for i, effect in enumerate(effects):
         if effect.edge is not None:
@@ -182,7 +181,7 @@ def _by_scales(
 def scale_priors(
     A: FloatArray, levels: FloatArray, std: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
-    """Weights (n_s,) of priors of the logarithms of scales, whose std is 1; those of levels that are not seen stay.
+    """Weights (n_s,) of priors on logarithms of scales with std 1; scales of insignificant levels stay fixed.
 
     A: normal matrix of parameters, levels and scales.  levels, std (n_f,), (n_x + n_f + ...): of the last round, which
     is the first where all std are 0.
@@ -195,7 +194,7 @@ def scale_priors(
 
 
 def _rescaled(effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], parts: FloatArray) -> list[GearEffect]:
-    """Effects whose scales grew by parts (n_s,) of themselves, _STEP at most, from that of the first of each."""
+    """Effects with scales increased by fractions (n_s,), _STEP at most, relative to the first of each."""
     grown = list(effects)
     for group, part in zip(scales, np.clip(parts, -_STEP, _STEP).tolist(), strict=True):
         for i in group:

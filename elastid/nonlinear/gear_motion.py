@@ -15,8 +15,6 @@ rate of the fine grid, forces move inertias: k some 0.02 % too low without. In s
 the lines below: beside friction of 30 % of the torque it would pass for a transmission error, k 0.05 % too low.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -50,13 +48,13 @@ class Estimate:
     signals: tuple[tuple[Place, int], ...] = ()
 
     @classmethod
-    def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> Estimate:
+    def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> "Estimate":
         """Estimate without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
         return cls(Phi, folded, (np.zeros((0, 0)),) * M, np.zeros((M, len(drive.k), lines.points)))
 
-    def on(self, lines: PeriodLines) -> Estimate:
+    def on(self, lines: PeriodLines) -> "Estimate":
         """Estimate on a grid of more or fewer points."""
 
         def resampled(x: FloatArray) -> FloatArray:
@@ -64,8 +62,8 @@ class Estimate:
 
         return replace(self, unknowns=tuple(map(resampled, self.unknowns)), loads=resampled(self.loads))
 
-    def of(self, places: Sequence[int]) -> Estimate:
-        """Estimate of effects by their places, without forces of those at -1."""
+    def of(self, places: Sequence[int]) -> "Estimate":
+        """Estimate of effects by index; index -1 has no force."""
         Phi, folded = (
             np.concatenate([X, np.zeros((*X.shape[:3], 1))], axis=3)[..., list(places)] for X in (self.Phi, self.folded)
         )
@@ -160,7 +158,7 @@ def estimate_motion(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The unknown deflections and velocities of one configuration; of_force (F, n, n): q by force; loads: as before."""
+    """Unknown deflections and velocities of one configuration. of_force (F, n, n): q by force. loads: as above."""
 
     lines: PeriodLines
     drive: DriveLines
@@ -201,7 +199,7 @@ class _Problem:
         return self.lines.s[:, None] ** np.where([place == "gear" for place, _ in self.signals], 0, 1)
 
     @cached_property
-    def linear(self) -> Linear:
+    def linear(self) -> "Linear":
         """The unknowns by forces at their places."""
         of_gear = np.array([place == "gear" for place, _ in self.signals], bool)
         A = self._powers[:, :, None] * (self._rows @ self.of_force @ self._rows.T)
@@ -329,7 +327,8 @@ def newton(
 def _moved(
     linear: Callable[[FloatArray], FloatArray], slope: FloatArray, size: FloatArray, x_0: FloatArray, near: float
 ) -> FloatArray:
-    """x (n_x, n) of x + linear(slope x) = x_0; near: error over that of no x; size (n_x, 1): of the unknowns.
+    """Solve x + linear(slope x) = x_0 for x (n_x, n). near: tolerated relative error. size (n_x, 1): scale of the
+    unknowns.
 
     To some percent, so that numbers of four bytes do.
     """

@@ -38,7 +38,7 @@ _MAKERS: dict[str, tuple[str, float]] = {
 
 @dataclass(frozen=True)
 class GearNumber:
-    """A number of a gear, SI and link side; of what was not seen the bound below which it lies with 95 %.
+    """Gearbox characteristic, SI and link side; for an insignificant one, its upper 95 % bound.
 
     name: k_1.  kind: `stiffness`, `damping`, `angle`, `error`, `torque` or `share`.  order: of the motor's turn, with
     the phase of a sine of that order in rad and its std; 0 of the others.  rated_fraction: value or bound over the
@@ -60,7 +60,7 @@ class GearNumber:
 
     @property
     def is_seen(self) -> bool:
-        """False of what has a bound alone."""
+        """False for a characteristic with an upper bound only."""
         return math.isfinite(self.value)
 
     @property
@@ -87,7 +87,7 @@ class GearNumber:
 
     @property
     def factor(self) -> float:
-        """A number in the makers' unit over that in SI."""
+        """Factor from SI to the manufacturers' unit."""
         return _MAKERS[self.kind][1] if self.maker_unit else 1.0
 
 
@@ -132,7 +132,7 @@ class GearResult:
 
     @property
     def explains_misfit(self) -> bool:
-        """True where the effects take most of what the linear fit leaves, by whose misfit they are not to be judged."""
+        """True if the effects explain most of the linear fit's residual, which then does not limit them."""
         return bool(self.effects) and self.after < EXPLAINED * self.before
 
     def left_open(self, notes: Iterable[Note]) -> tuple[Note, ...]:
@@ -151,7 +151,7 @@ class GearResult:
 
 
 def with_gears(result: Result, gears: GearResult | None) -> Result:
-    """The fit with the numbers found beside the effects, what these explain of its misfit being none any more.
+    """Fit with the gearbox characteristics, without status misfit if the effects explain the misfit.
 
     Its V is then that of the linear fit, whose part beyond the noise falls with the square of the motion left. Load
     tests that contradict it stay a misfit. The same fit where nothing was looked for, of a misfit with a word on it.
@@ -218,7 +218,7 @@ def with_linear_springs(robot: Robot) -> Robot:
 
 
 def with_terms_of(result: Result, robot: Robot) -> Result:
-    """The fit with numbers for the terms of this robot's springs, held; without those of terms it has not.
+    """Fit restricted to the spring terms of this robot, which are fixed.
 
     A stiffness is that beyond the ends of a gap or range.
     """

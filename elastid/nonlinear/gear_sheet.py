@@ -114,7 +114,7 @@ def open_gears(
 
 
 def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str:
-    """Why no effects of gears can be found, and what is lost; empty where they can."""
+    """Reason why no gear effects can be estimated, and its consequence; empty if they can."""
     if result.status not in _SOLVED:
         ended = result.status.replace("_", " ")
         return f"the fit ended as {ended}, and effects of gears are found beside a model that fits"
@@ -157,7 +157,7 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
 
 
 def difference(lines: PeriodLines) -> float:
-    """RMS of the mean over the periods by their scatter, less the noise of the angles, over that of the motion."""
+    """Ratio of the rms error of the mean over periods, without encoder noise, to the rms motion."""
     motion = np.sum(np.mean(np.abs(lines.Y) ** 2, axis=2), axis=0)
     scatter = np.sum(lines.scatter - lines.noise, axis=0)
     return float(np.sqrt(np.max(np.maximum(scatter, 0.0) / motion)))
@@ -187,7 +187,7 @@ def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -
 
 
 def gear_torque(lines: PeriodLines, drive: DriveLines, j: int) -> FloatArray:
-    """Torque (M, n) of a gear on the fine grid by the linear model, with that at rest."""
+    """Torque (M, n) of a gear on the fine grid by the linear model, including its static torque."""
     of_motion = (drive.k[j] + lines.s * drive.d[j]) * drive.moved("gear", j, lines.U).T
     return np.asarray(lines.fine(of_motion) + drive.torque[j])
 
@@ -279,7 +279,7 @@ class JointLevels:
 
 
 def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
-    """The numbers of a gear, those of the linear fit beside them, and its torsion; bounds: of groups of effects."""
+    """Characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
     reach = gear.largest()
     rated = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
     numbers = [*_springs(gear, result, reach), *_levels(gear, reach), *_periodic(gear)]
@@ -307,7 +307,7 @@ _WIDTH = SheetNumber("Hw_", "hysteresis, width of the loop", "angle", "rad")
 
 
 def _named(what: SheetNumber, joint: str, order: float = 0.0, **further: float) -> GearNumber:
-    """A number of a joint; order: of what is periodic, in turns of its motor."""
+    """Characteristic of a joint. order: of a periodic effect, per motor revolution."""
     if not order:
         return GearNumber(f"{what.prefix}{joint}", what.meaning, what.kind, what.unit, **further)
     times = {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
@@ -387,7 +387,7 @@ def _periodic(gear: JointLevels) -> list[GearNumber]:
 
 
 def _unseen(gear: JointLevels, bounds: Mapping[Group, float], reach: float) -> list[GearNumber]:
-    """Bounds of what was looked for and not found, of several shapes the largest."""
+    """Upper bounds of insignificant effects, the largest of several basis functions."""
     largest: dict[str, GearNumber] = {}
     k = gear.parameter("k")[0]
     for (effect, *_), bound in bounds.items():

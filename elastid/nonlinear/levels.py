@@ -95,7 +95,7 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def inverse(A: FloatArray) -> FloatArray:
-    """A^-1 (n, n) of a normal matrix of any units; 0 along what it does not know."""
+    """A^-1 (n, n) of a normal matrix of any units; 0 along unidentifiable directions."""
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
 
@@ -309,7 +309,7 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str], velocity_
 
 
 def by_unknown_shapes(choice: Choice, levels: FloatArray) -> FloatArray:
-    """Covariance (n_f, n_f) of levels (n_f,) by what no shape has: those of a motor are off by one factor."""
+    """Covariance (n_f, n_f) of coefficients (n_f,) due to missing basis functions: one common factor per motor."""
     others = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (levels > 0)
     with_others = np.isin(choice.motor_of, choice.motor_of[others])
     error = np.where(with_others, LIMITS.shape_error, SIGN_ERROR) * levels

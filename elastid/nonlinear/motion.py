@@ -88,7 +88,7 @@ def motion_of(record: Record, place: str, by_torque: Callable[[Motion], ComplexA
 
 
 def _fine(velocity: ComplexArray, n: int) -> FloatArray:
-    """Velocity (n cells + 1,) by its DFT, that at the start again at the end."""
+    """Velocity (n cells + 1,) from its DFT; the last value repeats the first."""
     x = irfft(velocity, n * CELLS) * CELLS
     return np.append(x, x[0])
 
@@ -112,7 +112,7 @@ def signal_share(record: Record, Y: ComplexArray, order: int) -> tuple[FloatArra
 
 
 def noise_power(Y: ComplexArray) -> float:
-    """Power of the noise of a line in the DFT of a motion: that of the highest lines, where a robot barely moves."""
+    """Noise power of a line in the DFT of a motion, from the highest lines, at which the robot barely moves."""
     return float(np.median(np.abs(Y[int((1 - 1 / 8) * len(Y)) :]) ** 2) / np.log(2))
 
 
@@ -125,7 +125,7 @@ def _signal_share(power: FloatArray, noise: float) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _velocity_power(lines: int, n: int, rate_hz: float, order: int) -> FloatArray:
-    """Power of a velocity by that of each line of a motion (lines,), which is a derivative of that order."""
+    """Ratio of the power of a velocity to the power of each line of a motion (lines,), a derivative of that order."""
     of_lines = integrated(np.ones(lines, np.complex128), laplace(lines, n, rate_hz), order - 1)
     return frozen(np.abs(of_lines) ** 2)
 
@@ -148,7 +148,7 @@ def own_spectrum(record: Record, place: str) -> tuple[ComplexArray, float, float
 
 
 def _gain(y: FloatArray, N: int) -> float:
-    """How far the sample after the last is from the first: no part of what is periodic in the record.
+    """Offset between the sample after the last and the first, which the periodic part of the record lacks.
 
     From the period before; of a single period by extrapolation, where that leaves it further than its curvature does.
     """

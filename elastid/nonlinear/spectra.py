@@ -67,7 +67,7 @@ class ConfigurationSpectra:
         return np.asarray(off / np.maximum(off + power / (on.sum() * K), 1e-300))
 
     def net(self, friction: ComplexArray) -> tuple[ComplexArray, ComplexArray, BoolArray]:
-        """Residuals e (F, n_m, K) and shapes X (F, n_f, K) where `friction` (F, n_m, K) is taken out of U.
+        """Residuals e (F, n_m, K) and basis functions X (F, n_f, K) after subtraction of `friction` (F, n_m, K) from U.
 
         e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
         experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  And the lines (F,)
@@ -242,7 +242,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
 
 
 def unsuited(first: Record) -> str:
-    """Why the records of a configuration do not show what friction and gears do; empty where they may."""
+    """Reason why friction and gear effects are not identifiable from these records; empty if they may be."""
     if not first.is_periodic:
         return "the records have no period; what is not linear is found from differences between periodic experiments"
     missing = [place for place in first.inputs if place not in first.outputs]

@@ -1,4 +1,4 @@
-r"""Responses of records with the friction of the motors taken out, and the errors that its levels leave in them.
+r"""Responses of records with compensated motor friction, and the errors of the compensation.
 
 Levels that are off by df leave their torque in U, the same in all configurations, at the lines of Phi
 
@@ -70,7 +70,7 @@ def estimate_without_friction(
 
 
 def ratio_std(records: Sequence[Record], robot: Robot | None) -> FloatArray:
-    """Relative std (n_u,) of the ratio of each motor's gear, which over a part of a turn is not that of the whole.
+    """Relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
 
     An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100; over n turns
     an n-th is left. 0 of motors whose numbers are given at the link; a fit scales it to the tolerance of the file.
@@ -90,7 +90,7 @@ def ratio_std(records: Sequence[Record], robot: Robot | None) -> FloatArray:
 def _unexplained(
     response: Response, friction: FrictionTakenOut, arm: Callable[[], FloatArray | float]
 ) -> tuple[Note, ...]:
-    """A note where distortion far above the noise, and above that of the arm, was not found to be motors' friction."""
+    """Note on distortion far above the noise that is not explained by motor friction."""
     if not friction.configurations or response.noise is None or response.total is None:
         return ()
     known = response.noise.variance > 0
@@ -182,7 +182,7 @@ def _factors(C: FloatArray) -> FloatArray:
 def net_records(
     records: Iterable[Record], friction: FrictionTakenOut | None, E: FloatArray | None = None
 ) -> Iterator[Record]:
-    """The records with the net torque as u, one at a time; as they are where nothing was taken out.
+    """Records with the net torque as u, one at a time; unchanged without compensation.
 
     E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.
     """
@@ -194,7 +194,7 @@ def net_records(
 
 
 def net_record(record: Record, friction: FrictionTakenOut) -> Record:
-    """Record over its whole periods with the net torque as u; itself where nothing was taken out."""
+    """Record over its whole periods with the net torque as u; unchanged without compensation."""
     if not friction.shapes:
         return record
     n = whole_samples(record)
@@ -240,7 +240,7 @@ def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion
 
 
 def shaft_couplings(robot: Robot | None) -> FloatArray | None:
-    """E (n_u, n_u) from the link side to the shafts of the motors; None where no gear couples two axes."""
+    """E (n_u, n_u) from the link side to the motor shafts; None without gear couplings."""
     if robot is None:
         return None
     E = robot.mixing

@@ -84,7 +84,7 @@ class ChannelGuess:
 
     @property
     def parts(self) -> tuple[str, str]:
-        """The name without what tells joints apart, and that: numbers, else the last word that is no quantity's."""
+        """Split a name into the common part and the joint's identifier: numbers, else the last other word."""
         bare = re.sub(r"[\[(][^\])\d]*[a-z°][^\])]*[\])]", "", self.name, flags=re.IGNORECASE).strip()
         numbers = [*re.findall(r"\d+", bare), *([str(self.column)] if self.column else [])]
         if numbers:
@@ -261,7 +261,7 @@ class JointGuess:
 
     @property
     def slides(self) -> bool:
-        """True if the unit of the motion is that of a translation."""
+        """True if the motion has a unit of translation."""
         return TABLE[self.motion.unit][0].startswith("m")
 
 
@@ -305,7 +305,7 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
 
 
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:
-    """The joints of a log, each a torque and its motion; None where nothing says which signals are."""
+    """Guess the joints of a log, each with torque and motion channel; None if nothing identifies the channels."""
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
     drives, motions = _best_family(guesses, DRIVES), _best_family(guesses, MOTIONS)
     if bool(drives) != bool(motions):
@@ -334,7 +334,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
 def _completed(
     drives: list[ChannelGuess], motions: list[ChannelGuess], guesses: Sequence[ChannelGuess]
 ) -> tuple[list[ChannelGuess], list[ChannelGuess]]:
-    """Drives and motions, of which one is missing: signals whose names say nothing, of the joints of the others.
+    """Drives and motions with one of them missing: signals without telling names, of the joints of the others.
 
     A force without a motion is that of a hammer or a shaker, and what else is in its log are accelerations.
     """
@@ -347,13 +347,18 @@ def _completed(
     quantity = "torque" if motions else "acceleration" if is_structure else "position"
     members = unknown if is_structure else max(alike, key=lambda family: family[0].rank)
     guess = [
-        replace(g, quantity=quantity, why=f"its name says nothing: a {quantity}, by those beside it") for g in members
+        replace(
+            g,
+            quantity=quantity,
+            why=(f"its name identifies nothing; a {quantity} according to the channels next to it"),
+        )
+        for g in members
     ]
     return (drives, guess) if drives else (guess, motions)
 
 
 def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[ChannelGuess]:
-    """The channels of one family: of the first quantity, measured by their names, stated with a unit."""
+    """Channels of one family with equal quantity, measured ones by name first, with unit."""
     families: dict[tuple[str, str], list[ChannelGuess]] = {}
     for guess in guesses:
         if guess.quantity in order:
@@ -369,7 +374,7 @@ def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[
 def _with_unit(
     motion: ChannelGuess, speed: ChannelGuess | None, values: Values, rate_hz: float, slides: bool
 ) -> ChannelGuess:
-    """A motion with a unit: by its velocity's, by its travel, or SI; slides: its drive is a force."""
+    """Motion channel with its unit from its velocity or range, SI by default. slides: its drive is a force."""
     if motion.unit:
         return motion
     x = values[motion.key]
@@ -434,7 +439,7 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
 
 
 def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
-    """Doubts on signals whose names differ by a number: one in another unit than all, two that are exchanged."""
+    """Warnings on signals whose names differ by a number: one with a different unit, two exchanged ones."""
     units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
     sizes = [TABLE.get(unit, ("", 1.0)) for unit in units]
     usual, count = Counter(sizes).most_common(1)[0]
@@ -443,16 +448,16 @@ def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequen
     for i, unit, size, label, number in zip(members, units, sizes, labels, digits, strict=True):
         name = channels[i].name_in_file
         if size != usual and size[0] == usual[0] and count == len(members) - 1 > 1:
-            text = f"{name} is stated in {unit}, {channels[members[sizes.index(usual)]].name_in_file} and the others in"
-            yield Doubt(i, "unit", f"{text} {units[sizes.index(usual)]}; a log has one unit for all joints")
+            text = f"{name} has unit {unit}, {channels[members[sizes.index(usual)]].name_in_file} and the others"
+            yield Doubt(i, "unit", f"{text} {units[sizes.index(usual)]}; use one unit for all joints of a log")
         if are_numbered and label != number:
-            text = f"{name} has number {label} in its name and is at {channels[i].at}"
+            text = f"{name} has number {label} in its name and is assigned to {channels[i].at}"
             yield Doubt(i, "at", f"{text}; check the order of the channels")
 
 
 @dataclass(frozen=True)
 class DoubtLimits:
-    """Limits of doubts about channels.  150 clean logs raise none (scripts/studies/results.csv)."""
+    """Limits of warnings about channels. 150 clean logs cause none (scripts/studies/results.csv)."""
 
     max_stated_correlation: float = 0.5  # of one motion with another as the quantity that is stated
     # |log| of a gain that is as stated, and of its distance from a known factor.
@@ -504,7 +509,7 @@ class JointSignals:
 def channel_doubts(
     channels: Sequence[ChannelSpec], values: FloatArray, rate_hz: float, robot: Places
 ) -> Iterator[Doubt]:
-    """Doubts about channels of one rate from the values (n, c) of a log, as they stand in the file."""
+    """Warnings about channels of one rate from the raw values (n, c) of a log."""
     constant = dict(value_refusals(channels, list(values.T)))
     yield from (Doubt(i, "channel", f"{channels[i].name_in_file} {text}") for i, text in constant.items())
     by_names = list(doubts_by_names(channels))
@@ -534,8 +539,8 @@ def _travels(joint: JointSignals) -> Iterator[Doubt]:
         if moved > 1.2 * most:
             fitting = [text for factor, text in joint.factors(i) if factor > 1 and moved / factor < most]
             text = (
-                f"joint {joint.joint.name} would travel {moved:.4g} {joint.joint.unit}, more than the {most:.4g} that "
-                f"it can; its sensor seems to have {' or '.join(fitting) or 'another unit'}"
+                f"joint {joint.joint.name} would move over {moved:.4g} {joint.joint.unit}; its range is {most:.4g}. "
+                f"The unit of its sensor is probably {' or '.join(fitting) or 'a different one'}"
             )
             yield Doubt(i, "side" if fitting == ["side: motor"] else "unit", text)
 
@@ -552,7 +557,7 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
             i, k = (b, order) if 0 <= order < len(MOTIONS) else (a, joint.order(b) - best.order)
             text = f"{joint.named(b)} is proportional to the derivative of order {best.order} of {joint.named(a)}"
             yield Doubt(
-                i, "quantity", f"{text}; {joint.channels[i].name_in_file} seems to be quantity: {MOTIONS[k % 3]}"
+                i, "quantity", f"{text}; {joint.channels[i].name_in_file} is probably quantity: {MOTIONS[k % 3]}"
             )
             return
         if abs(stated.correlation) < MIN_CORRELATION:
@@ -571,12 +576,14 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
         names = f"torque {joint.channels[joint.torque or 0].name_in_file} and {joint.named(i)}"
         rotor, J = 0.0 if motor is None else motor.inertia * joint.ratio**2, relation.inertia
         if relation.is_against_motion:
-            text = f"{names} have opposite signs: inertia or friction would be negative; give one of them sign: -1"
+            text = (
+                f"{names} have opposite signs, so that inertia or friction would be negative. Give one of them sign: -1"
+            )
             yield Doubt(joint.torque if is_consistent else i, "sign", text)
         elif J > 0 and 2 * relation.largest_inertia < rotor < 2 * J * joint.ratio**2:
             text = (
-                f"{names} show an inertia of {J:.3g}, less than that of the rotor alone, {rotor:.3g}; where they are "
-                "logged before the gear give them side: motor"
+                f"{names} give an inertia of {J:.3g}, below the rotor's own {rotor:.3g}. If they are logged before the "
+                "gear, set side: motor"
             )
             yield Doubt(joint.torque, "side", text)
 
@@ -591,13 +598,15 @@ def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:
 
 def _of_gain(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[Doubt]:
     """Another unit or side of one of two motions; another gear, or another rate."""
-    text = f"{joint.named(b)} is {gain:.4g} times what {joint.named(a)} makes it"
+    text = f"{joint.named(b)} is {gain:.4g} times the value computed from {joint.named(a)}"
     factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
     fitting = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= LIMITS.max_factor]
     for i, keys in sorted(fitting, key=lambda pair: not pair[1].startswith("side"))[:1]:
-        yield Doubt(i, keys.partition(":")[0], f"{text}: {keys} would make both agree")
+        yield Doubt(i, keys.partition(":")[0], f"{text}; with {keys} both are consistent")
     if not fitting and order == 0 and abs(np.log(gain)) > LIMITS.max_play:
         what = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
-        yield Doubt(b, "scale", f"{text}: check {what}, and unit and scale of both")
+        yield Doubt(b, "scale", f"{text}. Check {what}, and unit and scale of both")
     elif not fitting and order > 0:
-        yield Doubt(None, "rate_hz", f"{text}: the rate seems to be {gain ** (1 / order) * joint.rate_hz:.4g} Hz")
+        yield Doubt(
+            None, "rate_hz", (f"{text}; the sampling rate is probably {gain ** (1 / order) * joint.rate_hz:.4g} Hz")
+        )

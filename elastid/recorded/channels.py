@@ -82,7 +82,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0], may_rest)]
     unused = [] if recorded.controller is not None else [c.name_in_file for c in channels if c.role == "reference"]
     if unused:
-        text = f"{', '.join(unused)}: the reference is not used, since no controller is given that follows it"
+        text = f"{', '.join(unused)}: reference not used; it needs experiment.recorded.controller"
         notes.append(Note("records/unused-reference", text, severity="information"))
     converted = []
     for part in parts:
@@ -97,7 +97,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     periods = list[Finding]()
     if period is not None and recorded.period_of(file) == "find":
         seconds = "" if known_hz is None else f" ({period / known_hz:.8g} s)"
-        text = f"the torques repeat every {period:.8g} samples{seconds}: taken as the period"
+        text = f"the torques repeat every {period:.8g} samples{seconds}, which is used as the period"
         periods.append(Finding("periods found", 1, text))
     aligned, shifts = _aligned(at_rate, period, experiment)
     n = min(len(part.signals) for part in aligned)
@@ -129,18 +129,18 @@ def _begin(drivers: FloatArray, period: float | None, log: Log) -> tuple[int, tu
     if count == 0:
         return 0, ()
     periods = "period" if count == 1 else f"{count} periods"
-    text = f"the excitation begins at {log.time_of(rest)}: the {periods} of rest before it are left out"
+    text = f"the excitation starts at {log.time_of(rest)}; {periods} before it, at zero velocity, are discarded"
     return math.ceil(count * (period or 0)), (Finding("rest left out", count, text),)
 
 
 def own_samples(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
-    """Samples of a period at a channel's own rate; StudyError where only those at the study's rate are whole."""
+    """Samples of a period at a channel's own rate; raise StudyError if only the study's rate gives a whole number."""
     samples, stated = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
     if not samples.is_integer() and stated.is_integer() and recorded.period_of(file) != "find":
         raise StudyError(
             "records/period-mismatch",
-            f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples, not a whole number, so that "
-            f"its channels and those at {recorded.rate_hz} Hz have no grid in common; check rate_hz of the channels",
+            f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples; a common grid with "
+            f"{recorded.rate_hz} Hz needs a whole number. Check rate_hz of the channels",
         )
     return samples
 
@@ -178,8 +178,8 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
             n = len(read_channels(path, channels, recorded.text))
             raise DataError(
                 "records/range",
-                f"samples [{first}, {last}] are outside the file; it has {n} samples, the first is 0 and last "
-                "is not included",
+                f"samples [{first}, {last}] exceed the file; it has {n} samples, counted from 0, and last is "
+                "exclusive. Correct samples",
                 path,
             )
     log = Log(str(path), (), rate_hz, 0 if file.samples is None else file.samples[0])
@@ -208,7 +208,9 @@ def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _E
         repaired = bridged_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
         signals, findings = repaired.signals, (*findings, *repaired.findings)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
-    text = f"{', '.join(names)}: brought from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
+    text = (
+        f"{', '.join(names)} resampled from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
+    )
     findings = (*findings, Finding("channels brought to another rate", len(names), text))
     at_rate = at_times(signals, times, period, 1 / ratio)
     return replace(part, rate_hz=rate_hz, signals=at_rate, findings=findings, rows=None)
@@ -237,11 +239,11 @@ def _aligned(
         shifts[number] = shift
         moved += own
         up_to = "" if N is None else " (up to whole periods)"
-        about = "" if is_exact else "; to whole samples only: log r in both files, or let fit.parameters have a delay"
-        text = f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}: shifted into step{about}"
+        about = "" if is_exact else "; only to whole samples: log r in both files, or name delay in fit.parameters"
+        text = f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned{about}"
         if not _by_motor(own, "r", N, channels):
             clock = "row by row, as many samples" if own[0].first_s is None else f"by their times ({shift:.6g} samples)"
-            text = f"{name} has no r: taken to be in step with {paths[0].name} {clock}"
+            text = f"{name} has no r and is assumed synchronous with {paths[0].name} {clock}"
         findings.append(Finding("logs shifted", 1, text))
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
     result = [replace(part, signals=part.signals[start:]) for part in base]
@@ -294,8 +296,8 @@ def _delay_of(
         agree = f"best correlation {delays[best][1]:.2f} at {best}" if best else "it has no complete channel of role r"
         raise DataError(
             "records/period-mismatch",
-            f"its start cannot be determined ({agree}); log the excitation r of a motor in it, or one period "
-            "of that excitation alone, or give recorded.time where one clock stamps both",
+            f"its start time is not identifiable ({agree}). Log the excitation r of a motor in it, or one period of "
+            "that excitation only; or give recorded.time if one clock stamps both",
             path,
         )
     lag = delays[best][0]

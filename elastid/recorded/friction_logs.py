@@ -10,8 +10,6 @@ The work of the torque over a step is kept whatever its length: inertia and grav
 that over a motion to and fro friction alone is left, and of hours a few hundred steps say all that a joint feels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -43,7 +41,7 @@ from elastid.robot.simplified import with_point_mass
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of motions and temperatures of joints, and of warm-ups (of 12 clean logs none is refused)."""
+    """Limits of motions and temperatures of joints, and of warm-ups (all of 12 clean logs are accepted)."""
 
     # Travel below which a joint is held by its controller, in m where it slides and in rad.
     held_travel_m: float = 1e-3
@@ -85,7 +83,7 @@ def read_friction_logs(
         if not any(record.joint in joints for record in of_log):
             raise DataError(
                 "friction/no-record",
-                f"none of the joints {', '.join(joints)} moves in it; correct friction.joints, or leave the file out",
+                f"none of the joints {', '.join(joints)} moves in it. Correct friction.joints, or omit the file",
                 f"{base / file.path}",
             )
         start_s = max(record.start_s + record.duration_s for record in of_log)
@@ -98,7 +96,7 @@ def read_friction_logs(
     return FrictionRecords(tuple(records), tuple(_warm_up(parts) for parts in heated.values()), tuple(notes))
 
 
-def _warm_up(parts: Sequence[tuple[FrictionRecord, Heat, FileSpec]]) -> WarmUpLog:
+def _warm_up(parts: "Sequence[tuple[FrictionRecord, Heat, FileSpec]]") -> WarmUpLog:
     logs, heats, files = zip(*parts, strict=True)
     ambient = next((file.ambient for file in files if file.ambient is not None), None)
     return warm_up_log(logs, heats, ambient, files[0].temperature)
@@ -106,7 +104,7 @@ def _warm_up(parts: Sequence[tuple[FrictionRecord, Heat, FileSpec]]) -> WarmUpLo
 
 @dataclass(frozen=True)
 class _LogReader:
-    """One log; name: of its records.  angles: of the driven joints that it does not hold.  payload: in kg."""
+    """One log. name: of its records. angles: of driven joints without a channel. payload: in kg."""
 
     name: str
     robot: Robot
@@ -127,7 +125,9 @@ class _LogReader:
         gathered = gather_channels(recorded, self.file, self.base, self.robot)
         if isinstance(recorded.rate_hz, str):
             raise StudyError(
-                "study/recorded", "friction needs velocities; give recorded.rate_hz in Hz, not unknown", self.path
+                "study/recorded",
+                ("friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"),
+                self.path,
             )
         repaired, N, rate_hz = self._repaired(gathered, recorded)
         values, known = in_joints(gathered.channels, repaired.signals, self.robot)
@@ -175,7 +175,7 @@ class _LogReader:
     def _of_joints(
         self, signals: Signals, rate_hz: float, period: int | None, notes: tuple[Note, ...]
     ) -> tuple[FrictionRecord, ...]:
-        """The notes are those of the first record."""
+        """The first record has the notes."""
         positions = {
             joint.name: position
             for joint in self.robot.driven
@@ -231,15 +231,15 @@ class _LogReader:
         if not moving:
             raise DataError(
                 "records/channels",
-                f"no joint moves in it whose torque and position are logged; friction needs role u and "
-                f"role y with quantity position at one of {', '.join(self.robot.motor_locations)}",
+                "no moving joint has both torque and position in it. Log role u, and role y with quantity position, "
+                f"at one of {', '.join(self.robot.motor_locations)}",
                 self.path,
             )
         if self.file.purpose == "warm_up" and len(moving) > 1:
             raise DataError(
                 "friction/no-record",
-                f"joints {', '.join(joint.name for joint in moving)} move in it, and the work of one goes "
-                "into the other; warm up one joint at a time, or name the joint that all heat is of: joint",
+                f"joints {', '.join(joint.name for joint in moving)} move in it and exchange work. Warm up one joint "
+                "at a time, or name the joint that is heated: joint",
                 self.path,
             )
         return moving
@@ -260,8 +260,8 @@ class _LogReader:
         if float(degrees.max()) > LIMITS.impossible_degc:
             raise DataError(
                 "records/channels",
-                f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which no joint bears; give that "
-                "channel its unit, K or degF",
+                f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which is implausible. Set the "
+                "unit of that channel, K or degF",
                 self.path,
             )
         return degrees
@@ -300,13 +300,13 @@ def heat_of(record: FrictionRecord) -> Heat:
     work, text = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges], ""
     if abs(q[-1] - q[0]) > LIMITS.max_return * np.ptp(q):
         text = (
-            f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} and never returns, so that the work of gravity "
-            "cannot be distinguished from heat; log a motion to and fro"
+            f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} without return, so that the work of gravity and "
+            "the heat are confounded. Log a motion to and fro"
         )
     elif work[-1] <= 0:
         text = (
-            f"its torque takes {-work[-1]:.4g} J out of the motion: friction would drive the joint; correct the sign "
-            "of torque or position"
+            f"its torque extracts {-work[-1]:.4g} J from the motion, so that friction would accelerate the joint. "
+            "Correct the sign of torque or position"
         )
     if text:
         raise DataError("friction/warm-up", text, where)
@@ -324,7 +324,7 @@ def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
 
 
 def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
-    """Test passes: of each speed that is stated, or occurs throughout the log, the first pass in each of its parts."""
+    """Constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
     least = 1 if record.speed is not None else LIMITS.min_groups
     passes = detect_passes(record, has_gravity)
     speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
@@ -351,8 +351,8 @@ def warm_up_log(
         if pause < -1.5 / record.rate_hz:
             raise DataError(
                 "friction/warm-up",
-                f"it starts at {heat.time_s[0]:.4g} s, and the log before it ends at {time_s[-1]:.4g} "
-                "s; correct start, or the order of the files",
+                f"it starts at {heat.time_s[0]:.4g} s, before the end of the previous log at {time_s[-1]:.4g} s. "
+                "Correct start, or the order of the files",
                 record.place,
             )
         first = 0 if pause > 1.5 / record.rate_hz else 1
@@ -363,13 +363,13 @@ def warm_up_log(
     read, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
     if span < least:
         text = (
-            f"{span:.4g} s are no warm-up: gears take 10 to 60 minutes; log {least:g} s at least, better two hours, or "
-            "take purpose: motion"
+            f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {least:g} s, better "
+            "two hours, or set purpose: motion"
         )
     elif read.any() and np.ptp(readings[read]) < max(count, 1e-9):
         text = (
-            f"the thermometer reads {readings[read][0]:.4g} degC throughout, while {power.mean():.3g} W warm the "
-            "joint; it is stuck or elsewhere: leave its channel out, test passes show the heat as well"
+            f"the thermometer reads {readings[read][0]:.4g} degC throughout while {power.mean():.3g} W heat the joint. "
+            "Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
         )
     if text:
         raise DataError("friction/warm-up", text, place)

@@ -34,7 +34,10 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
     motors, signals = places.motor_locations, set[tuple[str, str, int]]()
     for i, channel in enumerate(channels):
         if channel.role == "d" and channel.at not in motors:
-            text = f"a known disturbance acts at a motor, not at '{channel.at}': {did_you_mean(channel.at, motors)}"
+            text = (
+                f"'{channel.at}' is no motor; a disturbance (role d) acts at a motor: "
+                f"{did_you_mean(channel.at, motors)}"
+            )
             yield i, "at", text
         elif channel.role in ("r", "u", "reference") and channel.at not in motors:
             yield i, "at", f"no motor or input is called '{channel.at}'; {did_you_mean(channel.at, motors)}"
@@ -54,16 +57,16 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         # r may be in several files, which it synchronises.
         signal = (channel.role, channel.at, channel.file if channel.role == "r" else 1)
         if signal in signals:
-            yield i, "at", f"two channels of role {channel.role} at '{channel.at}'; leave one out"
+            yield i, "at", f"two channels have role {channel.role} at '{channel.at}'; omit one"
         signals.add(signal)
         has_torque = any(c.role == "u" and c.at == channel.at for c in channels)
         if channel.role == "d" and channel.at in motors and not has_torque:
-            yield i, "at", f"no channel of role u is at '{channel.at}', to whose torque d is added"
+            yield i, "at", f"d needs a channel of role u at '{channel.at}'. Add that channel"
     of = {role: {c.at for c in channels if c.role == role} for role in ("r", "u")}
     if of["r"] and of["r"] != of["u"]:
         first = next(i for i, channel in enumerate(channels) if channel.role == "r")
-        text = f"channels with role r act at {', '.join(sorted(of['r']))}, those with role u at"
-        yield first, "at", f"{text} {', '.join(sorted(of['u']))}; list r for every input or for none"
+        text = f"channels with role r are at {', '.join(sorted(of['r']))}, channels with role u at"
+        yield first, "at", f"{text} {', '.join(sorted(of['u']))}. List r for every input or for none"
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -76,7 +79,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
     factor, turns = _own_side_factor(channel, robot), 0
     if channel.quantity == "position":
         values, turns = _unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
-    note = Note(UNWRAPPED, f"{turns} starts of its counter or turn were taken out of {channel.name_in_file}")
+    note = Note(UNWRAPPED, f"{turns} wraps of its counter or revolution were removed from {channel.name_in_file}")
     return (values * factor + channel.offset) * _gear_factor(channel, robot), (note,) if turns else ()
 
 
@@ -125,7 +128,7 @@ def check_values(
     for channel, column in zip(channels, columns, strict=True):
         values = column[np.isfinite(column)]
         if np.ptp(values) == 0 and channel.role in ("u", "r") and channel.role not in may_rest:
-            text = f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment"
+            text = f"{channel.full_name} is constant at {values[0]:g} and counts as not excited in this experiment"
             still.append(Note("records/input-not-excited", text))
     return tuple(still)
 
@@ -135,7 +138,7 @@ def value_refusals(
 ) -> Iterator[tuple[int, str]]:
     """Place and reason of each column (n,) that no sensor of its role gives; may_rest: roles that may be constant."""
     if max(map(len, columns)) < 2:
-        yield 0, "is one row, as is all of its log; export the whole measurement"
+        yield 0, "has one row, as all of its log; export the whole measurement"
         return
     known = [column[np.isfinite(column)] for column in columns]
     moving = {channel.role for channel, x in zip(channels, known, strict=True) if np.any(x != x[:1])}
@@ -143,9 +146,12 @@ def value_refusals(
     resting = ("d", "t", "reference", *may_rest, *(moving - {"y"}))
     for i, (channel, values) in enumerate(zip(channels, known, strict=True)):
         if values.size == 0:
-            yield i, "holds no finite number; check its name"
+            yield i, "contains no finite number; check its name"
         elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE or 0 < largest < 1 / MAX_COMPUTABLE:
-            yield i, f"reaches {largest:.3g}, which no sensor gives; check its name, and how missing values are written"
+            yield (
+                i,
+                f"reaches {largest:.3g}, which is implausible; check name and placeholder for missing values",
+            )
         elif np.ptp(values) == 0 and channel.role not in resting:
             yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples; check its sensor and its name"
 
@@ -162,16 +168,12 @@ def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | N
         place, acting = channel.at, signals[:, u[channel.at]]
         if np.ptp(r) > 0 and np.array_equal(r, acting):
             text = (
-                f"u at {place} equals r to the last bit: the command was logged twice, so that feedback, the drive's "
-                "limits and its delay are not in u; log the torque that acts, or leave the channel of role r out if "
-                "nothing feeds back"
+                f"u at {place} equals r to the last bit: the command was logged twice, and u lacks feedback, drive "
+                "limits and delay. Log the acting torque, or omit the channel of role r without feedback"
             )
             notes.append(Note("records/same-signal", text, where))
         elif (rho := _at_once(r, acting, N)) <= -CLOCK.min_correlation:
-            text = (
-                f"u at {place} moves against r (correlation {rho:.2f}): the motor is mirrored or one of the two "
-                "channels has the other sign; give that channel sign: -1"
-            )
+            text = f"u at {place} and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
             notes.append(Note("records/torque", text, where))
     C = np.cov(signals, rowvar=False)
     known = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
@@ -179,8 +181,8 @@ def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | N
         is_one = C[a, b] ** 2 >= (1 - MAX_DIFFERENCE**2) * C[a, a] * C[b, b]
         if channels[a].role == channels[b].role and is_one:
             text = (
-                f"{channels[b].full_name} holds the samples of {channels[a].full_name}: one of the two is not the "
-                "signal of its motor; check channel and column in the study, and the wiring of the logger"
+                f"{channels[b].full_name} and {channels[a].full_name} have identical samples, so that one is not the "
+                "signal of its motor. Check channel and column in the study, and the wiring of the logger"
             )
             notes.append(Note("records/same-signal", text, where))
     return notes
@@ -216,7 +218,7 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
     if kind not in ("motor", "joint") or joint not in robot.driven_names:
         raise StudyError(
             "study/recorded",
-            f"side: motor needs a gear, and {channel.at} has none; there are {', '.join(robot.motor_locations)}",
+            f"side: motor needs a gear; {channel.at} has no gear. Correct at: {', '.join(robot.motor_locations)}",
             f"channel {channel.name_in_file}",
         )
     ratio = robot.ratio(joint)
@@ -231,9 +233,9 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> in
             return place
     raise StudyError(
         "study/recorded",
-        f"{like.at} is coupled by gears with {motor}, of which no channel with role "
-        f"{like.role} and side: motor{f' holds the {like.quantity}' if like.is_motion else ''}; log it too, or give "
-        "the signal on the link side",
+        f"{like.at} is coupled by gears with {motor}, which has no channel with role {like.role} and side: "
+        f"motor{f' for the {like.quantity}' if like.is_motion else ''}. Log it too, or give the signal on the link "
+        "side",
         f"channel {like.name_in_file}",
     )
 

@@ -52,7 +52,7 @@ class _Pieces:
 
 @dataclass(frozen=True)
 class RecordedRig:
-    """Lab logs, which `study.checks` has held against robot and files, as a rig; base: the folder of the study.
+    """Rig of recorded logs that `study.checks` has compared with robot and files. base: folder of the study.
 
     `measure`: DataError for a log that is of no use.
     """
@@ -77,13 +77,13 @@ class RecordedRig:
         files, records = self._files(experiment), []
         for file in files:
             path = self.base / file.path
-            with naming(path, f"its values cannot be used as a log; look at them with `elastid inspect {path}`"):
+            with naming(path, f"its values cannot be used as a log. Check them with `elastid inspect {path}`"):
                 record = self._in_pieces(experiment, file) if len(files) == 1 else None
                 records.append(record or self._as_a_whole(experiment, file, len(files) > 1))
         return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
 
     def is_large(self, experiment: Experiment) -> bool:
-        """True if the log of an experiment is measured in pieces, with what its record is made of left in it."""
+        """True if the log of an experiment is read in pieces, with the required channels remaining in it."""
         files = self._files(experiment)
         return len(files) == 1 and self._pieces(files[0]) is not None
 
@@ -93,7 +93,7 @@ class RecordedRig:
         return [file for file in self._recorded.files if file.run == run]
 
     def _pieces(self, file: FileSpec) -> _Pieces | None:
-        """The pieces of a log; None where it is read as a whole."""
+        """Pieces of a log; None if it is read as a whole."""
         recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
         is_mixed = any(c.rate_hz is not None or c.role == "d" or c.errors for c in recorded.channels)
         needs_all = period == "find" or (period or 0) % 1 or recorded.time or file.also or is_mixed
@@ -108,7 +108,7 @@ class RecordedRig:
         return _Pieces(start, end - start, bounds, dtype) if bounds else None
 
     def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
-        """The record of a log that is too large for memory; None where it is not, or must be read as a whole."""
+        """Record of a log that exceeds the memory; None if it fits, or must be read as a whole."""
         log = self._pieces(file)
         if log is None:
             return None
@@ -204,7 +204,7 @@ _MIN_PERIODS = 8
 
 
 def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
-    """First and last sample of pieces of whole periods N (None: of any length); none where the log fits into memory."""
+    """First and last sample of pieces of whole periods N (None: any length); empty if the log fits into memory."""
     if n * n_channels < MIN_VALUES:
         return ()
     if N is None:
@@ -229,7 +229,7 @@ def joined(
     bounds: Sequence[tuple[int, int]],
     dtype: np.dtype[Any],
 ) -> Record | None:
-    """The record of all pieces, its signals in files; None where they are not in step.
+    """Record of all pieces with signals in files; None if they are not synchronous.
 
     measure: the record of the samples from a first to before a last one.  dtype: of the numbers in the files.
     """
@@ -263,7 +263,7 @@ def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
 
 def end_notes(lost: int, n: int, repeat: int, place: str) -> tuple[Note, ...]:
     """A note on the samples of a log of n that are lost after its last whole repetition, if there are any."""
-    text = f"the last {lost} of {n} samples are no whole period of {repeat} samples and are left out"
+    text = f"the last {lost} of {n} samples are discarded, as they are no whole period of {repeat} samples"
     return (Note("records/corrected", text, place),) if lost > 0 else ()
 
 
@@ -304,7 +304,7 @@ class SameExcitationLimits:
 
 
 SAME_EXCITATION = SameExcitationLimits()
-_ADVICE = "give each an experiment (same phases) or a realisation (other phases) of its own"
+_ADVICE = "give each its own experiment (same phases) or realisation (other phases)"
 
 
 def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
@@ -319,7 +319,7 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
     r = [part.r for part in every if part.r is not None]
     repairs = sum((Counter(part.repairs) for part in every), Counter())
     counts = ", ".join(f"{part.n_periods} of {path}" for part, path in zip(every, paths, strict=True))
-    text = f"the periods of one excitation are those of {len(every)} logs: {counts}"
+    text = f"the periods of one excitation are from {len(every)} logs: {counts}"
     note = Note("records/corrected", text, f"record {first.name}", severity="information")
     return replace(
         first,
@@ -367,7 +367,7 @@ def _other_excitation(a: FloatArray, b: FloatArray, noise: float) -> str:
     left = float(np.sum((b - gain * a) ** 2))
     least = SAME_EXCITATION.min_times_noise * len(a) * noise if np.isfinite(noise) else 0.5 * power
     if left > max(SAME_EXCITATION.max_change * power, least):
-        return f"{left / power:.0%} of the power of the second log is another excitation than that of the first"
+        return f"{left / power:.0%} of the power of the second log has another excitation than the first"
     if abs(gain - 1) > SAME_EXCITATION.max_change and (gain - 1) ** 2 * float(a @ a) > least:
         return f"the excitation of the second log is {gain:.3g} times that of the first"
     return ""

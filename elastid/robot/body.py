@@ -31,28 +31,39 @@ def six_numbers(tensor: FloatArray) -> tuple[float, float, float, float, float, 
 
 @section
 class Body:
-    """A rigid body: mass, centre of mass in its frame, inertia about the centre of mass."""
+    """Rigid body: mass, centre of mass in its frame, inertia about the centre of mass, and joints from its parent.
+
+    The parameters are keys of `robot.bodies[]`.
+
+    Raises
+    ------
+    ValueError
+        For an inertia that no rigid body has.
+
+    Examples
+    --------
+    >>> Body("arm", joints=(Joint("1"),), mass=10.0, inertia=(0.1, 0.2, 0.2)).inertia_matrix.diagonal().tolist()
+    [0.1, 0.2, 0.2]
+    """
 
     # fmt: off
-    name: Annotated[PartName, Key("Name of the body, which ends the names of its parameters (m_arm).", "short and "
-        "without blanks is easiest, since parameters end in it.")]
-    parent: Annotated[str, Key("Name of the body that carries it.", "the body before it in the chain; two bodies with "
-        "one parent branch.")] = BASE
-    placement: Annotated[Placement, Key("Placement of its first joint in the parent's frame.", "the joint's place as "
-        "measured from the parent's joint at zero angles.")] = field(default_factory=Placement)
+    name: Annotated[PartName, Key("Name of the body, used in the names of its parameters (m_arm).", "choose a short "
+        "name without blanks.")]
+    parent: Annotated[str, Key("Name of the parent body.", "the previous body of the chain; two bodies with one parent "
+        "form a branch.")] = BASE
+    placement: Annotated[Placement, Key("Placement of the first joint in the frame of the parent.", "measure it from "
+        "the parent's joint with all angles at zero.")] = field(default_factory=Placement)
     joints: Annotated[tuple[Joint, ...], Key("Joints from the parent to the body, in this order.", "the driven joint "
-        "first, then elastic ones: bearing tilt, then bending.")] = ()
-    mass: Annotated[Mass, Key("Mass of the body, with the rotors that ride on it.", "from CAD; the fit keeps it, "
-        "unless m_NAME is named with a prior, as it sets the scale of all stiffnesses.", least=0)] = 0.0
-    center_of_mass: Annotated[Vector3, Key("Centre of mass in the body's frame.", "gravity's torque at rest checks it: "
-        "compare holding torques of two postures.")] = (0.0, 0.0, 0.0)
-    inertia: Annotated[InertiaTensor, Key("Inertia about the centre of mass: one number (the same about every axis), "
-        "three (xx, yy, zz) or six (xx, yy, zz, xy, xz, yz; the off-diagonal ones are entries of the tensor, not "
-        "products of inertia with the other sign).", "six numbers where CAD gives them; mind the sign of the "
-        "off-diagonal ones.")] = 0.0
-    mounting: Annotated[Placement, Key("Placement of the body's own frame behind its last joint.", "where the next "
-        "frame does not begin at the last joint, such as the flange of a bent "
-        "link.")] = field(default_factory=Placement)
+        "first, then elastic joints: bearing tilt, then bending.")] = ()
+    mass: Annotated[Mass, Key("Mass of the body, including motors that it carries.", "from CAD; it sets the scale of "
+        "all stiffnesses and is fixed unless fit.parameters names m_NAME with a prior.", least=0)] = 0.0
+    center_of_mass: Annotated[Vector3, Key("Centre of mass in the frame of the body.", "check it with holding torques "
+        "of two postures.")] = (0.0, 0.0, 0.0)
+    inertia: Annotated[InertiaTensor, Key("Inertia about the centre of mass: one number (isotropic), three (xx, yy, "
+        "zz) or six (xx, yy, zz, xy, xz, yz, as entries of the tensor).", "six numbers from CAD; change the sign of "
+        "off-diagonal values that CAD states as products of inertia.")] = 0.0
+    mounting: Annotated[Placement, Key("Placement of the body's own frame behind its last joint.", "if the next frame "
+        "does not start at the last joint, such as the flange of a bent link.")] = field(default_factory=Placement)
     # fmt: on
 
     # Messages begin with the key at fault, at whose line a study shows them.
@@ -103,12 +114,12 @@ class Frame:
     """A frame fixed to a body."""
 
     # fmt: off
-    name: Annotated[PartName, Key("Name of the frame, by which outputs and the payload refer to it.", "`tool` for the "
-        "tip, else what the sensor is called; outputs are then `frame NAME z`.")]
-    body: Annotated[str, Key("Name of the body that it is fixed to.", "the body behind whose joints the sensor sits; "
-        "the wrong side of an elastic joint misses its bending.")]
-    placement: Annotated[Placement, Key("Placement in the body's frame.", "measure to the sensor's own origin: 10 cm "
-        "off on a swinging arm is the acceleration of another place.")] = field(default_factory=Placement)
+    name: Annotated[PartName, Key("Name of the frame for outputs and the payload.", "`tool` for the tool, otherwise "
+        "the sensor's name; outputs are then `frame NAME z`.")]
+    body: Annotated[str, Key("Name of the body to which the frame is fixed.", "the body that carries the sensor; on "
+        "the wrong side of an elastic joint its deflection is missing.")]
+    placement: Annotated[Placement, Key("Placement in the frame of the body.", "measure up to the origin of the "
+        "sensor: an error of 10 cm changes the acceleration of a rotating arm.")] = field(default_factory=Placement)
 
 
 @section
@@ -116,14 +127,14 @@ class Payload:
     """A body called `payload`, fixed to a frame or body."""
 
     # fmt: off
-    mass: Annotated[Mass, Key("Mass of the payload.", "weigh it; unlike links it can be changed to separate masses "
-        "from stiffnesses.")]
-    center_of_mass: Annotated[Vector3, Key("Centre of mass in the axes of the frame or body that carries it.",
-        "1 cm matters for wrists, hardly for the first three axes.")] = (0.0, 0.0, 0.0)
-    inertia: Annotated[InertiaTensor, Key("Inertia about the centre of mass, as a body's.", "for tools longer than "
-        "about 20 cm; small ones are points.")] = 0.0
-    at: Annotated[str, Key("Name of the frame or body that it is fixed to.", "the flange's frame; without a frame "
-        "`tool` name the last body.")] = TOOL
+    mass: Annotated[Mass, Key("Mass of the payload.", "weigh it; measurements with and without it separate masses from "
+        "stiffnesses.")]
+    center_of_mass: Annotated[Vector3, Key("Centre of mass in the frame to which the payload is fixed.", "1 cm is "
+        "significant for wrist axes and negligible for the first three axes.")] = (0.0, 0.0, 0.0)
+    inertia: Annotated[InertiaTensor, Key("Inertia about the centre of mass, as for a body.", "for tools longer than "
+        "about 20 cm; a smaller tool is a point mass.")] = 0.0
+    at: Annotated[str, Key("Name of the frame or body to which the payload is fixed.", "the frame of the flange; "
+        "without a frame `tool`, the last body.")] = TOOL
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -26,10 +26,10 @@ class Anchor:
     """A point of a body."""
 
     # fmt: off
-    body: Annotated[str, Key("Name of the body.", "a body, not a frame; the base for struts that stand on the "
+    body: Annotated[str, Key("Name of the body.", "give a body, not a frame; the base for struts fixed to the "
         "foot.")] = BASE
-    point: Annotated[Vector3, Key("Coordinates of the point in the body's axes.", "at the centre of the bearing; "
-        "millimetres matter where a spring acts nearly through the axis.")] = (0.0, 0.0, 0.0)
+    point: Annotated[Vector3, Key("Coordinates of the point in the frame of the body.", "measure to the centre of the "
+        "bearing; millimetres matter for a spring whose line of action passes near the axis.")] = (0.0, 0.0, 0.0)
 
 
 @section
@@ -37,12 +37,10 @@ class CoilSpring:
     """A mechanical spring."""
 
     # fmt: off
-    stiffness: Annotated[LinearStiffness, Key("Stiffness k_c of the coil.", "by the maker, or from holding torques of "
-        "two postures; it adds stiffness to the joint, and kc_NAME in fit.parameters finds it from the low "
-        "lines.", above=0)]
-    rest_length: Annotated[Length, Key("Length L_0 at which the coil has no force.", "0 for a spring that pulls "
-        "wherever it is; it decides in which posture how much weight is carried. L0_NAME may be identified from "
-        "holding torques.", least=0)] = 0.0
+    stiffness: Annotated[LinearStiffness, Key("Stiffness k_c of the coil spring.", "from the data sheet or from "
+        "holding torques of two postures; kc_NAME in fit.parameters estimates it from low-frequency lines.", above=0)]
+    rest_length: Annotated[Length, Key("Length L_0 of the spring without force.", "0 for a spring that pulls at any "
+        "length; L0_NAME is identifiable from holding torques.", least=0)] = 0.0
     # fmt: on
 
     def numbers(self, name: str) -> Numbers:
@@ -55,16 +53,17 @@ class GasSpring:
     """A gas spring."""
 
     # fmt: off
-    force: Annotated[Force, Key("Force F_0 at the length L_0.", "scales with filling pressure, which falls over the "
-        "years: F0_NAME is the first of its numbers to identify.", above=0)]
-    length: Annotated[Length, Key("Length L_0 between the ends at which force and column hold.", "that at which force "
-        "and column were read, usually fully extended.", above=0)]
-    column: Annotated[Length, Key("Height h_0 of the gas column at that length.", "volume over piston area; a long one "
-        "gives a nearly constant force.", above=0)]
-    kappa: Annotated[Ratio, Key("Exponent of the gas, 1 isothermal to 1.4 adiabatic.", "1 for slow motion and "
-        "postures, 1.3 to 1.4 for motion within seconds, as in a multisine's swing.", least=1, most=2)] = 1.0
-    action: Annotated[Literal["push", "draw"], Key("Direction of the force: `push` for a strut, `draw` for a cylinder "
-        "that pulls.", "draw for cylinders whose rod is pulled out as the arm goes down.")] = "push"
+    force: Annotated[Force, Key("Force F_0 at the length L_0.", "proportional to the filling pressure, which decreases "
+        "over the years: identify F0_NAME first.", above=0)]
+    length: Annotated[Length, Key("Distance L_0 of the ends to which force and column refer.", "usually the length of "
+        "the fully extended spring.", above=0)]
+    column: Annotated[Length, Key("Height h_0 of the gas column at the length L_0.", "gas volume divided by piston "
+        "area; a long column gives a nearly constant force.", above=0)]
+    kappa: Annotated[Ratio, Key("Polytropic exponent of the gas, 1 (isothermal) to 1.4 (adiabatic).", "1 for slow "
+        "motion and static postures, 1.3 to 1.4 for motion within seconds, such as a "
+        "multisine.", least=1, most=2)] = 1.0
+    action: Annotated[Literal["push", "draw"], Key("Direction of the force: `push` for a strut, `draw` for a pulling "
+        "cylinder.", "`draw` for cylinders whose rod extends as the arm goes down.")] = "push"
     # fmt: on
 
     def numbers(self, name: str) -> Numbers:
@@ -82,14 +81,14 @@ class Compensator:
     """A coil or a gas spring, one of the two, between points of two bodies."""
 
     # fmt: off
-    name: Annotated[PartName, Key("Name of the compensator, which ends the names of its parameters.", "such as "
-        "`spring_2`, the axis that it holds.")]
-    ends: Annotated[tuple[Anchor, Anchor], Key("Two points of two bodies between which the spring acts.", "first the "
-        "fixed one; the force acts along the line between them.")]
-    coil: Annotated[CoilSpring | None, Key("Coil spring, a mechanical one.", "for steel springs, whose force grows "
-        "with length.")] = None
-    gas: Annotated[GasSpring | None, Key("Gas spring.", "for nitrogen cylinders; their force rises with stroke and "
-        "temperature.")] = None
+    name: Annotated[PartName, Key("Name of the compensator, used in the names of its parameters.", "name it after its "
+        "axis, such as `spring_2`.")]
+    ends: Annotated[tuple[Anchor, Anchor], Key("Points of two bodies between which the spring acts.", "first the fixed "
+        "point; the force acts along the line between the points.")]
+    coil: Annotated[CoilSpring | None, Key("Coil spring; give either coil or gas (default: none with gas).",
+        "for steel springs, whose force grows with length.")] = None
+    gas: Annotated[GasSpring | None, Key("Gas spring; give either gas or coil (default: none with coil).",
+        "for nitrogen cylinders, whose force grows with stroke and temperature.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -120,13 +119,13 @@ class Pin:
     """A hinge: the two points coincide and turn about one axis."""
 
     # fmt: off
-    axis: Annotated[Axis, Key("Axis of the hinge in the axes of the first end's body.", "as in the drawing of the "
-        "first body; must fit other_axis in the assembled posture.")] = "z"
-    other_axis: Annotated[Axis | None, Key("Axis of the same hinge in the axes of the second end's body (default: the "
-        "same numbers).", "where the axes of the two bodies are turned against each other at zero.")] = None
-    planar: Annotated[bool, Key("Only the two displacements across the axis are closed if true, for mechanisms that "
-        "are planar; else all three, and the two tilts of the axis.", "true for a planar mechanism, whose further "
-        "constraints would be redundant; false for real bearings that also take tilt.")] = False
+    axis: Annotated[Axis, Key("Axis of the hinge in the frame of the first body.", "copy it from the drawing; it must "
+        "be parallel to other_axis in the assembled posture.")] = "z"
+    other_axis: Annotated[Axis | None, Key("Axis of the hinge in the frame of the second body (default: the same "
+        "numbers as axis).", "if the two bodies are rotated relative to each other at zero angles.")] = None
+    planar: Annotated[bool, Key("If true, the hinge constrains only the two displacements across its axis; otherwise "
+        "three displacements and two tilts.", "true for a planar mechanism, in which further constraints are "
+        "redundant; false for bearings that transmit tilting torque.")] = False
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -140,19 +139,19 @@ class Rod:
     """A straight rod on two ball joints, rigid unless it has a stiffness."""
 
     # fmt: off
-    length: Annotated[Length, Key("Length between the two ball joints.", "between ball centres; an error closes the "
-        "loop at another angle and shifts the whole posture.", above=0)]
-    mass: Annotated[Mass, Key("Mass of the rod.", "for rods of more than a few percent of the arm; 0 for one that only "
-        "couples.", least=0)] = 0.0
-    center: Annotated[float, Key("Place of the centre of mass between first end (0) and second (1).", "away from 0.5 "
-        "where one end carries a clevis or a spring.")] = 0.5
-    inertia: Annotated[Inertia, Key("Inertia about the centre of mass, across the rod; its spin about itself is left "
-        "out.", "m l^2 / 12 for an even rod, which has little effect below its own modes.", least=0)] = 0.0
-    stiffness: Annotated[LinearStiffness | None, Key("Stiffness along the rod, which stretches evenly.", "E A / l to "
-        "start with; bearings make it a third or less, and it trades with the stiffness of its lever's "
+    length: Annotated[Length, Key("Distance of the two ball joints.", "measure between ball centres; an error changes "
+        "the angles at which the loop closes.", above=0)]
+    mass: Annotated[Mass, Key("Mass of the rod.", "give it above a few percent of the arm's mass; otherwise keep "
+        "0.", least=0)] = 0.0
+    center: Annotated[float, Key("Location of the centre of mass on the rod, from 0 (first end) to 1 (second end).",
+        "other than 0.5 if one end carries a clevis or a spring.")] = 0.5
+    inertia: Annotated[Inertia, Key("Transverse inertia about the centre of mass; rotation about the rod's own axis is "
+        "neglected.", "m l^2 / 12 for a uniform rod; its effect below the rod's own modes is small.", least=0)] = 0.0
+    stiffness: Annotated[LinearStiffness | None, Key("Axial stiffness of the rod (default: rigid rod).", "start with E "
+        "A / l, or a third of it with bearings; it is correlated with the stiffness of the lever's "
         "gear.", above=0)] = None
-    damping: Annotated[AxialDamping, Key("Damping along the rod, which stretches evenly.", "start with 1e-3 s times "
-        "the stiffness, as for a spring.", least=0)] = 0.0
+    damping: Annotated[AxialDamping, Key("Axial damping of the rod.", "start with 1e-3 s times the "
+        "stiffness.", least=0)] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -181,15 +180,15 @@ class Loop:
     """Two ends that are joined: by a `rod`, by a `pin`, or, where neither is given, as one point."""
 
     # fmt: off
-    name: Annotated[PartName, Key("Name of the loop, which ends the names of its rod's parameters.", "that of the rod "
-        "or hinge in the drawing, since k_NAME of a rod appears in results.")]
-    ends: Annotated[tuple[Anchor, Anchor], Key("Two points of two bodies that the loop joins; a rod begins at the "
-        "first end, and where it is moved by a driven lever, that is the lever's end.", "the first on the lever that "
-        "is driven; exchanging the ends moves the rod's centre of mass.")]
-    pin: Annotated[Pin | None, Key("Hinge that joins the ends.", "for a hinge that carries load across its axis; "
-        "`planar` where the mechanism is ideal.")] = None
-    rod: Annotated[Rod | None, Key("Rod on ball joints that joins the ends.", "for rods with ball joints, or whose "
-        "stretching matters; one element in place of a body and two joints.")] = None
+    name: Annotated[PartName, Key("Name of the loop, used in the names of its rod's parameters.", "use the drawing's "
+        "name of the rod or hinge; results show it, such as k_NAME.")]
+    ends: Annotated[tuple[Anchor, Anchor], Key("Points of two bodies that the loop joins; for a rod on a driven lever, "
+        "the first end is on the lever.", "first the end on the driven lever; exchanging the ends moves the rod's "
+        "centre of mass.")]
+    pin: Annotated[Pin | None, Key("Hinge at the two points (default: the points coincide, as in a ball joint).",
+        "for a hinge that transmits load across its axis; `planar` for an ideal planar mechanism.")] = None
+    rod: Annotated[Rod | None, Key("Rod on ball joints between the two points (default: no rod).", "for rods on ball "
+        "joints, also elastic ones; one rod replaces a body and two joints.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -200,12 +199,12 @@ class Loop:
 
     @property
     def numbers(self) -> Numbers:
-        """Numbers of the rod; a point and a pin have none."""
+        """Parameters of the rod; empty for a point or a pin."""
         return below("rod", self.rod.numbers(self.name)) if self.rod is not None else {}
 
     @property
     def geometry(self) -> Numbers:
-        """p1_ and p2_: where its ends are on their bodies; l_: the length of its rod."""
+        """p1_ and p2_: locations of the ends on their bodies; l_: length of the rod."""
         length: Numbers = {f"l_{self.name}": ("m", ("rod", "length"))} if self.rod is not None else {}
         return _ends_of("p", self.name) | length
 

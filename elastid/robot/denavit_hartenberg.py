@@ -1,4 +1,4 @@
-r"""A robot given by Denavit and Hartenberg's parameters, in either convention, as bodies and joints.
+r"""Robot from a Denavit-Hartenberg table, in either convention, as bodies and joints.
 
 .. math:: T_i = R_z(\theta_i)\, T_z(d_i)\, T_x(a_i)\, R_x(\alpha_i) \quad (standard), \qquad
           T_i = R_x(\alpha_i)\, T_x(a_i)\, R_z(\theta_i)\, T_z(d_i) \quad (modified)
@@ -27,26 +27,26 @@ class Link:
     """One row of the table, the joint that moves the link, and the link as a body in its frame i."""
 
     # fmt: off
-    joint: Annotated[Joint, Key("Joint that moves the link, about or along z; its `motion` says which.", "names the "
-        "spring, motor and limits; elastic joints that nothing drives belong into `elastic`.")]
-    d: Annotated[Length, Key("Length along z.", "straight from the table; of a sliding joint it is added to the "
+    joint: Annotated[Joint, Key("Joint that moves the link, about or along z according to its `motion`.",
+        "give it spring, motor and limits; elastic joints without a motor belong to `elastic`.")]
+    d: Annotated[Length, Key("Length along z.", "copy it from the table; for a sliding joint it is added to the "
         "position.")] = 0.0
-    a: Annotated[Length, Key("Length along x.", "with `modified` the a_(i-1) of row i in Craig's tables; with "
-        "`standard` the one of the link itself.")] = 0.0
-    alpha: Annotated[Angle, Key("Angle about x.", "with `modified` it turns before the joint, with `standard` behind "
-        "it; give deg with its unit.")] = 0.0
-    offset: Annotated[Angle, Key("Angle that is added to the joint's.", "for tables whose zero is not the "
+    a: Annotated[Length, Key("Length along x.", "with `modified`, a_(i-1) of row i in Craig's tables; with `standard`, "
+        "a of the link itself.")] = 0.0
+    alpha: Annotated[Angle, Key("Angle about x.", "the rotation comes before the joint with `modified`, behind it with "
+        "`standard`; write the unit deg after degrees.")] = 0.0
+    offset: Annotated[Angle, Key("Angle added to the joint angle.", "for tables whose zero differs from the "
         "controller's, such as -90 deg for an upright second axis.")] = 0.0
-    mass: Annotated[Mass, Key("Mass of the link.", "from CAD or the manual; an error of ten percent is one of ten "
-        "percent in stiffness, since inertia sets the scale.")] = 0.0
-    center_of_mass: Annotated[Vector3, Key("Centre of mass in the link's frame.", "convert from the maker's frame; "
-        "only its distance from the axes counts for stiffness, its direction for gravity.")] = (0.0, 0.0, 0.0)
-    inertia: Annotated[InertiaTensor, Key("Inertia as that of a body, about the point that inertia_about names.",
-        "three numbers suffice where the axes are nearly principal; 0 for a point mass.")] = 0.0
-    elastic: Annotated[tuple[Joint, ...], Key("Further elastic joints right behind it, in axes that have z in common "
-        "with it.", "bearings and link bending, behind the gear; the commonest are two, across the driven axis.")] = ()
-    name: Annotated[OptionalName, Key("Name of the body; default: that of the joint.", "where a message should say "
-        "`upper arm` in place of a joint's number.")] = ""
+    mass: Annotated[Mass, Key("Mass of the link.", "from CAD or the manual; an error of ten percent causes ten percent "
+        "in stiffness, since inertia sets the scale.")] = 0.0
+    center_of_mass: Annotated[Vector3, Key("Centre of mass in the frame of the link.", "convert it from the "
+        "manufacturer's frame.")] = (0.0, 0.0, 0.0)
+    inertia: Annotated[InertiaTensor, Key("Inertia, as for a body, about the point of inertia_about.",
+        "three numbers if the axes are nearly principal; 0 for a point mass.")] = 0.0
+    elastic: Annotated[tuple[Joint, ...], Key("Further elastic joints behind the driven joint, in axes that share its "
+        "z axis.", "bearing and link bending behind the gear, mostly two joints across the driven axis.")] = ()
+    name: Annotated[OptionalName, Key("Name of the body (default: name of the joint).", "if messages should read "
+        "`upper arm` instead of the joint's number.")] = ""
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -72,30 +72,31 @@ class DenavitHartenberg:
     """A serial robot as a table of links, from the base to the tool."""
 
     # fmt: off
-    name: Annotated[Name, Key("Name of the robot.", "a new one for each set of numbers, since results quote it.")]
+    name: Annotated[Name, Key("Name of the robot.", "choose a new name for each set of numbers, since results quote "
+        "it.")]
     convention: Annotated[Literal["standard", "modified"], Key("Convention of the Denavit-Hartenberg table, `standard` "
-        "or `modified`.", "`modified` (Craig) where the rotation alpha comes first in a row, `standard` where last; a "
-        "mix of both gives a robot that looks right at zero only.")]
-    links: Annotated[tuple[Link, ...], Key("Rows of the table, from the base to the tool.", "one row per driven joint, "
-        "in order; elastic joints are written inside the rows.")]
-    base: Annotated[Placement, Key("Placement of frame 0 in the base.", "for robots on a pedestal, a wall or upside "
-        "down; gravity stays in the base frame.")] = field(default_factory=Placement)
-    tool: Annotated[Placement, Key("Placement of the tool in the last link's frame; it becomes the robot's frame "
-        "`tool`.", "the flange's frame, or the tip where sensors sit.")] = field(default_factory=Placement)
+        "or `modified`.", "`modified` (Craig) if the rotation alpha comes first in a row, `standard` if it comes "
+        "last.")]
+    links: Annotated[tuple[Link, ...], Key("Rows of the table, from the base to the tool.", "one row per driven joint; "
+        "write elastic joints inside the rows.")]
+    base: Annotated[Placement, Key("Placement of frame 0 in the base.", "for robots on a pedestal, a wall or a "
+        "ceiling; gravity stays in the base frame.")] = field(default_factory=Placement)
+    tool: Annotated[Placement, Key("Placement of the tool in the frame of the last link; it defines the robot's frame "
+        "`tool`.", "the flange, or the tip that carries sensors.")] = field(default_factory=Placement)
     inertia_about: Annotated[Literal["center_of_mass", "origin"], Key("Reference point of the links' inertia tensors: "
         "the centre of mass or the origin of the link's frame.", "`origin` for tables of dynamic parameters, which "
-        "hold m c^2 already; a wrong choice counts it twice or not at all.")] = "center_of_mass"
-    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "turn it for a robot on a wall "
-        "or the ceiling, or tilt the base instead, not both.")] = (0.0, 0.0, -9.81)
-    source: Annotated[str, Key("Source of the robot's numbers, as free text.", "cite paper, file and table, and say "
-        "which numbers are made up.")] = ""
-    frames: Annotated[tuple[Frame, ...], Key("Further named frames fixed to bodies.", "one for every accelerometer or "
-        "marker whose motion is logged.")] = ()
-    payload: Annotated[Payload | None, Key("Load that the robot carries at one of its frames or bodies.", "whatever "
-        "hung at the flange when the data was taken.")] = None
-    tolerances: Annotated[FileTolerances, Key("Tolerances of the table's numbers that a fit holds, {} for common ones, "
-        "or `exact` (default as for a robot of bodies).", "a length exact and masses to 3 % for a table from a "
-        "calibration and a data sheet; wide ones for tables of papers, whose origin is rarely said.")] = None
+        "already include m c^2.")] = "center_of_mass"
+    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "rotate it for a robot on a "
+        "wall or ceiling, or rotate the base instead, not both.")] = (0.0, 0.0, -9.81)
+    source: Annotated[str, Key("Source of the robot's numbers, as free text (default: no source).", "cite paper, file "
+        "and table, and name the invented numbers.")] = ""
+    frames: Annotated[tuple[Frame, ...], Key("Further named frames fixed to bodies.", "one per accelerometer or marker "
+        "in the logs.")] = ()
+    payload: Annotated[Payload | None, Key("Payload at one of the frames or bodies (default: no payload).",
+        "give the load at the flange during the measurement.")] = None
+    tolerances: Annotated[FileTolerances, Key("Prior standard deviations of the numbers of the table that are not "
+        "parameters, {} for typical ones, or `exact` (default: as for a robot of bodies).", "exact lengths and masses "
+        "to 3 % for a calibration and a data sheet; larger ones for tables from papers.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

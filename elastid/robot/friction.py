@@ -28,13 +28,13 @@ class LuGre:
     """Bristles under a Stribeck curve."""
 
     # fmt: off
-    stiffness: Annotated[Stiffness, Key("Stiffness sigma_0 of the bristles.", "coulomb over the angle in which "
-        "friction builds up after a reversal, 1e-5 to 1e-3 rad at a motor; larger asks for more substeps.", above=0)]
-    damping: Annotated[Damping, Key("Damping sigma_1 of the bristles.", "about the root of stiffness times inertia, so "
-        "that sticking does not ring; too large a one is not passive.", least=0)] = 0.0
-    damping_velocity: Annotated[JointVelocity | None, Key("Velocity v_d with which the bristles' damping falls, "
-        "sigma_1 exp(-(v / v_d)^2); default: constant.", "where damping at speed would add to viscous friction; at "
-        "most 9.3 coulomb / damping keeps it passive.", above=0)] = None
+    stiffness: Annotated[Stiffness, Key("Bristle stiffness sigma_0.", "Coulomb torque divided by the angle in which "
+        "friction builds up after a reversal, 1e-5 to 1e-3 rad at a motor.", above=0)]
+    damping: Annotated[Damping, Key("Bristle damping sigma_1.", "about the square root of stiffness times inertia "
+        "damps presliding; larger values are not passive.", least=0)] = 0.0
+    damping_velocity: Annotated[JointVelocity | None, Key("Velocity v_d in the bristle damping sigma_1 exp(-(v / "
+        "v_d)^2) (default: constant bristle damping).", "for damping that must not add to viscous friction; at most "
+        "9.3 coulomb / damping keeps the model passive.", above=0)] = None
     # fmt: on
 
 
@@ -43,15 +43,15 @@ class MaxwellSlip:
     """Generalised Maxwell slip: elements side by side, each a spring that slips at its share of the Stribeck curve."""
 
     # fmt: off
-    stiffness: Annotated[tuple[Stiffness, ...], Key("Stiffness sigma_0 of every element.", "one number for each "
-        "element; those that are stiff for their share slip first.", above=0)]
-    shares: Annotated[tuple[float, ...], Key("Share nu of every element in the torque, 1 in sum.", "as many as "
-        "stiffnesses; equal ones are a good start by hand.", above=0)]
+    stiffness: Annotated[tuple[Stiffness, ...], Key("Stiffness sigma_0 of each element.", "one number per element; "
+        "elements with a high ratio of stiffness to share slip first.", above=0)]
+    shares: Annotated[tuple[float, ...], Key("Fraction nu of the friction torque in each element; the sum is 1.",
+        "one number per stiffness; start with equal fractions.", above=0)]
     attraction: Annotated[Annotated[float, InUnit("N*m/s", "N/s")], Key("Attraction C: rate at which the torque of a "
-        "slipping element approaches its level.", "larger reaches the level sooner after break-away and is stiffer to "
-        "integrate.", above=0)]
-    damping: Annotated[tuple[Damping, ...], Key("Damping sigma_1 of every element (default: none).", "some for each "
-        "element against ringing at standstill; none for quasi-static loops.", least=0)] = ()
+        "slipping element approaches the Stribeck curve.", "larger values shorten the transient after break-away and "
+        "need smaller time steps.", above=0)]
+    damping: Annotated[tuple[Damping, ...], Key("Damping sigma_1 of each element (default: no damping).",
+        "give some damping against oscillation at zero velocity; none for quasi-static loops.", least=0)] = ()
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -79,13 +79,13 @@ class LoadDependence:
     """Friction that each Nm (N per N) of load on the joint adds, whatever its sign."""
 
     # fmt: off
-    coulomb: Annotated[float, Key("Coulomb friction in Nm that each Nm of load adds.", "0.01 to 0.1 for robot gears; "
-        "three loads identify it.", least=0)] = 0.0
-    stiction: Annotated[float | None, Key("Stiction in Nm that each Nm of load adds; as much as coulomb unless given.",
-        "apart from coulomb only where slow passes were made at every load.", least=0)] = None
-    stribeck_velocity: Annotated[JointVelocity | None, Key("Velocity nu_l over which the stiction that the load adds "
-        "falls; default: that of the friction.", "of its own where the curves of two loads fall over different "
-        "speeds.", above=0)] = None
+    coulomb: Annotated[float, Key("Coulomb friction per Nm of load, in Nm.", "0.01 to 0.1 for robot gears; three loads "
+        "identify it.", least=0)] = 0.0
+    stiction: Annotated[float | None, Key("Stiction per Nm of load, in Nm (default: as coulomb).", "only if slow "
+        "constant-velocity runs were made at every load.", least=0)] = None
+    stribeck_velocity: Annotated[JointVelocity | None, Key("Stribeck velocity nu_l of the load-dependent stiction "
+        "(default: friction.stribeck_velocity).", "if the friction curves of two loads fall over different velocity "
+        "ranges.", above=0)] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -112,18 +112,20 @@ class TemperatureDependence:
     """
 
     # fmt: off
-    reference: Annotated[Temperature, Key("Reference temperature T_0, where the other numbers hold.", "the mean of the "
-        "temperatures that were measured keeps the other numbers nearly uncorrelated.")]
-    stiction: Annotated[Annotated[float, InUnit("N*m/K", "N/K")], Key("Change a of the stiction F_s with temperature.",
-        "positive for grease that is pressed out as it thins, which is usual.")] = 0.0
-    stribeck_velocity: Annotated[Annotated[float, InUnit("rad/(s*K)", "m/(s*K)")], Key("Change b of the Stribeck "
-        "velocity nu_s with temperature.", "positive: a thinner film needs more speed to carry.")] = 0.0
-    viscous: Annotated[Damping, Key("Part f_T of viscous friction that vanishes with heat.", "about half of viscous "
-        "friction between 34 and 64 degC in one gear, a fifth in small robots.", least=0)] = 0.0
-    decay: Annotated[TemperatureRise, Key("Temperature rise T_V over which that part falls.", "20 K was found for an "
-        "industrial gear; only three temperatures over more than that can identify it.", above=0)] = 20.0
-    coulomb: Annotated[Annotated[float, InUnit("N*m/K", "N/K")], Key("Change c of Coulomb friction F_c with "
-        "temperature, which stiction shares.", "negative where seals and preload ease with heat.")] = 0.0
+    reference: Annotated[Temperature, Key("Reference temperature T_0 of all other friction parameters.",
+        "the mean measured temperature makes the estimates nearly uncorrelated.")]
+    stiction: Annotated[Annotated[float, InUnit("N*m/K", "N/K")], Key("Temperature coefficient a of the stiction F_s.",
+        "positive for grease that becomes thinner and is squeezed out, which is typical.")] = 0.0
+    stribeck_velocity: Annotated[Annotated[float, InUnit("rad/(s*K)", "m/(s*K)")], Key("Temperature coefficient b of "
+        "the Stribeck velocity nu_s.", "positive: a thinner lubricant film needs a higher velocity.")] = 0.0
+    viscous: Annotated[Damping, Key("Amplitude f_T of the viscous friction that decreases exponentially with "
+        "temperature.", "about half of the viscous friction between 34 and 64 degC in one industrial gear, a fifth in "
+        "small robots.", least=0)] = 0.0
+    decay: Annotated[TemperatureRise, Key("Temperature constant T_V of the exponential decrease.", "20 K was "
+        "identified for an industrial gear; identification needs three temperatures over a wider "
+        "range.", above=0)] = 20.0
+    coulomb: Annotated[Annotated[float, InUnit("N*m/K", "N/K")], Key("Temperature coefficient c of the Coulomb "
+        "friction F_c, which also applies to stiction.", "negative if seals and preload relax with temperature.")] = 0.0
     # fmt: on
 
 
@@ -132,12 +134,12 @@ class Directions:
     """Friction that differs between directions: half of its excess at positive over negative velocity."""
 
     # fmt: off
-    coulomb: Annotated[JointTorque, Key("Half the difference of the Coulomb level, which is F_c + coulomb forwards and "
-        "F_c - coulomb backwards.", "where up and down differ by the same at all speeds; without gravity's help it "
-        "cannot be distinguished from a torque offset.")] = 0.0
-    viscous: Annotated[Damping, Key("Half the difference of the viscous friction.", "where the two slopes over speed "
-        "differ: half of the difference, -37 compared with 203 N*s/m on a published axis, whose residual falls from "
-        "3.6 to 2.4 % by it.")] = 0.0
+    coulomb: Annotated[JointTorque, Key("Half the difference of Coulomb friction between the directions: F_c + coulomb "
+        "forwards, F_c - coulomb backwards.", "for a difference that does not depend on speed; without varying gravity "
+        "it is confounded with a torque offset.")] = 0.0
+    viscous: Annotated[Damping, Key("Half the difference of viscous friction between the directions.",
+        "half the difference of the slopes; on one published axis, -37 of 203 N*s/m lowers the residual from 3.6 to "
+        "2.4 %.")] = 0.0
 
 
 @section
@@ -145,12 +147,14 @@ class MeasuredRange:
     """Ranges in which a friction law was measured."""
 
     # fmt: off
-    speed: Annotated[tuple[JointVelocity, JointVelocity] | None, Key("Lowest and highest measured speed, without sign.",
-        "of all passes used; the law is extrapolated beyond it.", least=0)] = None
-    load: Annotated[tuple[JointTorque, JointTorque] | None, Key("Lowest and highest measured load on the joint, "
-        "without sign.", "of postures and payloads together, as torque about the joint.", least=0)] = None
-    temperature: Annotated[tuple[Temperature, Temperature] | None, Key("Lowest and highest measured temperature.",
-        "laws of temperature fail soon outside: one published Stribeck velocity is 0 at 25 degC.")] = None
+    speed: Annotated[tuple[JointVelocity, JointVelocity] | None, Key("Lowest and highest measured speed, without sign "
+        "(default: unknown range).", "from all constant-velocity runs; elastid warns when the model is "
+        "extrapolated.", least=0)] = None
+    load: Annotated[tuple[JointTorque, JointTorque] | None, Key("Lowest and highest measured load torque of the joint, "
+        "without sign (default: unknown range).", "from all postures and payloads of the study.", least=0)] = None
+    temperature: Annotated[tuple[Temperature, Temperature] | None, Key("Lowest and highest measured temperature "
+        "(default: unknown range).", "temperature models extrapolate poorly: one published Stribeck velocity is 0 at "
+        "25 degC.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -165,32 +169,33 @@ class Friction:
     """Dry friction about g(v) = F_c + (F_s - F_c) exp(-|v / nu_s|^a), plus alpha_3 v |v|."""
 
     # fmt: off
-    coulomb: Annotated[JointTorque, Key("Coulomb level F_c of sliding friction.", "from slow passes in both "
-        "directions, half the difference; with a Stribeck curve that of medium speeds.", above=0)]
-    stiction: Annotated[JointTorque | None, Key("Stiction F_s, the level of break-away (default: F_c).", "commonly 1.1 "
-        "to 2 times coulomb; it decides about stick and slip at reversals.")] = None
+    coulomb: Annotated[JointTorque, Key("Coulomb friction F_c in sliding.", "half the torque difference between slow "
+        "motion in both directions; with a Stribeck curve, at medium speeds.", above=0)]
+    stiction: Annotated[JointTorque | None, Key("Stiction F_s, the break-away torque (default: coulomb).",
+        "typically 1.1 to 2 times coulomb; it decides whether the joint sticks and slips at reversals.")] = None
     stribeck_velocity: Annotated[JointVelocity | None, Key("Stribeck velocity nu_s, over which friction falls from F_s "
-        "to F_c.", "needed with stiction; some percent of the top speed for greased gears.", above=0)] = None
+        "to F_c (default: no Stribeck effect).", "needed with stiction; some percent of the maximum speed for "
+        "grease-lubricated gears.", above=0)] = None
     quadratic: Annotated[Annotated[float, InUnit("N*m*s^2/rad^2", "N*s^2/m^2")], Key("Quadratic friction alpha_3, "
-        "factor of v |v|.", "for oil churning at high speed; a linear fit of damping includes it at the working "
-        "speed.", least=0)] = 0.0
-    exponent: Annotated[float, Key("Exponent a of the Stribeck curve.", "below 2 for a long gentle fall, as 1.36 of "
-        "one measured gear; published ones lie between 0.5 and 2.")] = 2.0
-    lugre: Annotated[LuGre | None, Key("Presliding by the LuGre law; without stiction and damping it is Dahl's. At "
-        "most one law is given; without one the torque is sgn(v) g(v) (Tustin's law), smoothed at standstill.", "for "
-        "control and for observers that need one state; it drifts under vibration below break-away. Of its stiffness "
-        "alone it is the quickest to simulate.")] = None
-    maxwell_slip: Annotated[MaxwellSlip | None, Key("Presliding by generalised Maxwell slip. At most one law is given; "
-        "without one the torque is sgn(v) g(v) (Tustin's law), smoothed at standstill.", "where hysteresis with inner "
-        "loops matters, such as fine positioning; several states, slower.")] = None
-    load: Annotated[LoadDependence | None, Key("Growth of friction with the joint's load.", "for joints under changing "
-        "gravity or payload; without it one level stands for all postures.")] = None
-    temperature: Annotated[TemperatureDependence | None, Key("Change of friction with temperature.", "for studies over "
-        "a shift; without it numbers hold for the state in which they were measured.")] = None
-    directions: Annotated[Directions | None, Key("Difference of friction between positive and negative velocity.",
-        "for one-way loaded gears and cylinders, where passes up and down differ.")] = None
-    measured: Annotated[MeasuredRange | None, Key("Ranges of speed, load and temperature in which the law was "
-        "measured.", "written by the friction fit; widen it by hand only with a measurement behind it.")] = None
+        "factor of v |v|.", "for oil churning at high speed; at one working speed a linear damping includes "
+        "it.", least=0)] = 0.0
+    exponent: Annotated[float, Key("Exponent a of the Stribeck curve.", "below 2 for a gradual fall, such as 1.36 of "
+        "one measured gear; published values are 0.5 to 2.")] = 2.0
+    lugre: Annotated[LuGre | None, Key("LuGre model of presliding (default: no presliding, sgn(v) g(v) smoothed at "
+        "zero velocity).", "for control and observers with one state; it drifts under vibration, and with stiffness "
+        "alone it is the Dahl model.")] = None
+    maxwell_slip: Annotated[MaxwellSlip | None, Key("Generalised Maxwell slip model of presliding (default: no "
+        "presliding, sgn(v) g(v) smoothed at zero velocity).", "for hysteresis with inner loops, such as in fine "
+        "positioning; it has several states and simulates more slowly.")] = None
+    load: Annotated[LoadDependence | None, Key("Load dependence of the friction (default: no dependence on load).",
+        "for joints under varying gravity or payload.")] = None
+    temperature: Annotated[TemperatureDependence | None, Key("Temperature dependence of the friction (default: no "
+        "dependence on temperature).", "for studies over a shift, during which a gear warms up.")] = None
+    directions: Annotated[Directions | None, Key("Difference of friction between positive and negative velocity "
+        "(default: equal in both directions).", "for gears and cylinders loaded in one direction.")] = None
+    measured: Annotated[MeasuredRange | None, Key("Ranges of speed, load and temperature in which the friction model "
+        "was identified (default: unknown ranges).", "the friction fit writes it; extend it only after a "
+        "measurement.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

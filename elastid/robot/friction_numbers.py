@@ -17,7 +17,7 @@ from elastid.robot.simplified import with_joints
 
 @dataclass(frozen=True)
 class FrictionTerm:
-    """One number of a law: `path` in the file, the beginning of its name, symbol, meaning, unit of what turns.
+    """Parameter of a friction model: `path` in the file, prefix of its name, symbol, meaning, unit for rotation.
 
     power: link side = |n|^power motor side.  turns: it changes sign with a motor that turns the other way.
     """
@@ -96,7 +96,7 @@ def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
 
 
 def law_of(robot: Robot, joint: str) -> Friction | None:
-    """The law at the motor of a joint, on the link side; None where it has none."""
+    """Friction model at the motor of a joint, on the link side; None without one."""
     motor = next(driven.motor for driven in robot.driven if driven.name == joint)
     law = None if motor is None else motor.dry_friction
     return None if law is None or motor is None else through_gear(law, motor.ratio, to_motor=False)
@@ -119,7 +119,7 @@ def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
 
 
 def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """The robot with other numbers, those of its friction (link side) among them, as `Robot.with_parameters`."""
+    """Robot with other parameters, including friction (link side), as by `Robot.with_parameters`."""
     known = friction_numbers(robot)
     rest = {name: value for name, value in values.items() if name not in known}
     changed = robot.with_parameters(rest) if rest else robot

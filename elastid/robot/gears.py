@@ -27,16 +27,17 @@ class GearCoupling:
     """A gear through which the motor of another joint turns along: eta[motor, joint] = ratio."""
 
     # fmt: off
-    motor: Annotated[str, Key("Driven joint whose motor turns along.", "the one that also turns when another joint "
-        "does, mostly of the wrist's later axis.")]
-    joint: Annotated[str, Key("Driven joint that turns that motor along.", "the joint whose turning drags it along.")]
-    ratio: Annotated[float, Key("Turns of the motor of `motor` per turn of `joint`, while joint `motor` stands still "
-        "in its own bearing.", "from the controller's coupling parameters; try the other sign when free wrist motion "
-        "shows cross torque.")]
-    springs: Annotated[Literal["before", "after"], Key("Place of the joints' springs relative to the coupling: `after` "
-        "it, towards the links (the stiffness matrix stays diagonal), or `before` it, between motors and coupling; "
-        "springs of motor shafts are before all gears.", "`before` where belts or shafts ahead of the bevel stage are "
-        "the soft part; `elastid compare` tries both.")] = "after"
+    motor: Annotated[str, Key("Driven joint whose motor the coupling rotates.", "mostly a later axis of the wrist, "
+        "whose motor also rotates with an earlier joint.")]
+    joint: Annotated[str, Key("Driven joint whose rotation also rotates that motor.", "the earlier joint of the "
+        "wrist.")]
+    ratio: Annotated[float, Key("Revolutions of the motor of `motor` per revolution of `joint`, with the joint `motor` "
+        "at rest.", "copy it from the controller's coupling parameters; try the other sign if free wrist motion shows "
+        "cross torques.")]
+    springs: Annotated[Literal["before", "after"], Key("Location of the joint springs: `after` the coupling, on the "
+        "link side (diagonal stiffness matrix), or `before` it, on the motor side; springs of motor shafts are before "
+        "all gears.", "`before` for soft belts or shafts ahead of the bevel stage; `elastid compare` tries "
+        "both.")] = "after"
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -47,7 +48,7 @@ class GearCoupling:
 
 
 def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "") -> FloatArray:
-    """E (n_u, n_u) = diag(ratio)^-1 eta, the identity without couplings.  only: those with springs before or after."""
+    """E (n_u, n_u) = diag(ratio)^-1 eta, identity without couplings. only: couplings with springs before or after."""
     ratio = {joint.name: joint.motor.ratio for joint in driven if joint.motor is not None}
     names, E = list(ratio), np.eye(len(ratio))
     for gear in gears:
@@ -86,7 +87,7 @@ class Gearbox:
 
     @cached_property
     def is_in_series(self) -> bool:
-        """More springs than independent deflections: those of the springs follow from the torque alone."""
+        """True with more springs than independent deflections, which then follow from the torque alone."""
         _, rank = self._directions
         return bool(len(self.springs) > rank)
 

@@ -49,31 +49,46 @@ _FURTHER = (
 
 @section
 class Spring:
-    """Torque of a deflection, on the link side; the deflection is q_m - q_a in a gear, q_na in an elastic joint.
+    """Spring with viscous damping, link side, of a gear (deflection q_m - q_a) or an elastic joint (deflection q_na).
 
-    Optional terms that are left out have no name among the parameters.
+    The parameters are keys of `robot.bodies[].joints[].spring`. Optional terms without a value are no parameters of a
+    fit.
+
+    Raises
+    ------
+    ValueError
+        For a negative stiffness at some deflection, or inner_stiffness without backlash.
+
+    Examples
+    --------
+    >>> Spring(3.5e5, damping=350.0).is_linear
+    True
+    >>> sorted(Spring(3.5e5, cubic=1e11).numbers("1"))
+    ['d_1', 'k3_1', 'k_1']
     """
 
     # fmt: off
-    stiffness: Annotated[Stiffness, Key("Stiffness k of the deflection; with backlash, beyond the gap.",
-        "the catalogue's torsional stiffness of the gear, at medium torque, or 1e5 to 1e6 N*m/rad for axes of large "
-        "robots; the fit starts there.", above=0)]
-    damping: Annotated[Damping, Key("Damping d of the deflection's rate.", "start with 1e-3 s times the stiffness; a "
-        "damping of 0 stays 0 in a fit, unless fit.parameters names d_NAME with a start.", least=0)] = 0.0
-    quadratic: Annotated[QuadraticStiffness | None, Key("Quadratic stiffness k2 of Delta^2, which makes one direction "
-        "stiffer.", "for springs that differ between pulling directions, as cable drives; postures with opposite "
-        "gravity identify it.")] = None
-    symmetric_quadratic: Annotated[QuadraticStiffness | None, Key("Symmetric quadratic stiffness k2s of Delta |Delta|.",
-        "for gears that stiffen in proportion to load, equally both ways, such as strain wave gears.")] = None
-    cubic: Annotated[CubicStiffness | None, Key("Cubic stiffness k3 of Delta^3.", "for the smooth stiffening of the "
-        "textbooks; a multisine that deflects by sigma adds about 3 k3 sigma^2 to k.")] = None
-    backlash: Annotated[JointPosition | None, Key("Backlash b, half the gap.", "for worn gears and rack drives; seen "
-        "only where gravity does not hold the flanks together.", above=0)] = None
+    stiffness: Annotated[Stiffness, Key("Stiffness k of the spring; with backlash, stiffness beyond the gap.",
+        "start from the catalogue's torsional stiffness at medium torque, or 1e5 to 1e6 N*m/rad for the axes of large "
+        "robots.", above=0)]
+    damping: Annotated[Damping, Key("Viscous damping d of the spring.", "start with 1e-3 s times the stiffness; a fit "
+        "keeps a damping of 0 unless fit.parameters gives d_NAME a start.", least=0)] = 0.0
+    quadratic: Annotated[QuadraticStiffness | None, Key("Quadratic stiffness k2 in k2 Delta^2, which makes one "
+        "direction stiffer (default: no quadratic term).", "for springs that differ between directions, such as cable "
+        "drives; postures with opposite gravity identify it.")] = None
+    symmetric_quadratic: Annotated[QuadraticStiffness | None, Key("Symmetric quadratic stiffness k2s in k2s Delta "
+        "|Delta| (default: no such term).", "for gears whose stiffness grows in proportion to the deflection in both "
+        "directions, such as strain wave gears.")] = None
+    cubic: Annotated[CubicStiffness | None, Key("Cubic stiffness k3 in k3 Delta^3 (default: no cubic term).",
+        "for smooth hardening; a multisine with rms deflection sigma raises the stiffness by about 3 k3 "
+        "sigma^2.")] = None
+    backlash: Annotated[JointPosition | None, Key("Backlash b, half the gap (default: no backlash).", "for worn gears "
+        "and rack drives; it is identifiable only where gravity does not press the flanks together.", above=0)] = None
     inner_stiffness: Annotated[Stiffness, Key("Stiffness k_i inside the gap of the backlash.", "above 0 for gears that "
-        "are merely softer about zero torque, as strain wave gears are.", least=0)] = 0.0
-    rounding: Annotated[Ratio, Key("Rounding e / b of the backlash, the part of b over which the flanks take hold.",
-        "smaller for hard flanks, with more substeps in simulation; 0.1 keeps derivatives that the solver can "
-        "use.", above=0)] = 0.1
+        "are softer near zero torque, such as strain wave gears.", least=0)] = 0.0
+    rounding: Annotated[Ratio, Key("Rounding e / b of the backlash: fraction of b over which the flanks make contact.",
+        "smaller for hard flanks, with more substeps in simulation; the solver needs smooth derivatives, for which 0.1 "
+        "is enough.", above=0)] = 0.1
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -125,12 +140,12 @@ class TransmissionError:
     """Error e of a gear that repeats with the motor's turn: A sin(order theta + phase), theta the motor's angle."""
 
     # fmt: off
-    amplitude: Annotated[JointPosition, Key("Amplitude of the error, at the link.", "10 to 60 arcsec of makers' "
-        "sheets, which give the whole swing: half of that.", above=0)]
-    order: Annotated[float, Key("Periods in a turn of the motor.", "1 for an eccentric part on the motor's shaft, 2 "
-        "for a strain wave gear; others for the teeth of later stages.", above=0)] = 1.0
-    phase: Annotated[Angle, Key("Phase at motor angle zero.", "as found by the stage gears; it matters beside other "
-        "errors, and where the robot swings by less than a period.")] = 0.0
+    amplitude: Annotated[JointPosition, Key("Amplitude of the transmission error on the link side.", "10 to 60 arcsec "
+        "in data sheets, which state the peak-to-peak value: use half of it.", above=0)]
+    order: Annotated[float, Key("Periods per motor revolution.", "1 for an eccentric part on the motor shaft, 2 for a "
+        "strain wave gear, other orders for teeth of later stages.", above=0)] = 1.0
+    phase: Annotated[Angle, Key("Phase at motor angle zero.", "copy it from the stage gears; it matters with several "
+        "orders, or for motion of less than one period.")] = 0.0
     # fmt: on
 
 
@@ -139,11 +154,11 @@ class GearRipple:
     """Torque on the motor that repeats with its turn, cogging and ripple: A sin(order theta + phase), braking."""
 
     # fmt: off
-    amplitude: Annotated[JointTorque, Key("Amplitude of the torque, at the link.", "the motor's cogging times the "
-        "ratio: 0.5 to 2 % of rated torque.", above=0)]
-    order: Annotated[float, Key("Periods in a turn of the motor.", "6 times the pole pairs where commutation makes "
-        "it.", above=0)] = 1.0
-    phase: Annotated[Angle, Key("Phase at motor angle zero.", "as found by the stage gears.")] = 0.0
+    amplitude: Annotated[JointTorque, Key("Amplitude of the ripple torque on the link side.", "cogging torque of the "
+        "motor times the ratio, typically 0.5 to 2 % of the rated torque.", above=0)]
+    order: Annotated[float, Key("Periods per motor revolution.", "6 times the number of pole pairs for commutation "
+        "ripple.", above=0)] = 1.0
+    phase: Annotated[Angle, Key("Phase at motor angle zero.", "copy it from the stage gears.")] = 0.0
     # fmt: on
 
 
@@ -152,12 +167,12 @@ class Hysteresis:
     """An element of a gear's hysteresis: a spring that slides at a torque, in parallel with the gear's own."""
 
     # fmt: off
-    torque: Annotated[JointTorque, Key("Torque at which the element slides, at the link.", "half of the height of the "
-        "loop in a maker's stiffness test; several elements make it round.", above=0)]
-    deflection: Annotated[JointPosition, Key("Torsion of the gear over which it bends before it slides.", "the torsion "
-        "after a reversal at which the loop has closed half of its height.", above=0)]
-    edge: Annotated[Literal["sharp", "smooth"], Key("Change from bending to sliding: `sharp`, as a spring with a stop, "
-        "or `smooth`, as Dahl's bristles.", "as found by the stage gears; both lose as much energy in large "
+    torque: Annotated[JointTorque, Key("Torque at which the element slides, on the link side.", "half the height of "
+        "the hysteresis loop in the data sheet's stiffness test; several elements round its corners.", above=0)]
+    deflection: Annotated[JointPosition, Key("Torsion of the gear at which the element begins to slide.",
+        "torsion after a reversal at which the loop has closed half of its height.", above=0)]
+    edge: Annotated[Literal["sharp", "smooth"], Key("Transition from sticking to sliding: `sharp` (elastoplastic "
+        "element) or `smooth` (Dahl model).", "copy it from the stage gears; both dissipate the same energy in large "
         "loops.")] = "sharp"
     # fmt: on
 
@@ -167,14 +182,15 @@ class Gear:
     """Effects of an elastic gear: its error, ripple, hysteresis, and friction that grows with its torque."""
 
     # fmt: off
-    load: Annotated[float, Key("Coulomb friction at the motor for each Nm of torque in the gear, at every moment.",
-        "0.02 to 0.15: one minus the efficiency, about; friction.load is of the load at rest instead.", least=0)] = 0.0
-    transmission_error: Annotated[tuple[TransmissionError, ...], Key("Transmission error, by order.", "from the data "
-        "sheet, or as estimated by the stage gears.")] = ()
-    ripple: Annotated[tuple[GearRipple, ...], Key("Ripple and cogging at the motor, by order.", "where they are known "
-        "by joint; experiment.simulated.torque_ripple is the same at all motors.")] = ()
-    hysteresis: Annotated[tuple[Hysteresis, ...], Key("Elements of the hysteresis in the gear's torsion.", "strain "
-        "wave gears: a few percent of rated torque; without it a gear loses energy by damping alone.")] = ()
+    load: Annotated[float, Key("Coulomb friction at the motor per Nm of instantaneous gear torque.", "0.02 to 0.15, "
+        "about one minus the efficiency; friction.load refers to the static load instead.", least=0)] = 0.0
+    transmission_error: Annotated[tuple[TransmissionError, ...], Key("Transmission error, one entry per order.",
+        "from the data sheet, or as estimated by the stage gears.")] = ()
+    ripple: Annotated[tuple[GearRipple, ...], Key("Torque ripple and cogging of the motor, one entry per order.",
+        "for values that differ between joints; experiment.simulated.torque_ripple applies to all motors.")] = ()
+    hysteresis: Annotated[tuple[Hysteresis, ...], Key("Hysteresis elements in parallel with the gear's spring.",
+        "a few percent of the rated torque for strain wave gears; without an element, the gear dissipates by damping "
+        "only.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -186,30 +202,42 @@ class Gear:
 
 @section
 class Motor:
-    """A motor and its gear, motor side; link side ratio^2 inertia, ratio^2 viscous, |ratio| coulomb."""
+    """Motor with its gear ratio, motor side; link-side values are ratio^2 inertia, ratio^2 viscous, |ratio| coulomb.
+
+    The parameters are keys of `robot.bodies[].joints[].motor`.
+
+    Raises
+    ------
+    ValueError
+        For a ratio of 0, a nonlinear shaft spring, `on` without `axis`, or friction that can supply energy.
+
+    Examples
+    --------
+    >>> Motor(1e-3, ratio=100, viscous=1e-4).link_viscous
+    1.0
+    """
 
     # fmt: off
-    inertia: Annotated[Inertia, Key("Inertia of the rotor about its axis.", "rotor, brake and input stage together; "
-        "the data sheet's rotor alone may be half of it.", above=0)]
-    ratio: Annotated[float, Key("Gear ratio: motor turns per joint turn, negative where they turn in opposite ways.",
-        "from the controller's parameters, sign included; an error here is one of its square in inertia.")] = 1.0
-    viscous: Annotated[Damping, Key("Viscous friction of the motor.", "the slope of torque over speed of a warm axis, "
-        "over ratio^2 on the motor's side; fm_NAME of a fit finds it, from a start that is not 0.", least=0)] = 0.0
-    coulomb: Annotated[Torque, Key("Coulomb friction of the motor, dry friction of one level.", "half the torque "
-        "between slow motion up and down; used by simulation, a linear fit does not see it.", least=0)] = 0.0
-    spring: Annotated[Spring | None, Key("Spring of the motor's shaft, before all gears, on the motor side; in series "
-        "with the joint's own.", "for belts and couplings between motor and gear that swing by themselves, mostly "
-        "above 50 Hz.")] = None
-    on: Annotated[str, Key("Body that carries the motor. The rotor then takes part in the carrier's rotation, T = "
-        "inertia (axis . omega + ratio q_m')^2 / 2, and the carrier's mass and inertia hold the rest of it: all of its "
-        "mass, and its inertia but for that about its own axis. Without a carrier the rotor turns about its own axis "
-        "only, and the carrier holds all of it.", "for motors in the arm, wrist motors above all; with ratios of 100 "
-        "and more the effect on modes is a few percent.")] = ""
-    axis: Annotated[Axis | None, Key("Axis of the rotor in the axes of the carrier: the direction about which the "
-        "rotor turns where the motor does; given with `on`, and not without.", "for motors across their joint, behind "
-        "bevel gears or belts; the sign counts with that of ratio.")] = None
-    friction: Annotated[Friction | None, Key("Dry friction of the motor by any law, in place of coulomb.",
-        "for studies of friction, whose export writes it; `coulomb` is enough for an elastic one.")] = None
+    inertia: Annotated[Inertia, Key("Inertia of the rotor about its axis, on the motor side.", "add rotor, brake and "
+        "input stage; the data sheet's rotor inertia alone can be half of the sum.", above=0)]
+    ratio: Annotated[float, Key("Gear ratio: motor revolutions per joint revolution, negative if the directions are "
+        "opposite.", "copy it with its sign from the controller's parameters; its relative error doubles in the "
+        "reflected inertia.")] = 1.0
+    viscous: Annotated[Damping, Key("Viscous friction of the motor, on the motor side.", "slope of torque over speed "
+        "of the warm axis, divided by ratio^2; a fit estimates fm_NAME from a start above 0.", least=0)] = 0.0
+    coulomb: Annotated[Torque, Key("Coulomb friction of the motor, on the motor side.", "half the torque difference "
+        "between slow motion in both directions; it affects simulation, not the linear model.", least=0)] = 0.0
+    spring: Annotated[Spring | None, Key("Torsional spring of the motor shaft, before all gears, on the motor side "
+        "(default: rigid shaft).", "for belts and couplings with resonances of their own, mostly above 50 Hz.")] = None
+    on: Annotated[str, Key("Body that carries the motor (default: the rotor only rotates about its own axis). The "
+        "rotor's kinetic energy is then inertia (axis . omega + ratio q_m')^2 / 2; the body includes its mass and "
+        "other inertias.", "for motors in the arm, above all of the wrist; at ratios above 100 the natural frequencies "
+        "change by a few percent.")] = ""
+    axis: Annotated[Axis | None, Key("Direction of the rotor axis in the frame of the body `on`, needed with `on` "
+        "(default: none without `on`).", "for motors behind bevel gears or belts; its sign and the sign of ratio "
+        "belong together.")] = None
+    friction: Annotated[Friction | None, Key("Friction model of the motor, in place of coulomb (default: coulomb "
+        "alone).", "for friction studies, whose export writes it; a study of elasticity needs only `coulomb`.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -262,11 +290,11 @@ TorqueLimit: TypeAlias = Annotated[float, InUnit("N*m", "N", is_finite=False)]
 
 @section
 class Limits:
-    """Limits of a driven joint, link side; of a translation in m, m/s, m/s^2, m/s^3 and N."""
+    """Limits of a driven joint, link side; for a translation in m, m/s, m/s^2, m/s^3 and N."""
 
     # fmt: off
-    angle: Annotated[tuple[PositionLimit, PositionLimit], Key("Lowest and highest position.", "limits of "
-        "the cell if they are narrower; designs keep excitation.margin.", rising=True)] = (-math.inf, math.inf)
+    angle: Annotated[tuple[PositionLimit, PositionLimit], Key("Lowest and highest position.", "use the limits of the "
+        "cell if they are narrower; designs keep excitation.margin.", rising=True)] = (-math.inf, math.inf)
     velocity: Annotated[VelocityLimit, Key("Largest speed of the joint.", "a tenth above the speed of the test; it "
         "bounds slow motions and multisines.", above=0)] = math.inf
     torque: Annotated[TorqueLimit, Key("Largest torque of the motor.", "continuous torque of motor and gear at the "
@@ -280,40 +308,52 @@ class Limits:
 
 @section
 class Joint:
-    """A rotation about `axis` or a translation along it, with a spring, a motor, both or neither."""
+    """Rotation about `axis` or translation along it, with a spring, a motor, both or neither.
+
+    The parameters are keys of `robot.bodies[].joints[]`.
+
+    Raises
+    ------
+    ValueError
+        For units of the other kind of motion, and for keys without effect on this kind of joint.
+
+    Examples
+    --------
+    >>> joint = Joint("1", axis="y", spring=Spring(3.5e5), motor=Motor(1e-3, ratio=100))
+    >>> joint.slides
+    False
+    """
 
     # fmt: off
-    name: Annotated[PartName, Key("Name of the joint, which ends the names of its parameters (k_1, d_1, fm_1).",
-        "numbers as the controller's axes have them keep k_1 and motor 1 together.")]
-    axis: Annotated[Axis, Key("Axis of the joint: x, y, z or a direction, in the axes reached so far.", "positive as "
-        "the controller counts; a wrong sign turns the response of this axis around.")] = "z"
-    spring: Annotated[Spring | None, Key("Spring of the gear where the joint is driven, else of an elastic joint.",
-        "on driven joints the gear; without one the gear is rigid. An undriven joint without a spring swings "
-        "freely.")] = None
-    motor: Annotated[Motor | None, Key("Motor that drives the joint.", "for axes with a drive; the order of driven "
-        "joints is that of angles in configurations.")] = None
-    viscous: Annotated[Damping, Key("Viscous friction across the joint.", "of bearings and seals behind the gear; "
-        "friction before it belongs to the motor, whose response sees it directly.", least=0)] = 0.0
-    friction: Annotated[Friction | None, Key("Dry friction across the joint.", "for simulation of dry friction on the "
-        "link's side, as in bearings under load; most of it is at the motor.")] = None
-    gear: Annotated[Gear | None, Key("Effects of the gear besides spring and friction: error, ripple, hysteresis, "
-        "friction by load.", "for simulation of a gear as it is, and as the stage gears has found it; a linear fit "
-        "sees none of them.")] = None
-    limits: Annotated[Limits, Key("Limits of the joint, link side.", "always for driven joints whose experiments are "
-        "designed: without them nothing bounds the excitation.")] = field(default_factory=Limits)
-    motion: Annotated[Literal["rotation", "translation"], Key("Motion of the joint: `rotation`, or `translation`: "
-        "stiffness is then in N/m, damping and friction in N*s/m; its motor turns, with a ratio in rad/m. (A linear "
-        "motor: ratio 1, its moving mass in place of the inertia.)", "`translation` for rails, gantries and "
-        "telescopes.")] = "rotation"
-    start: Annotated[JointPosition, Key("Position of the joint where loops are put together, which decides between the "
-        "two ways in which most loops close.", "an angle near the assembled posture, where a linkage closes in the "
-        "mirrored way otherwise.")] = 0.0
-    point: Annotated[Vector3, Key("Point that the axis of a rotation goes through, in the axes reached so far. "
-        "Whatever follows stays where it would be without the joint: a link of length l that bends at l1 is one joint "
-        "at [0, 0, l1] and nothing else.", "for elastic joints inside a link; two joints at different points stand for "
-        "a beam that bends.")] = (0.0, 0.0, 0.0)
-    zero: Annotated[Angle, Key("Error of the zero of a rotation: the joint stands at its position plus this.", "as a "
-        "calibration of the robot, or a fit within the tolerance of angles, has found it.")] = 0.0
+    name: Annotated[PartName, Key("Name of the joint, used in the names of its parameters (k_1, d_1, fm_1).",
+        "use the numbers of the controller's axes, so that k_1 belongs to motor 1.")]
+    axis: Annotated[Axis, Key("Axis of the joint: x, y, z or a direction in the frame before the joint.",
+        "positive as the controller counts; a wrong sign inverts the response of this axis.")] = "z"
+    spring: Annotated[Spring | None, Key("Spring of the gear or of an elastic joint (default: rigid gear; without a "
+        "motor, a free joint).", "give it to every driven joint whose gear is elastic, and to every joint that models "
+        "bending or bearing tilt.")] = None
+    motor: Annotated[Motor | None, Key("Motor that drives the joint (default: no motor).", "for every axis with a "
+        "drive; configurations list angles in the order of the driven joints.")] = None
+    viscous: Annotated[Damping, Key("Viscous friction of the joint, on the link side.", "for bearings and seals behind "
+        "the gear; friction before the gear belongs to the motor.", least=0)] = 0.0
+    friction: Annotated[Friction | None, Key("Dry friction of the joint, on the link side (default: no dry friction).",
+        "for simulation of bearings under load; most of the dry friction is at the motor.")] = None
+    gear: Annotated[Gear | None, Key("Nonlinear gear effects: transmission error, ripple, hysteresis, load-dependent "
+        "friction (default: no such effects).", "for simulation of a real gear, or as written by the stage gears; the "
+        "linear model does not include them.")] = None
+    limits: Annotated[Limits, Key("Limits of the joint, on the link side.", "give them for every driven joint whose "
+        "experiments are designed; otherwise the excitation is not limited.")] = field(default_factory=Limits)
+    motion: Annotated[Literal["rotation", "translation"], Key("Motion of the joint: `rotation` or `translation`. A "
+        "translation has its stiffness in N/m, damping in N*s/m and ratio in rad/m; for a linear motor set ratio 1 and "
+        "give its moving mass as inertia.", "`translation` for rails, gantries and telescopic axes.")] = "rotation"
+    start: Annotated[JointPosition, Key("Position of the joint at which loops are assembled, which selects one of two "
+        "assembly modes.", "give an angle near the assembled posture if the linkage closes in the mirrored "
+        "configuration.")] = 0.0
+    point: Annotated[Vector3, Key("Point on the axis of a rotation, in the frame before the joint; bodies behind it "
+        "keep their zero placement.", "for elastic joints inside a link; two joints at different points model bending "
+        "of a beam.")] = (0.0, 0.0, 0.0)
+    zero: Annotated[Angle, Key("Zero offset of a rotation, added to the joint position.", "copy it from a calibration, "
+        "or from a fit with a tolerance of angles.")] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -357,7 +397,7 @@ class Joint:
 
     @property
     def cells(self) -> tuple[str, str, str, str]:
-        """Axis, gear ratio, stiffness and damping as a table shows them; empty where there is none."""
+        """Axis, gear ratio, stiffness and damping as table cells, empty for missing values."""
         direction = self.axis if isinstance(self.axis, str) else ", ".join(f"{part:.4g}" for part in self.axis)
         axis = f"along {direction}" if self.slides else direction
         ratio = "" if self.motor is None else f"{self.motor.ratio:.6g}"
@@ -378,7 +418,7 @@ class Joint:
 
     @property
     def geometry(self) -> Numbers:
-        """pj_: the point that the axis of a rotation goes through; zero_ of a driven one: the error of its zero."""
+        """pj_: point on the axis of a rotation; zero_ of a driven joint: zero offset."""
         if self.slides:
             return {}
         zero: Numbers = {f"zero_{self.name}": ("rad", ("zero",))} if self.motor is not None else {}
@@ -419,7 +459,7 @@ class Joint:
         )
 
     def _check_units(self) -> None:
-        """A number written with a unit must have one of the joint's motion; those of its motor, of a rotation."""
+        """Check the units of values: the joint's kind of motion for the joint, rotation for its motor."""
         for name, number in _numbers_of(self):
             if refused := self.refusal_of(number):
                 raise ValueError(f"{name} {refused}")

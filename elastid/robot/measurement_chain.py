@@ -47,42 +47,42 @@ class Channel:
     """Errors of a logged channel: gain (logged over true value), time delay and low pass."""
 
     # fmt: off
-    role: Annotated[Literal["u", "y"], Key("Role of the channel, `u` of a torque, `y` of a motion.", "y for a motion "
-        "sensor; u moves a whole column, and with it all inertias of that motor.")]
-    at: Annotated[str, Key("Place of the channel on the robot (default: all channels of the role).", "spelt as in "
-        "the channels of the study.")] = ""
-    gain: Annotated[float, Key("Gain of the channel, a positive factor. Name it in fit.parameters to identify it "
-        "(gain_y_accelerometer_tool_z).", "the number of a calibration; 1 is the start where the "
-        "fit is to find it.", above=0)] = 1.0
-    delay: Annotated[Time, Key("Time by which the logged signal is later than the true one, of either sign. Name it in "
-        "fit.parameters to identify it (delay_u_motor_1, or delay_u of all torques).", "one cycle where the log shows "
-        "the torque of the cycle before.")] = 0.0
-    low_pass: Annotated[Time, Key("Time constant of a low pass of first order between the true and the logged signal "
-        "(low_pass_u_motor_1).", "1 / (2 pi corner) of the filter of a logged current.")] = 0.0
+    role: Annotated[Literal["u", "y"], Key("Role of the channel: `u` torque, `y` position, velocity or acceleration.",
+        "`y` for a sensor; `u` scales all inertias of that motor.")]
+    at: Annotated[str, Key("Location of the channel on the robot (default: all channels of the role).", "spell it as "
+        "in the channels of the study.")] = ""
+    gain: Annotated[float, Key("Gain of the channel, a positive factor; start of a fit that names it, such as "
+        "gain_y_accelerometer_tool_z.", "from a calibration; 1 if the fit estimates it.", above=0)] = 1.0
+    delay: Annotated[Time, Key("Time delay of the logged signal relative to the true one, of either sign; start of a "
+        "fit that names it (delay_u_motor_1, or delay_u for all torques).", "one cycle if the log contains the torque "
+        "of the previous cycle.")] = 0.0
+    low_pass: Annotated[Time, Key("Time constant of a first-order low-pass filter between the true and the logged "
+        "signal (low_pass_u_motor_1).", "1 / (2 pi corner) of the filter of a logged current.")] = 0.0
     # fmt: on
 
 
 @section
 class Chain:
-    """Elements between torque command and logged motion; those without a number are not there."""
+    """Elements between torque command and logged motion; omitted without a value."""
 
     # fmt: off
-    torque_lag: Annotated[Time | None, Key("Time constant of the torque loop.", "0.2 to 1 ms for modern current loops, "
-        "where u is a command; leave it out for measured current.", above=0)] = None
+    torque_lag: Annotated[Time | None, Key("Time constant of the torque loop (default: no lag).", "0.2 to 1 ms for "
+        "modern current loops if u is a command; omit it for measured current.", above=0)] = None
     torque_order: Annotated[Literal[1, 2], Key("Order of the torque loop: 1, or 2 with torque_damping.", "2 for loops "
         "that overshoot, or with a filter behind the controller.")] = 1
-    torque_damping: Annotated[float, Key("Damping ratio of a torque loop of second order.", "lower for a loop that "
-        "rings; without torque_order: 2 it does nothing.", above=0)] = 0.7
+    torque_damping: Annotated[float, Key("Damping ratio of a second-order torque loop.", "lower for a loop with "
+        "overshoot; needs torque_order: 2.", above=0)] = 0.7
     sensor_lag: Annotated[Time | None, Key("Time constant 1 / (2 pi corner) of the low-pass filter of the logged "
-        "motions.", "from the corner in the drive's manual; in doubt let the fit find it, with a prior.",
-        above=0)] = None
-    sensor_order: Annotated[Literal[1, 2, 3, 4], Key("Order of that filter, a Butterworth filter.", "as in the data "
-        "sheet of the anti-aliasing filter; order 4 delays 2.6 times as long as order 1 with the same corner.")] = 1
-    differentiator: Annotated[Time | None, Key("Time over which a logged velocity is the difference of positions.",
-        "one sample or the averaging time of the drive, where it logs speed of encoder counts.", above=0)] = None
-    channels: Annotated[tuple[Channel, ...], Key("Gains, time delays and low passes of logged channels.", "for "
-        "channels that were never calibrated, as accelerometers on magnets, and for filtered or late currents; keep "
-        "the gain of at least one motor, since gains and inertias cannot be distinguished.")] = ()
+        "position signals (default: no filter).", "from the corner frequency in the drive's manual; if it is "
+        "uncertain, fit it with a prior.", above=0)] = None
+    sensor_order: Annotated[Literal[1, 2, 3, 4], Key("Order of the sensor filter (Butterworth).", "from the data sheet "
+        "of the anti-aliasing filter; order 4 has 2.6 times the delay of order 1 at the same corner.")] = 1
+    differentiator: Annotated[Time | None, Key("Time span over which logged velocities are differences of positions "
+        "(default: exact derivative).", "one sample, or the averaging time of the drive, for speeds computed from "
+        "encoder counts.", above=0)] = None
+    channels: Annotated[tuple[Channel, ...], Key("Gains, time delays and low-pass filters of logged channels.", "for "
+        "uncalibrated channels such as accelerometers on magnets, and for filtered or delayed currents; keep the gain "
+        "of at least one motor fixed, since gains and inertias are confounded.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:

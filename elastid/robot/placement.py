@@ -3,8 +3,6 @@
 A named number has a unit and a path, the attributes and positions to it: ("joints", 0, "spring", "stiffness").
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any, Literal, TypeAlias
@@ -39,14 +37,14 @@ class Placement:
     """Translation and rotation of a frame in its parent."""
 
     # fmt: off
-    xyz: Annotated[Vector3, Key("Translation in the parent's axes.", "along the parent's axes, before any turn of the "
+    xyz: Annotated[Vector3, Key("Translation along the axes of the parent.", "measured before any rotation of the "
         "child.")] = (0.0, 0.0, 0.0)
-    rpy: Annotated[Angles3, Key("Roll, pitch and yaw about fixed axes, after the translation.", "keep to one angle "
-        "where possible; URDF uses the same order, most robot controllers another.")] = (0.0, 0.0, 0.0)
+    rpy: Annotated[Angles3, Key("Roll, pitch and yaw about fixed axes, after the translation.", "use one angle where "
+        "possible; URDF uses the same order, most robot controllers a different one.")] = (0.0, 0.0, 0.0)
     # fmt: on
 
     @classmethod
-    def of(cls, rotation: FloatArray, translation: FloatArray) -> Placement:
+    def of(cls, rotation: FloatArray, translation: FloatArray) -> "Placement":
         """The placement with this rotation (3, 3) and translation (3,); at a pitch of +-90 deg the yaw is 0."""
         R = rotation
         cosine = float(np.hypot(R[0, 0], R[1, 0]))

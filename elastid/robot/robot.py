@@ -1,7 +1,5 @@
 """The robot: its bodies as a tree, the loops that close it, everything attached to them, and checks of the whole."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -23,7 +21,7 @@ from elastid.robot.placement import Acceleration3, Numbers, Path, Placement, bel
 from elastid.robot.tolerances import FileTolerances, Tolerances
 
 
-def check_part_names(robot: Robot) -> None:
+def check_part_names(robot: "Robot") -> None:
     """ValueError for names of one kind that are the same, and for a body that has the name of the base."""
     bodies = [body.name for body in robot.all_bodies]
     for name in bodies:
@@ -44,14 +42,14 @@ def check_part_names(robot: Robot) -> None:
             raise ValueError(f"body {name}: its inertia I_{name} has the name of an entry of body {stem}; rename one")
 
 
-def check_known(owner: str, name: str, robot: Robot) -> None:
-    """ValueError unless the name is the base's or that of a body of the tree."""
+def check_known(owner: str, name: str, robot: "Robot") -> None:
+    """Raise ValueError unless the name is the base or a body of the tree."""
     known = [BASE, *(body.name for body in robot.bodies)]
     if name not in known:
         raise ValueError(f"{owner}: no body is called {name}; {did_you_mean(name, known)}")
 
 
-def check_loops(robot: Robot) -> None:
+def check_loops(robot: "Robot") -> None:
     """ValueError unless loops join bodies that exist and share no name with anything that has parameters of its own."""
     taken = [*(body.name for body in robot.bodies), *(joint.name for joint in robot.joints)]
     for loop in robot.loops:
@@ -64,7 +62,7 @@ def check_loops(robot: Robot) -> None:
         taken.append(loop.name)
 
 
-def check_carrier(joint: Joint, robot: Robot) -> None:
+def check_carrier(joint: Joint, robot: "Robot") -> None:
     """ValueError unless the motor rides on a body between the base and its joint, or on one that its joint moves."""
     carrier = joint.motor.on if joint.motor is not None else ""
     if carrier in ("", BASE):
@@ -83,7 +81,7 @@ def check_carrier(joint: Joint, robot: Robot) -> None:
         )
 
 
-def check_tolerances(robot: Robot) -> None:
+def check_tolerances(robot: "Robot") -> None:
     """ValueError for tolerances of a body, loop or payload that the robot does not have."""
     known = [*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)]
     for entry in robot.tolerances.bodies if isinstance(robot.tolerances, Tolerances) else ():
@@ -104,41 +102,52 @@ def parts_of_place(place: str) -> tuple[str, str, str]:
 
 @section
 class Robot:
-    """A tree of bodies with joints, closed into loops, and everything that is attached to it.
+    """Tree of bodies with joints, closed into loops, and all attached components.
 
-    Raises ValueError for names given twice, unknown parents or frames, a robot without a motor, a motor on a body that
-    does not exist or that its joint does not move against, gear ratios that form a singular matrix.
+    The parameters are keys of `robot` (`elastid explain robot`).
+
+    Raises
+    ------
+    ValueError
+        For duplicate names, unknown parents or frames, a robot without a motor, a motor on an impossible body, or gear
+        couplings with a singular matrix.
+
+    Examples
+    --------
+    >>> from elastid import Body, Joint, Motor, Spring
+    >>> joint = Joint("1", spring=Spring(100.0, damping=0.1), motor=Motor(0.01))
+    >>> robot = Robot("bench", (Body("load", joints=(joint,), inertia=0.02),))
+    >>> robot.motor_locations
+    ('motor 1',)
     """
 
     # fmt: off
-    name: Annotated[Name, Key("Name of the robot.", "a new one for each set of numbers, so that reports cannot be "
-        "mixed up.")]
-    bodies: Annotated[tuple[Body, ...], Key("Rigid bodies of the robot, each listed after its parent.", "one for each "
-        "part that moves by itself; springs in series are joints of one body.")]
-    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "for a robot on a wall or the "
-        "ceiling; [0, 0, 0] shows what gravity does to springs and postures.")] = (0.0, 0.0, -9.81)
-    source: Annotated[str, Key("Source of the robot's numbers, as free text.", "paper and table, date of a "
-        "measurement, or the word synthetic; exports carry it on.")] = ""
+    name: Annotated[Name, Key("Name of the robot.", "choose a new name for each set of numbers, so that reports are "
+        "not confused.")]
+    bodies: Annotated[tuple[Body, ...], Key("Rigid bodies of the robot, each listed after its parent.", "one per part "
+        "that moves separately; springs in series are joints of one body.")]
+    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "change it for a robot on a "
+        "wall or ceiling; [0, 0, 0] removes gravity from springs and postures.")] = (0.0, 0.0, -9.81)
+    source: Annotated[str, Key("Source of the robot's numbers, as free text (default: no source).", "give paper and "
+        "table, date of a measurement, or the word synthetic; exports include it.")] = ""
     frames: Annotated[tuple[Frame, ...], Key("Named frames fixed to bodies, such as the tool.", "one for each sensor, "
         "and `tool` for the payload.")] = ()
-    payload: Annotated[Payload | None, Key("Load that the robot carries at one of its frames or bodies.", "change it, "
-        "not the last link, for another tool, since its parameters are then apart.")] = None
-    loops: Annotated[tuple[Loop, ...], Key("Closed loops: connections between bodies that the tree of bodies lacks.",
-        "for parallel linkages and closed gears; leave them out for a first serial fit.")] = ()
-    compensators: Annotated[tuple[Compensator, ...], Key("Gravity compensators: coil and gas springs that carry part "
-        "of the weight.", "where a coil or gas spring holds an arm: it adds stiffness to its axis that would else be "
-        "attributed to the gear.")] = ()
-    gears: Annotated[tuple[GearCoupling, ...], Key("Gear couplings, through which one axis turns the motor of another.",
-        "for wrists, whose motors turn together; a missing coupling shows as torque of one motor on the joint of "
-        "another.")] = ()
-    chain: Annotated[Chain, Key("Measurement chain: lags and gains of drives, sensors and filters around the "
-        "mechanics.", "where phase falls with frequency more than the delay explains: filters of drives and "
-        "sensors.")] = Chain()
-    tolerances: Annotated[FileTolerances, Key("Tolerances of the numbers in this file that a fit holds, {} for common "
-        "ones, or `exact` (default: common ones where logs or responses were measured; exact on a simulated rig, whose "
-        "robot is its file, unless `truth` changes such a number).", "`exact` where all numbers were identified or "
-        "calibrated before. Otherwise masses, inertias, centres and lengths move within their tolerances, and "
-        "intervals contain them.")] = None
+    payload: Annotated[Payload | None, Key("Payload at one of the frames or bodies (default: no payload).",
+        "change it instead of the last link for another tool, since the payload has its own parameters.")] = None
+    loops: Annotated[tuple[Loop, ...], Key("Closed loops: connections between bodies beyond the tree.",
+        "for parallel linkages and closed gears; omit them in a first serial fit.")] = ()
+    compensators: Annotated[tuple[Compensator, ...], Key("Gravity compensators: coil or gas springs that support part "
+        "of the weight.", "give every compensator; otherwise the fit attributes its stiffness to the gear of the "
+        "axis.")] = ()
+    gears: Annotated[tuple[GearCoupling, ...], Key("Gear couplings, by which one axis also rotates the motor of "
+        "another axis.", "for wrists with coupled motors; a missing coupling shows as torque of one motor on another "
+        "joint.")] = ()
+    chain: Annotated[Chain, Key("Measurement chain: lags and gains of drives, sensors and filters.", "if the phase "
+        "falls faster with frequency than the delay explains.")] = Chain()
+    tolerances: Annotated[FileTolerances, Key("Prior standard deviations of the numbers in this file that are not "
+        "parameters, {} for typical ones, or `exact` (default: typical ones for measured data; exact for a simulated "
+        "rig unless `truth` changes such a number).", "`exact` only if all numbers were identified or calibrated; "
+        "otherwise the intervals include the tolerances.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -192,7 +201,7 @@ class Robot:
             raise ValueError(f"payload: it is at {place}, which is no frame and no body; there are {', '.join(seats)}")
         return (*self.bodies, self.payload.body(*seats[place]))
 
-    def carrying(self, carries: bool) -> Robot:
+    def carrying(self, carries: bool) -> "Robot":
         """The robot with its payload, or without it."""
         return self if carries or self.payload is None else replace(self, payload=None)
 
@@ -256,7 +265,7 @@ class Robot:
         return frozen(np.array([[self.ratio(joint.name)] for joint in self.driven]) * self.mixing)
 
     def ratio(self, joint: str) -> float:
-        """Gear ratio of the motor of a joint; UnknownNameError where it has none."""
+        """Gear ratio of the motor of a joint; raise UnknownNameError for an undriven joint."""
         ratios = {driven.name: driven.motor.ratio for driven in self.driven if driven.motor is not None}
         if joint in ratios:
             return ratios[joint]
@@ -325,7 +334,7 @@ class Robot:
 
     @cached_property
     def numbers(self) -> Numbers:
-        """Unit and path of every number that has a name: of the joints, the bodies, and everything attached to them."""
+        """Unit and path of every named number of joints, bodies and attached components."""
         numbers: Numbers = {}
         for path, part in (*self._joints_and_bodies, *self._attached):
             numbers |= below(path, part.numbers)
@@ -345,12 +354,12 @@ class Robot:
 
     @cached_property
     def channel_numbers(self) -> dict[str, tuple[Channel, str]]:
-        """Channel and kind of gain, delay and low pass of every possible channel; parameters only where named."""
+        """Channel and kind of gain, delay and low pass of every possible channel; parameters only on demand."""
         return self.chain.channel_numbers(self.motor_locations, self.locations)
 
     @property
     def on_demand(self) -> tuple[str, ...]:
-        """Names of the numbers that are parameters only where they are asked for: of the geometry, of channels."""
+        """Names of numbers that are parameters only on demand: geometry and channels."""
         return (*self.geometry, *self.channel_numbers)
 
     @property
@@ -375,7 +384,7 @@ class Robot:
             if name in geometry
         }
 
-    def with_parameters(self, values: Mapping[str, float]) -> Robot:
+    def with_parameters(self, values: Mapping[str, float]) -> "Robot":
         """Robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
         known = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
         of_channels = self.channel_numbers
@@ -397,7 +406,7 @@ class Robot:
 
 
 def with_frames(robot: Robot, names: Iterable[str]) -> Robot:
-    """The robot with a frame for each of these names; StudyError for one that is neither of a frame nor of a body.
+    """Robot with a frame for each of these names; raise StudyError for a name that is neither frame nor body.
 
     `tool`, where no frame has this name, is at the centre of mass of the last body.
     """

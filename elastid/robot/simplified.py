@@ -14,7 +14,7 @@ from elastid.robot.robot import Robot
 
 @dataclass(frozen=True)
 class ElasticCoordinate:
-    """A deflection with a spring, which can be rigid instead.  name: of its joint, or of its loop.
+    """Deflection with a spring that can be made rigid. name: of its joint or loop.
 
     kind: `gear` of a driven joint, with its own spring and that of the motor's shaft; `joint` that is not driven;
     `rod` of a loop.
@@ -106,7 +106,7 @@ def with_straight_springs(robot: Robot) -> Robot:
 
 
 def with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:
-    """The robot with each joint changed, and without those changed to None."""
+    """Robot with each joint changed, without the joints changed to None."""
     kept = ((body, tuple(filter(None, map(changed, body.joints)))) for body in robot.bodies)
     return replace(robot, bodies=tuple(replace(body, joints=joints) for body, joints in kept))
 

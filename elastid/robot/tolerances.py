@@ -16,11 +16,11 @@ OF_CURRENT = 0.05  # of torque constants, relative, as motors of one type scatte
 
 @section
 class BodyTolerances:
-    """Tolerances of one body, rod of a loop, or payload, instead of those of all."""
+    """Tolerances of one body, rod of a loop, or payload, instead of the common ones."""
 
     # fmt: off
-    name: Annotated[PartName, Key("Name of the body, of the loop whose rod it is, or `payload`.", "for a body that was "
-        "weighed, or swung as a pendulum, or one that carries cables that CAD does not know.")]
+    name: Annotated[PartName, Key("Name of the body, of a rod's loop, or `payload`.", "for a weighed body, a body with "
+        "a pendulum test, or a body with cables that CAD lacks.")]
     mass: Annotated[Ratio | Exact | None, Key("Relative standard deviation of the mass (default: of all bodies).",
         "0.5 % for a weighed body; `exact` for a calibrated weight.", above=0)] = None
     inertia: Annotated[Ratio | Exact | None, Key("Relative standard deviation of the inertia, one factor for all "
@@ -46,28 +46,25 @@ class Tolerances:
 
     # fmt: off
     mass: Annotated[Ratio | Exact, Key("Standard deviation of the mass of each body, relative.", "1 % for a recent CAD "
-        "model with cables and oil, 10 % for a guess from a picture; `exact` holds every mass.", above=0)] = 0.03
+        "model with cables and oil, 10 % for a guess from a picture, `exact` for calibrated masses.", above=0)] = 0.03
     inertia: Annotated[Ratio | Exact, Key("Standard deviation of the inertia of each body about its centre of mass, "
         "relative, one factor a body.", "5 % for a recent CAD model, 30 % where only boxes were drawn.", above=0)] = 0.1
-    motor_inertia: Annotated[Ratio | Exact, Key("Standard deviation of the inertia of each motor, relative.",
-        "10 % where brake, pinion or input stage of the gear may be missing in it.", above=0)] = 0.05
+    motor_inertia: Annotated[Ratio | Exact, Key("Standard deviation of the inertia of each motor, relative.", "10 % if "
+        "brake, pinion or input stage of the gear may be missing.", above=0)] = 0.05
     center_of_mass: Annotated[Length | Exact, Key("Standard deviation of each coordinate of the centres of mass.",
         "3 mm for small robots; in proportion to the length of the links.", above=0)] = 0.01
-    length: Annotated[Length | Exact, Key("Standard deviation of lengths and places of joints that are not zero.",
-        "0.1 mm for a calibrated robot; 5 mm where they were measured with a ruler.", above=0)] = 1e-3
-    angle: Annotated[Angle | Exact, Key("Standard deviation of the zeros of driven joints that turn: the angles of all "
-        "postures are off by them.", "0.02 deg after a calibration, 1 deg where marks were brought into line by "
-        "eye.", above=0)] = math.radians(0.2)
-    ratio: Annotated[Ratio | Exact, Key("Standard deviation of each gear's ratio over less than a turn of its motor, "
-        "relative; over n turns an n-th of it. An error of transmission makes it.", "its amplitude in rad times the "
-        "ratio: 20 arcsec at a ratio of 100 are 1 %; a carrier over whole turns makes it small.", above=0)] = RATIO
-    torque_constant: Annotated[Ratio | Exact | None, Key("Standard deviation of the torque constant of each motor, "
-        "relative (default: 5 % where the logs hold current, exact where they hold torque).", "1 % for a motor that "
-        "was calibrated; 5 % for a torque that a drive computes from its data sheet. No response tells a torque "
-        "constant from masses and stiffnesses together, so that each is then no better known than the masses.",
-        above=0)] = None
-    bodies: Annotated[tuple[BodyTolerances, ...], Key("Bodies with tolerances of their own.", "for what was measured: "
-        "the end of a run says which measurement would narrow which interval.")] = ()
+    length: Annotated[Length | Exact, Key("Standard deviation of all non-zero lengths and joint locations.",
+        "0.1 mm for a calibrated robot, 5 mm for lengths measured with a ruler.", above=0)] = 1e-3
+    angle: Annotated[Angle | Exact, Key("Standard deviation of the zero offsets of rotary driven joints.",
+        "0.02 deg after a calibration, 1 deg for marks aligned by eye.", above=0)] = math.radians(0.2)
+    ratio: Annotated[Ratio | Exact, Key("Relative standard deviation of each gear ratio over less than one motor "
+        "revolution, caused by transmission error; over n revolutions a fraction 1/n.", "amplitude of the transmission "
+        "error in rad times the ratio: 20 arcsec at ratio 100 are 1 %.", above=0)] = RATIO
+    torque_constant: Annotated[Ratio | Exact | None, Key("Relative standard deviation of each torque constant "
+        "(default: 5 % if the logs contain current, exact if they contain torque).", "1 % for a calibrated motor; 5 % "
+        "for a data sheet, which then limits the accuracy of masses and stiffnesses.", above=0)] = None
+    bodies: Annotated[tuple[BodyTolerances, ...], Key("Bodies with tolerances of their own.", "for measured bodies; "
+        "the end of a run states which measurement would narrow which interval.")] = ()
     # fmt: on
 
     @property
@@ -90,7 +87,7 @@ FileTolerances: TypeAlias = Tolerances | Exact | None
 
 
 def kind_of(path: Path) -> str:
-    """The key of the tolerance of a number, empty where it has none."""
+    """Key of the tolerance of a number, empty without one."""
     keys = [key for key in path if isinstance(key, str)]
     last = keys[-1]
     if last == "inertia":

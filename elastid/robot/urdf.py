@@ -4,8 +4,6 @@ Links become bodies, a fixed link without mass becomes a named frame. Revolute, 
 are read, with their limits and damping; of a limit's effort, the torque on the link side.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator, Mapping
@@ -38,13 +36,13 @@ class UrdfElement:
     attributes: Mapping[str, str]
     path: Path
     line: int
-    children: list[UrdfElement] = field(default_factory=list)
+    children: "list[UrdfElement]" = field(default_factory=list)
 
-    def all(self, tag: str) -> Iterator[UrdfElement]:
+    def all(self, tag: str) -> "Iterator[UrdfElement]":
         """Elements of a tag right below."""
         return (child for child in self.children if child.tag == tag)
 
-    def first(self, tag: str) -> UrdfElement | None:
+    def first(self, tag: str) -> "UrdfElement | None":
         """The first of a tag right below, if there is one."""
         return next(self.all(tag), None)
 
@@ -120,16 +118,16 @@ class UrdfJoint:
     """Properties of a joint that a URDF does not hold."""
 
     # fmt: off
-    spring: Annotated[Spring | None, Key("Spring of the joint's gear, or of an elastic joint.", "for every gear whose "
-        "elasticity is looked for; a driven joint without one is rigid.")] = None
-    motor: Annotated[Motor | None, Key("Motor that drives the joint.", "for every driven joint; its inertia times "
-        "ratio^2 often exceeds that of the links.")] = None
-    elastic: Annotated[tuple[Joint, ...], Key("Further elastic joints behind it, in the link's axes.", "bending and "
-        "tilting that URDF has no joint for.")] = ()
-    viscous: Annotated[Damping | None, Key("Viscous friction, in place of that of the file.", "where the file's "
-        "damping is a placeholder, as it often is for the sake of simulators.")] = None
-    limits: Annotated[Limits | None, Key("Limits, in place of those of the file.", "where cell or test allow less than "
-        "the file.")] = None
+    spring: Annotated[Spring | None, Key("Spring of the gear or of an elastic joint (default: rigid gear; without a "
+        "motor, a free joint).", "give it to every gear whose stiffness is to be identified.")] = None
+    motor: Annotated[Motor | None, Key("Motor that drives the joint (default: no motor).", "for every driven joint; "
+        "its inertia times ratio^2 often exceeds the link inertia.")] = None
+    elastic: Annotated[tuple[Joint, ...], Key("Further elastic joints behind the joint, in the axes of the link.",
+        "for bending and bearing tilt, which the URDF does not contain.")] = ()
+    viscous: Annotated[Damping | None, Key("Viscous friction (default: damping of the URDF file).", "if the damping in "
+        "the URDF is a placeholder for simulators, which is common.")] = None
+    limits: Annotated[Limits | None, Key("Limits (default: limits of the URDF file).", "if the cell or the test allows "
+        "less than the URDF file.")] = None
 
 
 @section
@@ -137,23 +135,23 @@ class UrdfRobot:
     """A URDF file and the properties that it does not hold."""
 
     # fmt: off
-    urdf: Annotated[str, Key("Path of the URDF file, relative to this one.", "keep it next to the robot's file; xacro "
-        "must be expanded first.")]
-    joints: Annotated[dict[str, UrdfJoint], Key("Properties of all joints that move, by their names in the URDF.",
-        "every moving joint of the file, if only as {}: this is where motors and springs are added.")]
-    name: Annotated[OptionalName, Key("Name of the robot (default: that of the URDF).", "where two robots of one type "
-        "need names of their own.")] = ""
-    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "along -z of the base as in "
-        "most URDFs; change it for a wall or a ceiling.")] = (0.0, 0.0, -9.81)
-    source: Annotated[str, Key("Source of the robot's numbers, as free text.", "where springs and motors come from, "
-        "since the URDF has none.")] = ""
-    frames: Annotated[tuple[Frame, ...], Key("Further named frames fixed to bodies.", "sensor places that no link of "
-        "the file marks; links without mass are frames already.")] = ()
-    payload: Annotated[Payload | None, Key("Load that the robot carries at one of its frames or bodies.", "tool and "
-        "load that the file does not contain.")] = None
-    tolerances: Annotated[FileTolerances, Key("Tolerances of the file's numbers that a fit holds, {} for common ones, "
-        "or `exact` (default as for a robot of bodies).", "{mass: 20 %, inertia: 50 %} where the URDF was made for "
-        "pictures and its masses are boxes.")] = None
+    urdf: Annotated[str, Key("Path of the URDF file, relative to this file.", "expand xacro files to plain URDF "
+        "first.")]
+    joints: Annotated[dict[str, UrdfJoint], Key("Properties of all movable joints, by their names in the URDF.",
+        "list every movable joint, at least as {}; motors and springs are added here.")]
+    name: Annotated[OptionalName, Key("Name of the robot (default: name in the URDF).", "if two robots of one type "
+        "need different names.")] = ""
+    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "along -z of the base in most "
+        "URDFs; change it for a wall or a ceiling.")] = (0.0, 0.0, -9.81)
+    source: Annotated[str, Key("Source of the robot's numbers, as free text (default: no source).", "cite the source "
+        "of springs and motors, which the URDF lacks.")] = ""
+    frames: Annotated[tuple[Frame, ...], Key("Further named frames fixed to bodies.", "for sensors without a link in "
+        "the URDF; massless links are frames already.")] = ()
+    payload: Annotated[Payload | None, Key("Payload at one of the frames or bodies (default: no payload).",
+        "give tool and load that the URDF lacks.")] = None
+    tolerances: Annotated[FileTolerances, Key("Prior standard deviations of the numbers of the file that are not "
+        "parameters, {} for typical ones, or `exact` (default: as for a robot of bodies).", "{mass: 20 %, inertia: 50 "
+        "%} if the URDF was made for visualisation and its masses are rough.")] = None
     # fmt: on
 
     def robot(self, folder: Path) -> Robot:

@@ -69,7 +69,7 @@ def compiled(function: ca.Function, calls: int) -> ca.Function:
 
 
 def compiler() -> list[str]:
-    """The command of the C compiler: $CC, otherwise cc, gcc or clang; OSError where there is none."""
+    """Command of the C compiler: $CC, otherwise cc, gcc or clang; raise OSError without one."""
     try:
         given = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
     except ValueError as error:
@@ -188,8 +188,8 @@ def _drive(drives: Drives, step: float) -> ca.Function:
 
 
 def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives, theta: ca.SX | None) -> ca.Function:
-    """(q, v, z, torque, disturbance, curves) -> q'', the torque that of the drives (n_u,), link side; theta: symbols,
-    which become a further argument.
+    """Function (q, v, z, torque, disturbance, curves) -> q'' with the drives' torque (n_u,), link side. theta:
+    symbols, as a further argument.
     """
     (q, v), z = model.symbols("q", "v"), ca.SX.sym("z", contacts.n_states)
     torque, disturbance = ca.SX.sym("torque", model.n_u), ca.SX.sym("disturbance", model.n_u)

@@ -18,8 +18,6 @@ each by Tustin's rule, exact at its own frequency omega; d: gain that a notch le
 points over omega, of a notch with d = 0.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,7 +36,7 @@ from elastid.simulation.spec import ControllerSpec
 
 
 def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> JointLoop:
-    """Gains of a controller, or those of its bandwidth in q (n_q,)."""
+    """Gains of a controller, or gains for its bandwidth in q (n_q,)."""
     given = controller.gains
     if given is None:
         return tune(
@@ -49,7 +47,7 @@ def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> 
     return JointLoop(position * kd, np.asarray(kd, float), np.broadcast_to(ki, model.n_u))
 
 
-def filters_of(joints: Sequence[str], controller: ControllerSpec, rate_hz: float) -> Filters | None:
+def filters_of(joints: Sequence[str], controller: ControllerSpec, rate_hz: float) -> "Filters | None":
     """Filters behind the feedback of the driven joints; None without any."""
     given = controller.gains
     sections: dict[str, list[FloatArray]] = {joint: [] for joint in joints}
@@ -120,7 +118,7 @@ def feed_forward(
 def rigid_rates(
     model: ElasticModel, q: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """T (n, n_q, n_u), q' and q'' (n, n_q) of the rigid robot at q (n, n_q) by those of its motors (n, n_u)."""
+    """T (n, n_q, n_u), q' and q'' (n, n_q) of the rigid robot at q (n, n_q) from its motors' (n, n_u)."""
     T = rigid_motion(model, q)
     v, a = ((T @ rate[:, :, None])[:, :, 0] for rate in (velocity, acceleration))
     if model.robot.loops:

@@ -109,7 +109,7 @@ class Tableau:
         return tuple(sum(row) for row in self.rows)
 
     def amplification(self, z: ComplexArray) -> ComplexArray:
-        """R(z), by which a step h multiplies what moves as exp(lambda t), at z = h lambda."""
+        """R(z): stability function, by which a step h multiplies a solution exp(lambda t), at z = h lambda."""
         stages = list[ComplexArray]()
         for row in self.rows:
             stages.append(1 + z * sum((a * k for a, k in zip(row, stages, strict=True)), np.zeros_like(z)))

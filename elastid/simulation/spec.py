@@ -18,14 +18,14 @@ class NotchSpec:
     """A notch (s^2 + d w o s + o^2) / (s^2 + w o s + o^2) behind the feedback of a motor, o = 2 pi freq_hz."""
 
     # fmt: off
-    joint: Annotated[str, Key("Name of the driven joint whose feedback it filters.", "the axis whose sensitivity "
-        "peaks at this frequency; another one only loses phase.")]
-    freq_hz: Annotated[Frequency, Key("Frequency of the notch.", "in the middle of where the resonance is over all "
+    joint: Annotated[str, Key("Name of the driven joint whose feedback is filtered.", "the axis whose sensitivity has "
+        "its peak at this frequency.")]
+    freq_hz: Annotated[Frequency, Key("Centre frequency of the notch.", "mean frequency of the resonance over all "
         "postures.", above=0)]
-    width: Annotated[float, Key("Width w over the frequency.", "wider for a resonance that moves with posture or is "
-        "barely known; it costs phase below.", above=0)] = 1.0
-    depth: Annotated[float, Key("Gain d that is left at the frequency, 0 to 1.", "0.1 to 0.3; deeper costs more phase "
-        "and gains little.", least=0, most=1)] = 0.2
+    width: Annotated[float, Key("Width w relative to the centre frequency.", "larger for a resonance that varies with "
+        "posture; it costs phase at lower frequencies.", above=0)] = 1.0
+    depth: Annotated[float, Key("Gain d at the centre frequency, 0 to 1.", "0.1 to 0.3; a deeper notch costs more "
+        "phase.", least=0, most=1)] = 0.2
     # fmt: on
 
 
@@ -38,18 +38,17 @@ class GainsSpec:
 
     # fmt: off
     position_gain: Annotated[PositionGain | tuple[PositionGain, ...], Key("Gain K_p of the position loop, one number "
-        "or one for each driven joint.", "2 pi times the bandwidth that the axis is to have, a quarter of that of its "
-        "velocity loop.", above=0)]
+        "or one per driven joint.", "2 pi times the position bandwidth, a quarter of the velocity bandwidth.", above=0)]
     velocity_gain: Annotated[Damping | tuple[Damping, ...], Key("Gain K_v of the velocity loop on the link side, one "
-        "number or one for each driven joint.", "the inertia of the axis times 2 pi times the bandwidth of the "
-        "velocity loop; the motor's side has ratio^2 times less.", above=0)]
+        "number or one per driven joint.", "inertia of the axis times 2 pi times the velocity bandwidth; motor-side "
+        "values are ratio^2 times smaller.", above=0)]
     integral_time: Annotated[Time | tuple[Time, ...] | None, Key("Integral time T_i of the velocity loop (default: no "
-        "integral), one number or one for each driven joint.", "longer where the loop swings slowly.", above=0)] = None
-    notches: Annotated[tuple[NotchSpec, ...], Key("Notches behind the feedback.", "one at a resonance that limits the "
-        "gain.")] = ()
-    low_pass_hz: Annotated[Frequency | tuple[Frequency, ...] | None, Key("Corner of a low pass of second order behind "
-        "the feedback (default: none), one number or one for each driven joint.", "lower against noise of the encoder "
-        "and fast resonances; it delays by 0.23 / low_pass_hz.", above=0)] = None
+        "integral), one number or one per driven joint.", "longer if the loop oscillates slowly.", above=0)] = None
+    notches: Annotated[tuple[NotchSpec, ...], Key("Notch filters in the feedback.", "one at each resonance that limits "
+        "the gain.")] = ()
+    low_pass_hz: Annotated[Frequency | tuple[Frequency, ...] | None, Key("Corner frequency of a second-order low-pass "
+        "filter in the feedback (default: none), one number or one per driven joint.", "lower against encoder noise "
+        "and high resonances; its delay is 0.23 / low_pass_hz.", above=0)] = None
     # fmt: on
 
     def _numbers(self) -> Iterator[tuple[str, np.ndarray]]:
@@ -83,25 +82,21 @@ class ControllerSpec:
     """The joint controller that closes the loop: position and velocity feedback of the motor, gravity feed-forward."""
 
     # fmt: off
-    bandwidth_hz: Annotated[Frequency, Key("Bandwidth of the position loop about the configuration.", "low, so that "
-        "the plant and not the loop is excited: below a third of the first antiresonance. Higher holds posture against "
-        "friction, and takes low lines out of the motion. 1.5 Hz is a third of 4.5 Hz, about where a large axis has "
-        "its first antiresonance.", above=0)] = 1.5
-    damping_ratio: Annotated[float, Key("Damping ratio of the position loop.", "0.7 to 1; less lets the robot swing at "
-        "bandwidth_hz, more makes the end of a reference slow. 0.8 overshoots by less than 2 %.", above=0)] = 0.8
-    kind: Annotated[Literal["pd", "cascade"], Key("Structure of the controller: `pd`, or the `cascade` of robot "
-        "controllers, a proportional position loop around a velocity loop.", "`cascade` where the rig stands for an "
-        "industrial controller, whose integral ends the error of friction; `pd` has two numbers and no memory, so that "
-        "nothing but the robot rings.")] = "pd"
+    bandwidth_hz: Annotated[Frequency, Key("Bandwidth of the position loop.", "below a third of the first "
+        "antiresonance, so that the loop does not suppress the excitation.", above=0)] = 1.5
+    damping_ratio: Annotated[float, Key("Damping ratio of the position loop.", "0.7 to 1; 0.8 overshoots by less than "
+        "2 %.", above=0)] = 0.8
+    kind: Annotated[Literal["pd", "cascade"], Key("Structure of the controller: `pd`, or `cascade` (proportional "
+        "position loop around a PI velocity loop).", "`cascade` for an industrial controller, whose integral action "
+        "removes steady-state errors of friction.")] = "pd"
     integral_time: Annotated[Time | None, Key("Integral time of the cascade's velocity loop (default: three times 1 / "
-        "(2 pi bandwidth_hz)).", "shorter removes the error of friction and gravity sooner and costs stability: the "
-        "study is refused below the limit of Routh's criterion.")] = None
-    gains: Annotated[GainsSpec | None, Key("Gains and filters of the cascade by their numbers, in place of those that "
-        "follow from bandwidth_hz, damping_ratio and integral_time.", "where the drives' parameters are known, or as "
-        "`elastid loops` writes them.")] = None
-    delay_samples: Annotated[int, Key("Samples that pass between the reading of the encoders and the torque that "
-        "answers it.", "1 for most industrial controllers; each takes phase, and bandwidth.",
-        least=0, most=MAX_DELAY_SAMPLES)] = 0
+        "[2 pi bandwidth_hz]).", "shorter values remove errors of friction and gravity sooner; Routh's criterion gives "
+        "the lower limit.")] = None
+    gains: Annotated[GainsSpec | None, Key("Gains and filters of the cascade (default: computed from bandwidth_hz, "
+        "damping_ratio and integral_time).", "if the drive parameters are known, or as written by `elastid "
+        "loops`.")] = None
+    delay_samples: Annotated[int, Key("Delay from encoder sampling to torque, in samples.", "1 for most industrial "
+        "controllers; each sample costs phase and bandwidth.", least=0, most=MAX_DELAY_SAMPLES)] = 0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -123,7 +118,7 @@ class ControllerSpec:
 
     @property
     def velocity_integral_time(self) -> float | None:
-        """T_i in s, or None where there is no integral."""
+        """T_i in s, or None without integral action."""
         if self.kind == "pd":
             return None
         return 3 / (2 * math.pi * self.bandwidth_hz) if self.integral_time is None else self.integral_time

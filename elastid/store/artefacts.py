@@ -4,8 +4,6 @@ HDF5 cannot close a file that it cannot write: on a full disk it tries again whe
 `DiskFile` keeps the first error of the disk until the file is closed, and reports success to HDF5.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -47,8 +45,8 @@ class Stamp:
         hashes = {"hash of the inputs": self.inputs, "hash of the code": self.code}
         return {"made by": self.software or f"elastid {self.version}", "seed": str(self.seed), **hashes}
 
-    def is_of(self, wanted: Stamp) -> bool:
-        """True where inputs and code are those of another stamp."""
+    def is_of(self, wanted: "Stamp") -> bool:
+        """True if inputs and code equal another stamp."""
         return (self.inputs, self.code) == (wanted.inputs, wanted.code)
 
 
@@ -119,7 +117,7 @@ def _require_own_data(path: Path) -> None:
 
 
 def read_stamp(path: Path | str) -> Stamp | None:
-    """Provenance of an artefact; None where it is missing, truncated or foreign."""
+    """Provenance of an artefact; None if it is missing, truncated or foreign."""
     try:
         if not is_intact(Path(path)):
             return None
@@ -133,12 +131,12 @@ def read_stamp(path: Path | str) -> Stamp | None:
 
 
 def plain(value: Any) -> Any:
-    """A number of NumPy as that of Python."""
+    """Convert a NumPy number to a Python number."""
     return value.item() if isinstance(value, np.generic) else value
 
 
 def kind_of(path: Path | str) -> str | None:
-    """The kind of artefact in a file; None where it is none of elastid."""
+    """Kind of artefact in a file; None for other files."""
     try:
         with h5py.File(path, "r") as file:
             kind = file.attrs.get("elastid")

@@ -89,7 +89,7 @@ def is_intact(path: Path) -> bool:
 
 
 def has_checksum(path: Path | str) -> bool:
-    """True for a file with a checksum: those of older versions have none, nor those whose first bytes are damaged."""
+    """True for a file with a checksum, which files of older versions and files with damaged first bytes lack."""
     with Path(path).open("rb") as file:
         return file.read(len(_MARK)) == _MARK
 
@@ -120,7 +120,7 @@ def is_as_written(path: Path) -> bool | None:
 
 
 def keep_checksums(folder: Path, names: Iterable[str]) -> None:
-    """Take down the files as they are now, and forget those that are gone; names: as those of `changed_texts`."""
+    """Save checksums of the existing files, and delete entries of removed files. names: as for `changed_texts`."""
     known = _known(folder)
     now = {name: digest for name, digest in known.items() if (folder / name).is_file()}
     now |= {name: content_hash(folder / name) for name in _files(folder, names)}
@@ -130,7 +130,7 @@ def keep_checksums(folder: Path, names: Iterable[str]) -> None:
 
 
 def remove_texts(folder: Path, names: Iterable[str]) -> None:
-    """Remove the files that are as they were at `keep_checksums`; names: as those of `changed_texts`."""
+    """Remove the files that are unchanged since `keep_checksums`. names: as for `changed_texts`."""
     for path in [folder / name for name in _files(folder, names) if is_as_written(folder / name)]:
         path.unlink()
 
@@ -186,7 +186,7 @@ def one_writer(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[BinaryIO]:
-    """The locked file, which is still the one of that name."""
+    """The locked file, still at its path."""
     while True:
         with open(path, "a+b", opener=unlinked) as file:
             if not _lock(file):

@@ -1,7 +1,5 @@
 """plan.h5, records.h5 and frf.h5: a plan, also as CSV for a robot controller, and its records and responses."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -40,8 +38,8 @@ write_plan = writer(
 )
 read_plan = reader(PLAN, "plan", Plan)
 # The peaks of the rehearsal, and the forecast, if any; they bring the fit, which a reader of the plan does not need.
-read_peaks: Callable[[Path | str], LimitUse] = reader(PLAN, "peaks", "elastid.design.forecast:LimitUse")
-read_forecast: Callable[[Path | str], Forecast | None] = reader(
+read_peaks: "Callable[[Path | str], LimitUse]" = reader(PLAN, "peaks", "elastid.design.forecast:LimitUse")
+read_forecast: "Callable[[Path | str], Forecast | None]" = reader(
     PLAN, "forecast", "elastid.design.forecast:Forecast", may_miss=True
 )
 
@@ -121,7 +119,7 @@ def read_configurations(path: Path | str) -> tuple[str, ...]:
 
 @once_per_version
 def _entries(path: Path) -> tuple[tuple[str, str], ...]:
-    """The records in an intact records.h5: the name of each group, and that of its configuration."""
+    """Names of the records and of their configurations in an intact records.h5."""
     with opened(path, RECORDS) as file:
         records = file["records"]
         return tuple((name, str(records[name]["configuration"].attrs["name"])) for name in entry_names(records))
@@ -138,14 +136,14 @@ read_friction: Callable[[Path | str], FrictionTakenOut | None] = reader(
 )
 
 
-def write_modes(path: Path | str, modes: tuple[Modes, ...], stamp: Stamp = NO_STAMP) -> None:
+def write_modes(path: Path | str, modes: "tuple[Modes, ...]", stamp: Stamp = NO_STAMP) -> None:
     """modes.h5: the modes of each response, with shapes, synthesis and stabilisation diagram."""
     from elastid.modal.modes import Modes  # brings SciPy's linear algebra
 
     write_artefact(path, "modes", stamp, {"modes": (modes, tuple[Modes, ...])}, {"modes": "configuration"})
 
 
-def read_modes(path: Path | str) -> tuple[Modes, ...]:
+def read_modes(path: Path | str) -> "tuple[Modes, ...]":
     """The modes of each response in modes.h5."""
     from elastid.modal.modes import Modes  # as above
 

@@ -40,7 +40,7 @@ def read_dataclass(group: Any, kind: type[T]) -> T:
 
 
 def entry_names(group: Any) -> tuple[str, ...]:
-    """The names of the entries of a group, in the order written, as those of its members."""
+    """Names of the entries of a group, in the order of writing."""
     if NAMES in group:
         return tuple(group_name(name) for name in group[NAMES].asstr()[:].tolist())
     return tuple(str(i) for i in range(len(group)))
@@ -135,7 +135,7 @@ def _numbers(dataset: Any, number: type, shape: tuple[int, ...] | None = None) -
 
 
 def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
-    """One part of a file of a kind; DataError where it is absent, unless its annotation takes None."""
+    """Read one part of a file of a kind; raise DataError if it is absent, unless its annotation allows None."""
     with opened(path, kind) as file:
         part: T = read_value(file, name, annotation)
         return part

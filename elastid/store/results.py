@@ -3,8 +3,6 @@
 The checkpoint of an interrupted stage: a file for each finished part of its work, which the next run reads.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -49,12 +47,12 @@ read_map = reader(MAP, "map", WorkspaceMap)
 # Responses of the fitted model; None in a file that `elastid.save` wrote.
 read_modelled = reader(FIT, "modelled", tuple[Response, ...], may_miss=True)
 # These bring the simulation, which a fit does without.
-read_tune: Callable[[Path | str], TunedMove] = reader("tune", "tune", "elastid.use.tune:TunedMove")
-read_loops: Callable[[Path | str], Loops] = reader("loops", "loops", "elastid.use.loops:Loops")
+read_tune: "Callable[[Path | str], TunedMove]" = reader("tune", "tune", "elastid.use.tune:TunedMove")
+read_loops: "Callable[[Path | str], Loops]" = reader("loops", "loops", "elastid.use.loops:Loops")
 
 
 def read_gears(path: Path | str | None) -> GearResult | None:
-    """The effects in gears.h5; None without a file: of a study that did not ask for them."""
+    """Effects in gears.h5; None without such a file."""
     return None if path is None else read_part(path, GEARS, "gears", GearResult)
 
 
@@ -73,7 +71,7 @@ class Numbers:
     upper_95: FloatArray = labelled("upper end of the 95 % interval", "SI", "name")
 
     @classmethod
-    def of(cls, result: Result) -> Numbers:
+    def of(cls, result: Result) -> "Numbers":
         """Numbers that were asked for."""
         asked = result.parameters.asked
         parts = (*result.std_parts.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
@@ -109,7 +107,7 @@ def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
 
 
 def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
-    """compare.json. stamp: of the frequency responses that the models were fitted to."""
+    """Write compare.json. stamp: of the fitted frequency responses."""
     head = {"schema": SCHEMA, "responses": stamp.inputs, "code": stamp.code, "made by": stamp.software}
     ranking = {"models": comparison.rows, "search": comparison.trials}
     content = {**head, "verdict": comparison.verdict, "configurations": comparison.configurations, **ranking}
@@ -117,7 +115,7 @@ def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
 
 
 def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:
-    """The comparison in compare.json; None where there is none, or one of other frequency responses."""
+    """Comparison in compare.json; None without one, or for other frequency responses."""
     try:
         content = json.loads(path.read_bytes())
         if (content["schema"], content["responses"]) != (SCHEMA, stamp.inputs):

@@ -35,7 +35,7 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class Kind:
-    """Form of a value in a file and what it consists of.
+    """Form of a value in a file and the types of its parts.
 
     scalar: a number or text of `type`, one of `choices` where there are any.  array: of `type` as NumPy's.
     text: a robot, as JSON.
@@ -106,7 +106,7 @@ fields_of: Callable[[Any], tuple[FieldKind, ...]] = cache(_fields_of)
 
 @cache
 def has_own_groups(annotation: Any, label: Label = NO_LABEL) -> bool:
-    """True where each value of a tuple has a group: of dataclasses with arrays, unless its label says rows."""
+    """True if each value of a tuple has a group: dataclasses with arrays, unless the label requests rows."""
     kind = kind_of_annotation(annotation)
     return kind.form == "union" or (kind.form == "fields" and not label.rows and _has_arrays(annotation))
 
@@ -118,13 +118,13 @@ def _has_arrays(annotation: Any) -> bool:
 
 
 def text_of(value: Any, indent: int | None = None) -> str:
-    """A section of a study as JSON without what is at its default."""
+    """Section of a study as JSON, without default values."""
     kind: Any = type(value)
     return str(_adapter(kind).dump_json(value, indent=indent, exclude_defaults=True), "utf-8")
 
 
 def from_text(text: str, kind: Any) -> Any:
-    """The section of `text_of`; ValueError for text that is none."""
+    """Section from the text of `text_of`; raise ValueError for other text."""
     return _adapter(kind).validate_json(text)
 
 
@@ -172,7 +172,7 @@ def write_json(path: Path, content: Any, number: Callable[[float], Any] = or_nul
 
 
 def from_json(content: Any, annotation: Any) -> Any:
-    """The value of a type; KeyError, TypeError or ValueError for content that is none of that type."""
+    """Value of a type from JSON; raise KeyError, TypeError or ValueError for content of another type."""
     kind = kind_of_annotation(annotation)
     match kind.form:
         case "optional":
@@ -368,7 +368,7 @@ def _attribute(scopes: tuple[_Scope, ...], name: str, default: Any) -> Any:
 
 
 def _attach(dataset: Any, axes: tuple[str, ...], scopes: tuple[_Scope, ...]) -> None:
-    """Name the dimensions of a dataset; those with values have them as a dimension scale."""
+    """Name the dimensions of a dataset; axes with values become dimension scales."""
     for i, name in enumerate(axes[: dataset.ndim]):
         h5ds.set_label(dataset.id, i, name.encode())
         scale = _scale(name, scopes)
@@ -379,7 +379,7 @@ def _attach(dataset: Any, axes: tuple[str, ...], scopes: tuple[_Scope, ...]) -> 
 
 
 def _scale(name: str, scopes: tuple[_Scope, ...]) -> Any:
-    """The dataset of an axis in this group or one around it; that of a property is written where it is first used."""
+    """Dataset of an axis in this group or a parent group; an axis from a property is written at its first use."""
     for scope in scopes:
         if name not in scope.axes and isinstance(getattr(type(scope.value), name, None), property):
             values = getattr(scope.value, name)
@@ -396,7 +396,7 @@ def write_artefact(
     parts: Mapping[str, tuple[Any, Any]],
     entries: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """A file of one kind with its parts by name, each a value and its annotation; a part that is None is absent.
+    """Write a file of one kind from named parts, each a value and its annotation; omit parts that are None.
 
     entries: attribute that names each value of a part that is a tuple.
     """

@@ -62,10 +62,10 @@ def load_fleet(path: Path) -> Fleet:
     members = sorted(_members(spec, path), key=lambda member: (member.robot, member.date))
     names = Counter(member.words for member in members)
     if not members:
-        raise make_error(source, [Problem((by,), "there are no members; give a row for each")])
+        raise make_error(source, [Problem((by,), "there are no members. Give a row for each")])
     if twice := [words for words, count in names.items() if count > 1]:
-        given = f"{', '.join(twice)} {'is' if len(twice) == 1 else 'are'} given twice"
-        raise make_error(source, [Problem((by,), f"{given}; leave one out, or correct its date")])
+        given = f"{', '.join(twice)} {'occurs' if len(twice) == 1 else 'occur'} twice"
+        raise make_error(source, [Problem((by,), f"{given}. Omit one, or correct its date")])
     return Fleet(spec.name, study, tuple(members), spec.false_discovery_rate)
 
 
@@ -82,7 +82,7 @@ def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
 def _rows(path: Path) -> Iterator[MemberSpec]:
     for line, row in read_table(path):
         if missing := [name for name in (ROBOT, DATE) if name not in row]:
-            raise StudyError("files/table", f"no column is called {missing[0]}", f"{path}:1:1")
+            raise StudyError("files/table", f"there is no column {missing[0]}", f"{path}:1:1")
         values = {key: value for key, value in row.items() if key not in (ROBOT, DATE) and value}
         try:
             yield MemberSpec(row[ROBOT], row[DATE], values)

@@ -66,7 +66,7 @@ def _column(place: str, head: str, joints: Sequence[str]) -> tuple[str, str]:
     if name not in (*known, *joints):
         raise StudyError(
             "files/table",
-            f"no column of load tests is called '{name}'; {did_you_mean(name, [*known, *joints])}",
+            f"a CSV file of load tests has no column '{name}'; {did_you_mean(name, [*known, *joints])}",
             place,
         )
     return f"joint {name}" * (name in joints) or name, unit

@@ -33,7 +33,7 @@ _TRUTH: KeyPath = ("experiment", "simulated", "truth")
 
 
 def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
-    """The study with every quantity a float in SI; and unknown names, wrong units, and what `choose` refuses."""
+    """Study with every quantity as float in SI, and problems: unknown names, wrong units, errors of `choose`."""
     if study.robot is None:
         return study, []
     problems: list[Problem] = []
@@ -58,7 +58,7 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
 def _convert_parameter(
     spec: ParameterSpec, pattern: str, table: Table, every: Table, problems: list[Problem]
 ) -> ParameterSpec:
-    """The spec in SI.  table: the parameters; every: with geometry and gains that no key names."""
+    """Specification in SI. table: the parameters. every: including geometry and gains that no key names."""
     path = (*_FIT, pattern)
     names = list(matching(pattern, table))
 
@@ -67,7 +67,7 @@ def _convert_parameter(
 
     if not names:
         known = did_you_mean(pattern, table, every)
-        problems.append(Problem(path, f"no parameter of the robot is called '{pattern}'; {known}", at_key=True))
+        problems.append(Problem(path, f"the robot has no parameter '{pattern}'; {known}", at_key=True))
         return spec
     start = None if spec.start is None else number(spec.start, "start")
     bounds = None if spec.bounds is None else (number(spec.bounds[0], "bounds", 0), number(spec.bounds[1], "bounds", 1))
@@ -84,10 +84,10 @@ def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, pro
     """A number of parameters of one unit in SI; 0 where there is a problem."""
     units = sorted({table[name][1] for name in names})
     if not units:
-        message = f"no parameter of the robot is called '{path[-1]}'; {did_you_mean(str(path[-1]), table)}"
+        message = f"the robot has no parameter '{path[-1]}'; {did_you_mean(str(path[-1]), table)}"
         problems.append(Problem(path, message, True))
     elif len(units) > 1:
-        message = f"matches parameters of different units ({', '.join(units)}); name them one by one"
+        message = f"matches parameters of different units ({', '.join(units)}). Name them one by one"
         problems.append(Problem(path, message))
     else:
         try:
@@ -131,7 +131,7 @@ def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
     if not refused[0]:
         return []
     error, name = next(filter(None, refused[1:]), refused[0])
-    return [Problem((*_TRUTH, name), f"no robot has this number: {error}")]
+    return [Problem((*_TRUTH, name), f"no robot has this value: {error}")]
 
 
 def _refusal(robot: Robot, values: Mapping[str, float]) -> tuple[ValueError, str] | None:
@@ -281,7 +281,7 @@ def _split(override: str) -> tuple[KeyPath, YamlSource, str]:
     option = f"--set {override}"
     dotted, equals, text = override.partition("=")
     if not equals or not dotted.strip():
-        raise StudyError("options/invalid", "write --set key.path=value, for example --set fit.starts=5", option)
+        raise StudyError("options/invalid", "give --set as key.path=value, for example --set fit.starts=5", option)
     try:
         value = parse(text, "value", rank=2)
     except StudyError as error:
@@ -302,14 +302,14 @@ def _override(source: YamlSource, keys: KeyPath, value: YamlSource, option: str)
 
 
 def _put(data: Any, keys: KeyPath, value: Any, option: str) -> tuple[Any, KeyPath]:
-    """A copy of the data with `value` at `keys`, and the keys as the data know them (numbers into lists)."""
+    """Copy of the data with `value` at `keys`, and the keys as in the data (list indices as numbers)."""
     if not keys:
         return value, ()
     step, rest = keys[0], keys[1:]
     if isinstance(data, list):
         if not str(step).isdigit() or int(step) >= len(data):
             raise StudyError(
-                "options/invalid", f"'{step}' must be a number from 0 to {len(data) - 1}: here is a list", option
+                "options/invalid", f"'{step}' must be a number from 0 to {len(data) - 1}, the index of a list", option
             )
         index = int(step)
         entry, path = _put(data[index], rest, value, option)

@@ -151,7 +151,7 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
 
 
 def value_at(data: Any, path: KeyPath) -> Any:
-    """The value at a key path; None where it is not given."""
+    """Value at a key path; None if it is missing."""
     for step in path:
         if isinstance(data, dict):
             data = data.get(step)

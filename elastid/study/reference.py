@@ -192,7 +192,7 @@ def make_schema() -> dict[str, Any]:
 
 
 def _for_editors(node: Any) -> Any:
-    """A name such as 1 needs no quotes: a number may stand for a free text. Defaults that JSON lacks are left out."""
+    """Adapt a schema to editors: names such as 1 need no quotes; defaults without a JSON value are omitted."""
     if isinstance(node, list):
         return [_for_editors(item) for item in node]
     if not isinstance(node, dict):

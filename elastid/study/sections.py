@@ -1,4 +1,4 @@
-"""Study: the sections of one identification; and those of a fleet's file, one study over many robots and dates."""
+"""Sections of a study, which describes one identification, and of a fleet, one study over many robots and dates."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import field, replace
@@ -30,9 +30,8 @@ class ReportSpec:
     """The figures of the report."""
 
     # fmt: off
-    formats: Annotated[tuple[Literal["png"], ...], Key("Formats of the figures' files, in addition to the page, "
-        "which draws its own.", "where every run is to "
-        "leave figures for documents, which takes longer; `elastid run STUDY report --png` draws them for once.")] = ()
+    formats: Annotated[tuple[Literal["png"], ...], Key("File formats of the figures, in addition to the page.",
+        "for figures in documents of every run; `elastid run STUDY report --png` writes them once.")] = ()
     # fmt: on
 
 
@@ -44,18 +43,20 @@ class Study:
     """One identification, from the excitation to the report."""
 
     # fmt: off
-    name: Annotated[FileName, Key("Name of the study and of its run folder.", "a new name for a changed copy keeps the "
-        "results of the first in runs/NAME.")]
-    seed: Annotated[int, Key("Seed of all random numbers; the same seed gives the same results, bit for bit.", "repeat "
-        "the study with another seed to see how phases, noise and starts change the estimates.", least=0)] = 0
+    name: Annotated[FileName, Key("Name of the study and of its run folder.", "give a changed copy a new name to keep "
+        "the results of the first in runs/NAME.")]
+    seed: Annotated[int, Key("Seed of all random numbers; the same seed gives the same results, bit for bit.",
+        "repeat the study with another seed to see the influence of phases, noise and starts on the "
+        "estimates.", least=0)] = 0
     robot: Annotated[Robot | None, Key("Robot model: path of its file, relative to the study, or the model itself "
         "(default: none, the study ends with the frequency responses).", "give it to fit a model.")] = None
-    excitation: Annotated[MultisineSpec | None, Key("Multisine that excites the joints of a simulated rig.", "leave it "
-        "out for logs and responses: elastid finds the excited lines in the data.")] = None
+    excitation: Annotated[MultisineSpec | None, Key("Multisine that excites the joints of a simulated rig (default: "
+        "for logs and responses, the excited lines in the data).", "give it for a simulated rig.")] = None
     experiment: Annotated[ExperimentSpec, Key("Configurations, repetitions and the rig.", "simulated to plan or to "
         "learn, recorded for logs, responses for estimates of another program.")] = field(kw_only=True)
-    design: Annotated[DesignSpec | None, Key("Choice of further configurations before the measurement.", "give it "
-        "before robot time is booked: optimal postures need fewer measurements than random ones.")] = None
+    design: Annotated[DesignSpec | None, Key("Choice of further configurations before the measurement (default: "
+        "experiment.configurations only).", "give it before you book robot time: optimal configurations need fewer "
+        "measurements than random ones.")] = None
     estimator: Annotated[EstimatorSpec, Key("Estimation of frequency responses from the records.", "change it for "
         "aperiodic records, or for fewer experiments than motors.")] = EstimatorSpec()
     modal: Annotated[ModalSpec, Key("Modal analysis of a structure without a robot model.", "give poles_hz to choose "
@@ -64,24 +65,26 @@ class Study:
         "needs nothing here.")] = ModelSpec()
     fit: Annotated[FitSpec, Key("Identification of the parameters: parameters, weights and search.", "give parameters "
         "first, to identify some of the springs only.")] = FitSpec()
-    loads: Annotated[LoadsSpec | None, Key("Static load tests that are fitted together with the responses.", "give "
-        "them to identify springs of the wrist, or to compare static and dynamic stiffness.")] = None
+    loads: Annotated[LoadsSpec | None, Key("Static load tests that are fitted together with the responses (default: "
+        "responses only).", "give them to identify springs of the wrist, or to compare static and dynamic "
+        "stiffness.")] = None
     tool: Annotated[ToolSpec | None, Key("Responses to forces at the tool (hammer or shaker) that are fitted together "
-        "with the responses of the motors.", "a few hits in two postures narrow the intervals of wrist springs many "
-        "times.")] = None
+        "with the motors' responses (default: motors' responses only).", "a few hammer hits in two configurations "
+        "narrow the intervals of wrist springs considerably.")] = None
     gears: Annotated[GearsSpec | None, Key("Estimation of nonlinear gear effects: friction, load-dependent friction, "
-        "hardening, hysteresis, transmission error and ripple.", "give {} to run the stage gears after the fit; the "
-        "stiffnesses then apply at zero torque.")] = None
+        "hardening, hysteresis, transmission error and ripple (default: linear gears, no stage gears).", "give {} to "
+        "run the stage gears after the fit; the stiffnesses then apply at zero torque.")] = None
     validation: Annotated[ValidationSpec, Key("Data that are reserved for validation.", "reserve one configuration of "
         "five or more to measure the prediction error.")] = ValidationSpec()
     compare: Annotated[CompareSpec, Key("Models that `elastid compare` fits and ranks.", "give variants to decide a "
         "question of structure, such as a rigid gear.")] = CompareSpec()
     report: Annotated[ReportSpec, Key("Figures of the report.", "change it for other file formats.")] = ReportSpec()
     friction: Annotated[FrictionSpec | None, Key("Friction study: identification of joint friction from time records "
-        "instead of elasticity from responses.", "its stages are design, measure, constant_velocity, friction, follow "
-        "and report.")] = None
-    filter: Annotated[FilterSpec | None, Key("Kalman filter that tracks friction over the motions of a friction "
-        "study.", "give {} to run the stage follow with the default states F_c, f and offset.")] = None
+        "instead of elasticity from responses (default: study of elasticity).", "its stages are design, measure, "
+        "constant_velocity, friction, follow and report.")] = None
+    filter: Annotated[FilterSpec | None, Key("Kalman filter that tracks friction over the motions of a friction study "
+        "(default: no filter, no stage follow).", "give {} to run the stage follow with the default states F_c, f and "
+        "offset.")] = None
     # fmt: on
 
     __repr__, _repr_html_ = as_text, as_html
@@ -121,7 +124,7 @@ class Study:
 
     @property
     def friction_joints(self) -> tuple[Joint, ...]:
-        """The joints whose friction is asked for, in the robot's order; all driven ones by default."""
+        """Joints whose friction is identified, in the robot's order, by default all driven joints."""
         driven, asked = self.as_robot().driven, self.as_friction().joints
         names = [joint.name for joint in driven]
         chosen = [joint_called(name, names) for name in asked]
@@ -129,12 +132,12 @@ class Study:
 
     @property
     def places(self) -> Places:
-        """The robot, or what stands in for it: the structure that the channels of the logs name."""
+        """The robot, or without one the structure with the channels of the logs."""
         return self.robot or Structure.from_channels(self.experiment.channels)
 
     @property
     def kind(self) -> Kind:
-        """The kind of study, which decides its stages: that of its experiment, of friction, or without a robot."""
+        """Kind of study, which selects its stages: kind of its experiment, friction, or without a robot."""
         if self.friction is not None:
             return "friction" if self.experiment.simulated is not None else "friction-recorded"
         if self.robot is not None:
@@ -142,7 +145,7 @@ class Study:
         return "frf-responses" if self.experiment.responses is not None else "frf"
 
     def fitted(self, responses: Iterable[Response]) -> tuple[Response, ...]:
-        """The responses that the fit sees: those of configurations that are not left out for validation."""
+        """Responses for the fit, without validation configurations."""
         return tuple(
             response for response in responses if response.configuration.name not in self.validation.configurations
         )
@@ -158,20 +161,19 @@ class MemberSpec:
     """One robot on one date."""
 
     # fmt: off
-    robot: Annotated[FileName, Key("Name of the robot.", "the serial number rather than a place in the hall, since "
-        "trends follow it over the years.")]
-    date: Annotated[str, Key("Date of the measurement, year-month-day.", "that of the measurement, not of the "
-        "analysis; two dates of one robot make a trend, and three show whether it is steady.")]
-    set: Annotated[dict[str, Any], Key("Keys of the study that this member overrides, dotted.", "paths of logs above "
-        "all, such as experiment.recorded.files.0.path; other keys only where this robot differs in "
-        "fact.")] = field(default_factory=dict)
+    robot: Annotated[FileName, Key("Name of the robot.", "use the serial number, since trends follow it over the "
+        "years.")]
+    date: Annotated[str, Key("Date of the measurement, year-month-day.", "date of the measurement, not of the "
+        "analysis; two dates give a trend, three show whether it is steady.")]
+    set: Annotated[dict[str, Any], Key("Keys of the study that this member overrides, as dotted paths.",
+        "mainly paths of logs, such as experiment.recorded.files.0.path.")] = field(default_factory=dict)
     # fmt: on
 
     def __post_init__(self) -> None:
         try:
             date.fromisoformat(self.date)
         except ValueError:
-            raise ValueError(f"date is '{self.date}'; write it as year-month-day, for example 2026-03-31") from None
+            raise ValueError(f"date is '{self.date}'. Write it as year-month-day, for example 2026-03-31") from None
 
 
 @section
@@ -179,31 +181,30 @@ class FleetSpec:
     """One study over robots and dates."""
 
     # fmt: off
-    name: Annotated[FileName, Key("Name of the fleet and of its run folder.", "it names the run folder; a fleet that "
-        "grows keeps its name, and only new members are run.")]
-    study: Annotated[str, Key("Path of the study that every member runs, relative to this file.", "one that runs well "
-        "for a single member; keys that differ between members are overridden by `set`.")]
-    members: Annotated[tuple[MemberSpec, ...], Key("Members of the fleet, listed here.", "for a few robots whose keys "
-        "differ; a table is easier to keep from ten on.")] = ()
-    table: Annotated[str | None, Key("CSV file with columns robot, date and keys of the study, a row each member.",
-        "where a spreadsheet or a data base lists the measurements: a column for each key that differs.")] = None
-    set: Annotated[dict[str, Any], Key("Keys of the study for all members; {robot} and {date} stand for those of "
-        "the member.", "for what is common to all members and not to the study, such as fewer starts; with {robot} and "
-        "{date} the paths of logs.")] = field(default_factory=dict)
-    false_discovery_rate: Annotated[float, Key("Share of the reported differences and trends that may be chance.",
-        "lower, 0.01, where each finding stops a robot; higher where looking is cheap. At 0.05 one finding in twenty "
-        "may be chance.")] = 0.05
+    name: Annotated[FileName, Key("Name of the fleet and of its run folder.", "keep the name when the fleet grows; "
+        "only new members are then run.")]
+    study: Annotated[str, Key("Path of the study that every member runs, relative to this file.", "choose a study that "
+        "runs for a single member; `set` overrides keys that differ between members.")]
+    members: Annotated[tuple[MemberSpec, ...], Key("Members of the fleet, listed here.", "for a few robots; from ten "
+        "robots on, use a table.")] = ()
+    table: Annotated[str | None, Key("CSV file with columns robot, date and keys of the study, one row per member "
+        "(default: members only).", "if a spreadsheet or database lists the measurements.")] = None
+    set: Annotated[dict[str, Any], Key("Keys of the study for all members; {robot} and {date} are replaced by the "
+        "values of the member.", "for paths of logs with {robot} and {date}, and for settings of the whole fleet such "
+        "as fewer starts.")] = field(default_factory=dict)
+    false_discovery_rate: Annotated[float, Key("Expected fraction of false alarms among the reported differences and "
+        "trends.", "0.01 if each finding stops a robot; higher if an inspection is cheap.")] = 0.05
     # fmt: on
 
     def __post_init__(self) -> None:
         if bool(self.members) == bool(self.table):
-            raise ValueError("give the members by one of members and table")
+            raise ValueError("give either members or table")
         if not 0 < self.false_discovery_rate < 1:
-            raise ValueError(f"false_discovery_rate is {self.false_discovery_rate:g}; it lies between 0 and 1")
+            raise ValueError(f"false_discovery_rate is {self.false_discovery_rate:g}; it must be between 0 and 1")
 
 
 def joint_called(name: str, driven: Sequence[str]) -> str | None:
-    """The driven joint of a name or, from 1, of a number; None where there is none."""
+    """Driven joint by name or by number from 1; None if it does not exist."""
     if name in driven:
         return name
     return driven[int(name) - 1] if name.isdigit() and 1 <= int(name) <= len(driven) else None

@@ -37,7 +37,7 @@ class Place:
 
 @dataclass(frozen=True)
 class YamlSource:
-    """data: plain dict, list, str, int, float, bool, None.  places: of each key path, (of its key, of its value)."""
+    """data: plain dict, list, str, int, float, bool, None. places: by key path, positions of key and value."""
 
     data: Any
     places: dict[KeyPath, tuple[Place, Place]]
@@ -133,9 +133,7 @@ class _Reader:
         """Value of a YAML node, the places of its keys noted; StudyError where aliases repeat without end."""
         self.places[path] = (key_place, self.place(node))
         if id(node) in self._open or len(self.places) > 200_000:  # aliases may repeat nodes without end
-            raise StudyError(
-                "study/yaml", "aliases repeat themselves without end, or make the file too large", f"{self.place(node)}"
-            )
+            raise StudyError("study/yaml", "aliases are recursive, or make the file too large", f"{self.place(node)}")
         self._open.add(id(node))
         if isinstance(node, MappingNode) and node.tag == f"{_TAG}map":
             data: Any = {key: self.value(item, (*path, key), place) for key, item, place in self.entries(node)}
@@ -155,13 +153,13 @@ class _Reader:
                 continue
             key = str(key_node.value)
             if key_node.tag == f"{_TAG}merge":
-                self.problem(key_node, "merge keys (<<) are not read; write the keys that it would bring in")
+                self.problem(key_node, "merge keys (<<) are not supported. Write the merged keys instead")
                 continue
             if _half_character(key):
                 self.problem(key_node, "half of a character that UTF-8 cannot write (a surrogate) in a key")
                 continue
             if key in first:
-                self.problem(key_node, f"key '{key}' is given twice (first in line {first[key]})")
+                self.problem(key_node, f"key '{key}' occurs twice (first in row {first[key]})")
                 continue
             first[key] = key_node.start_mark.line + 1
             yield key, item, self.place(key_node)
@@ -184,10 +182,10 @@ class _Reader:
             if kind in ("str", "timestamp", "value", "merge"):  # a date is a text here
                 return str(text)
         except (ValueError, OverflowError):
-            self.problem(node, f"'{text[:40]}' is out of the range of numbers")
+            self.problem(node, f"'{text[:40]}' is out of range")
             return None
         except (LookupError, TypeError, AttributeError):  # of a tag that the text does not suit
-            self.problem(node, f"'{text[:40]}' is no {kind}, as its tag says")
+            self.problem(node, f"'{text[:40]}' is not {kind}, as its tag states")
             return None
         self.problem(node, f"the tag {node.tag} is refused: a study holds plain data only")
         return None

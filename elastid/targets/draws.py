@@ -14,7 +14,7 @@ from elastid.use.draws import DrawnRobots
 
 
 def write_draws(folder: Path, draws: DrawnRobots, name: str) -> tuple[tuple[Path, ...], str]:
-    """samples.csv, robots/*.yml and mujoco/*.xml; the table and folders, and why there is no MJCF, where there is none.
+    """Write samples.csv, robots/*.yml and mujoco/*.xml; return table and folders, and the reason if MJCF is missing.
 
     The robot files are YAML in its JSON form, which is written and read a hundred times as fast.
     """

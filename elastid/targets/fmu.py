@@ -10,8 +10,6 @@ Encoders and drives are ideal, and the delay of the measurement is left out. The
 be built for any system; a library for this one is inside where a C compiler was found.
 """
 
-from __future__ import annotations
-
 import platform
 import shutil
 import subprocess
@@ -75,7 +73,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A robot as a unit: its equations, the postures of its start, and what is known of its numbers, in words.
+    """Robot as a functional mock-up unit: equations, start postures, and a description of the uncertainty.
 
     move: references and torques that its controller has inside, and the gains (n_u,) of angles and speeds with them.
     """
@@ -89,14 +87,14 @@ class Subject:
     kd: FloatArray | None = None
 
     @classmethod
-    def fitted(cls, model: FittedRobot) -> Subject:
+    def fitted(cls, model: FittedRobot) -> "Subject":
         """A fitted robot, in the configurations that were measured."""
         postures = tuple(linear.configuration for linear in model.linear)
         known = {number.name: number.words for number in known_numbers(model)}
         return cls(model.name or model.robot.name, model.model, postures, known)
 
     @classmethod
-    def moving(cls, robot: Robot, tuned: TunedMove) -> Subject:
+    def moving(cls, robot: Robot, tuned: TunedMove) -> "Subject":
         """A robot at the start of a move, in the loops that the move was judged in."""
         model, start = formulate(robot), Configuration("start of the move", tuned.position[0])
         gains = tune(model, equilibrium(model, model.theta, start).q, tuned.bandwidth_hz, DAMPING_RATIO)
@@ -152,7 +150,7 @@ def _of(
 
 
 def framed(robot: Robot) -> Robot:
-    """The robot with a frame `tool` where it has none."""
+    """Robot with a frame `tool`, added if it is missing."""
     return robot if robot.frames else with_frames(robot, (TOOL,))
 
 
@@ -168,7 +166,7 @@ def _at_frames(robot: Robot, name: str, causality: Causality, text: str) -> list
 
 
 def _stiffnesses(subject: Subject) -> list[Variable]:
-    """The parameters of the equations: stiffnesses, dampings, masses and so on, with what the fit knows of them."""
+    """Parameters of the equations with the intervals of the fit."""
     units = {name: unit for name, (_, unit) in subject.model.robot.parameters().items()}
     texts = {name: f"{name} of the robot, {units.get(name, 'SI')}; {subject.known.get(name, HELD)}" for name in units}
     return [

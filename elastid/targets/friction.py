@@ -113,7 +113,7 @@ def _starts(joint: FollowedJoint) -> str:
 
 
 def compensation(robot: Robot) -> ca.Function:
-    """v (n_u,) -> u_f (n_u,): what the motors need beside the torque of the robot without friction."""
+    """v (n_u,) -> u_f (n_u,): motor torque in addition to the frictionless robot."""
     v = ca.SX.sym("v", len(robot.driven))
     laws = {law.place: law for law in frictions(robot)}
     torques = []
@@ -129,7 +129,7 @@ def compensation(robot: Robot) -> ca.Function:
 
 
 def write_compensation(folder: Path, robot: Robot, name: str, known: Iterable[str]) -> tuple[Path, ...]:
-    """friction.c, friction.h: `friction_torque(v, u)`; friction.csv: the same over velocity.
+    """Write friction.c and friction.h with `friction_torque(v, u)`, and friction.csv with torque over velocity.
 
     known: lines on the intervals of the numbers.
     """

@@ -19,8 +19,6 @@ so that mass, centre, inertia across it and all terms of s in T are those of the
 :math:`T = \tfrac12 m |(1-a) \dot p_1 + a \dot p_2|^2 + \tfrac12 (I / L^2) |\dot p_2 - \dot p_1|^2`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -48,7 +46,7 @@ Elements = Mapping[str, tuple[ET.Element, Placement]]
 _HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
 _ALONG = np.array([1.0, 0.0, 0.0])  # a rod, in its own axes
 # Of a robot without loops.
-NO_RODS: Mapping[str, RodPose] = MappingProxyType({})
+NO_RODS: "Mapping[str, RodPose]" = MappingProxyType({})
 
 
 def write_mujoco(folder: Path, model: FittedRobot, rubbing: Robot | None = None) -> tuple[Path, ...]:
@@ -67,7 +65,7 @@ def write_mujoco(folder: Path, model: FittedRobot, rubbing: Robot | None = None)
     return (path,)
 
 
-def mjcf(robot: Robot, rods: Mapping[str, RodPose] = NO_RODS) -> ET.Element:
+def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
     """The robot without keyframes; StudyError where MJCF cannot represent it.  rods: the poses they are drawn in."""
     _check(robot)
     root = ET.Element("mujoco", model=robot.name)
@@ -201,7 +199,7 @@ def _intervals(root: ET.Element, model: FittedRobot) -> None:
 
 
 def _keyframes(
-    root: ET.Element, model: FittedRobot, rest: Sequence[OperatingPoint], start: Mapping[str, RodPose]
+    root: ET.Element, model: FittedRobot, rest: Sequence[OperatingPoint], start: "Mapping[str, RodPose]"
 ) -> None:
     """Rest in every configuration, the joints in the order of the file, which is the engine's."""
     keys = ET.SubElement(root, "keyframe")
@@ -314,7 +312,7 @@ def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
 
 
 def _part(rod: Rod) -> float:
-    """f, where the moving part of a rod's mass is; 1 where it has none."""
+    """f: relative location of the moving part of a rod's mass, 0 to 1; 1 without mass."""
     return rod.center + rod.inertia / (rod.mass * rod.center * rod.length**2) if rod.mass * rod.center > 0 else 1.0
 
 

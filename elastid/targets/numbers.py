@@ -1,4 +1,4 @@
-"""Numbers as exported files carry them: in full, those of a fit with their intervals; a held number has no std."""
+"""Parameters in exported files, in full precision; fitted ones with intervals, fixed ones without std."""
 
 import math
 from collections.abc import Iterable
@@ -60,7 +60,7 @@ def interval_lines(model: FittedRobot) -> tuple[str, ...]:
 
 
 def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
-    """A line for each parameter that was not held, under one that says how the fit ended; for the head of a file."""
+    """Header of an exported file: status of the fit, then a row per free parameter."""
     every = [_known(result, parameter) for parameter in parameters_of(result, configuration)]
     numbers = [number for number in every if number.words != HELD]
     ended = result.status.replace("_", " ")

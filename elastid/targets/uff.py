@@ -1,5 +1,5 @@
-"""Export to universal files, by pyuff (the extra `uff`): responses as data sets 58, their modes as data sets 55, and
-where points are known the units (164), nodes (15) and trace lines (82), by which shapes move.
+"""Export to universal files by pyuff (the extra `uff`): responses (data set 58), modes (55), and for known points units
+(164), nodes (15) and trace lines (82).
 
 A data set has room for ten letters of a name, so places become nodes: `3z` (or `tip 3z`) is node 3 along z, `tip x` the
 next free node, that of `tip y` as well, along x, any other name the next free one, without a direction. A geometry says
@@ -146,7 +146,7 @@ def _sets(name: str, response: Response, nodes: dict[str, tuple[int, int]]) -> I
 
 
 def _mode_sets(name: str, modes: Modes, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
-    """Shapes along x, y and z of the nodes, those of rotations and of places without a direction left out."""
+    """Mode shapes along x, y and z of the nodes, without rotations and outputs without a direction."""
     translating = [(i, *nodes[place]) for i, place in enumerate(modes.places) if 1 <= abs(nodes[place][1]) <= 3]
     numbers = sorted({node for _, node, _ in translating})
     for r in range(modes.n_modes if numbers else 0):

@@ -22,8 +22,6 @@ A = exp(A_c T_s) and B = int_0^T exp(A_c s) B_c ds are exact; lags of the drives
 fit has found is one of whole samples and one of a part of a sample.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -91,7 +89,7 @@ class PostureFamily:
     rate_hz: float
 
     @classmethod
-    def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> PostureFamily:
+    def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> "PostureFamily":
         """StudyError where a posture has no rest."""
         motors = result.known_robot.motor_locations
         family = result.family(Asked(inputs=motors, outputs=motors, motors="free"))
@@ -213,12 +211,12 @@ class Scene:
     P: ComplexArray
 
     @classmethod
-    def of(cls, plants: Plants, lines: int = 220, per_mode: int = 13) -> Scene:
+    def of(cls, plants: Plants, lines: int = 220, per_mode: int = 13) -> "Scene":
         """Scene on a grid with so many lines."""
         freq_hz = grid(plants, lines, per_mode)
         return cls(plants, freq_hz, plants.response(freq_hz))
 
-    def closed(self, gains: JointLoop, filters: Filters | None) -> Closed:
+    def closed(self, gains: JointLoop, filters: Filters | None) -> "Closed":
         """The loops of gains (n_u,) or (N, n_u)."""
         stack = gains.each(lambda part: np.atleast_2d(part)[:, None])
         rate_hz = self.plants.rate_hz

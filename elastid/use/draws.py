@@ -1,4 +1,4 @@
-"""Robots drawn from what a fit knows: parameters with their correlations, numbers of the robot's file included."""
+"""Robots drawn from the posterior of a fit: correlated parameters, including numbers of the robot model."""
 
 from dataclasses import dataclass, replace
 

@@ -27,8 +27,6 @@ robot, its motors free, that moves the motor of this axis; one that is farther t
 the phase of the loop: to its gains at low frequencies, to delay, sampling and filters at high ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -81,7 +79,7 @@ class Cascade:
         """Axis of each of x."""
         return np.concatenate([*[np.arange(len(self.velocity_gain))] * 3, np.repeat(np.array(self.axes, int), 3)])
 
-    def at(self, x: FloatArray) -> Cascade:
+    def at(self, x: FloatArray) -> "Cascade":
         """Cascade with other numbers."""
         p, v, corner, rest = np.split(np.exp(x), np.cumsum([len(self.velocity_gain)] * 3))
         return replace(self, position_gain=p, velocity_gain=v, low_pass_hz=corner, notches=rest.reshape(-1, 3))
@@ -96,7 +94,7 @@ class Cascade:
         high[3 * n :] = np.minimum(high[3 * n :].reshape(-1, 3), ends[1]).ravel()
         return np.minimum(low, x), np.maximum(high, x)
 
-    def slower(self, position: float, velocity: float) -> Cascade:
+    def slower(self, position: float, velocity: float) -> "Cascade":
         """Cascade with position and velocity gains of all axes times factors; filters stay."""
         return replace(self, position_gain=position * self.position_gain, velocity_gain=velocity * self.velocity_gain)
 
@@ -155,7 +153,7 @@ def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
 
 
 def slowed(cascade: Cascade, is_kept: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
-    """The first of slower copies of a controller that keeps its limit, to a quarter of a step; None where none does."""
+    """First slower copy of a controller that satisfies its limit, within a quarter of a step; None if no copy does."""
     for step in range(slowest):
         for share in (0.0, 1.0):  # of the slowing that the velocity loops take part in
 
@@ -169,7 +167,7 @@ def slowed(cascade: Cascade, is_kept: Callable[[Cascade], bool], slowest: int = 
 
 
 def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]:
-    """Velocity loops from twice to a thirtieth of the first mode, or of what delay and sampling leave, by inertia."""
+    """Velocity bandwidths from 2 to 1/30 of the first mode, or of the limit by delay and sampling; gains by inertia."""
     top = 2 * np.pi * min(first_mode_hz, plants.rate_hz / (8 * (1 + delay)))
     inertia = np.exp(np.log(plants.inertia).mean(axis=0))
     corner = np.full(len(inertia), 0.3 * plants.rate_hz)
@@ -372,7 +370,7 @@ TODAY, DESIGNED = "today's controller", "designed controller"
 
 @frozen_value
 class Loops:
-    """today: None where the study does not state it.  designed, with its gains.  count: of draws."""
+    """today: present gains, None if the study lacks them. designed: with its gains. count: of samples."""
 
     name: str
     joints: tuple[str, ...]

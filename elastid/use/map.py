@@ -159,7 +159,7 @@ class Quantity:
 
     @property
     def relative_std(self) -> FloatArray:
-        """std over value (Q,); 0 of what does not give at all, such as a point on the axis of the only joint."""
+        """std / value (Q,); 0 for infinite stiffness, such as a point on the axis of the only joint."""
         return np.divide(self.std, self.value, out=np.zeros_like(self.std), where=self.value != 0)
 
     @property

@@ -7,8 +7,6 @@ of degree 5 that starts and ends at rest. A path of poses is interpolated as pos
 them. The limits are those of the motors, link side.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,7 +24,7 @@ KINDS = {"velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "tor
 
 @frozen_value
 class MotionLimits:
-    """angle (n_u, 2), velocity, acceleration, jerk, torque (n_u,): link side, infinite where there is none."""
+    """angle (n_u, 2), velocity, acceleration, jerk, torque (n_u,): link side, infinite without a limit."""
 
     angle: FloatArray
     velocity: FloatArray
@@ -35,7 +33,7 @@ class MotionLimits:
     torque: FloatArray
 
     @classmethod
-    def of(cls, robot: Robot) -> MotionLimits:
+    def of(cls, robot: Robot) -> "MotionLimits":
         """Limits of the driven joints."""
         limits = [joint.limits for joint in robot.driven]
         angle = np.array([limit.angle for limit in limits], float)
@@ -48,7 +46,7 @@ class MotionLimits:
         low, high = np.where(finite[:, None], self.angle, 0.0).T
         return (low + high) / 2, np.where(finite, (high - low) / 2, np.inf)
 
-    def narrowed(self, parts: dict[str, FloatArray]) -> MotionLimits:
+    def narrowed(self, parts: dict[str, FloatArray]) -> "MotionLimits":
         """Limits with a part (n_u,) of each kind that is named."""
         return replace(self, **{kind: getattr(self, kind) * part for kind, part in parts.items()})
 
@@ -73,7 +71,7 @@ class References:
         return float((len(self.time_s) - 1) / (self.time_s[-1] - self.time_s[0]))
 
     def use(self, limits: MotionLimits) -> dict[str, FloatArray]:
-        """Part (N, n_u) of each limit that is used, 0 where there is none."""
+        """Used fraction (N, n_u) of each limit, 0 without a limit."""
         used = {kind: np.abs(getattr(self, kind)) / getattr(limits, kind) for kind in KINDS}
         middle, reach = limits.range
         return {"angle": np.abs(self.position - middle) / reach, **used}
@@ -113,7 +111,7 @@ class Move:
         """Angles (2, n_u) at the start and at the end."""
         return np.asarray(self.spline(np.array([0.0, 1.0])))
 
-    def in_time(self, duration: float) -> Move:
+    def in_time(self, duration: float) -> "Move":
         """Move along the way in another time."""
         return replace(self, duration=duration)
 

@@ -13,8 +13,6 @@ does not depend on the past alone. IPOPT (Wachter and Biegler, Mathematical Prog
 Hessian of the tool's error. Of plans the best within limits, and the shortest time.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -62,7 +60,7 @@ class CommandedRobot:
     spec: ModelSpec = EXACT
 
     @classmethod
-    def of(cls, robot: Robot, frame: str, posture: FloatArray, spec: ModelSpec = EXACT) -> CommandedRobot:
+    def of(cls, robot: Robot, frame: str, posture: FloatArray, spec: ModelSpec = EXACT) -> "CommandedRobot":
         """Robot in the formulation of `spec`, of loops of elastic rods in the minimal one; posture (n_u,): amid all."""
         model = formulate(robot, spec)
         if model.n_c:
@@ -87,7 +85,7 @@ class CommandedRobot:
         return ca.Function("balance", [q, v, a, lambda_], results, {"cse": True})
 
     def friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
-        """P tau_f (n_q,) of steady sliding, of all laws or those of motors alone."""
+        """P tau_f (n_q,) of steady sliding, by all friction models or the motors' only."""
         laws = [law for law in frictions(self.robot) if law.place in self.model.inputs or not of_motors]
         total = ca.SX(self.model.n_q, 1)
         for law, column in zip(laws, contacts(self.model, laws).P.T, strict=True):
@@ -111,7 +109,7 @@ class CommandedRobot:
         return ca.Function("tool", [q, p, ca.vec(R)], results, {"cse": True})
 
     def torque(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        """u (N, n_u) that a motion (N, n_q) takes; the forces in loops are those of least squares."""
+        """Torques u (N, n_u) for a motion (N, n_q); forces in loops by least squares."""
         m, n, n_r = self.model, len(q), len(self.rows)
         force, _, Phi = (part.full() for part in self.balance.map(n)(q.T, v.T, a.T, np.zeros((n_r, n))))
         carried = -Phi.reshape(n_r, n, m.n_q).transpose(1, 2, 0)
@@ -164,7 +162,7 @@ _RATE_S, _RIPPLE = 0.02, 1e-5  # t_0, and the same of what differs from knot to 
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A motion q(t) (n_q,) as a spline over time in s; status: of IPOPT.  violation: of its constraints."""
+    """Motion q(t) (n_q,) as a spline over time in s. status: of IPOPT. violation: of the constraints."""
 
     q: BSpline
     status: str
@@ -333,7 +331,7 @@ def planned_error(commanded: CommandedRobot, move: Move, planned: Planned) -> Fl
 def shortest(
     commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, error_m: float
 ) -> Move | None:
-    """The move in the shortest time in which the tool stays within error_m of its path; None where none was found."""
+    """Time-optimal move with a tool path error of at most error_m; None if the search fails."""
 
     def can(duration: float) -> bool:
         if duration > LONGEST_S:

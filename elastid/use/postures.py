@@ -98,7 +98,7 @@ def inverse_kinematics(
 def follow_path(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, seed: int = 0
 ) -> tuple[FloatArray, BoolArray]:
-    """Postures along a path: each pose is reached from the one before it where it can be."""
+    """Postures along a path; each inverse-kinematics search starts at the previous pose if possible."""
     angles, reached = inverse_kinematics(robot, frame, position, rotation, seed)
     for i in range(1, len(position)):
         if not reached[i - 1]:
@@ -141,7 +141,7 @@ def _descend(
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers (Q, n) of a CSV file under their heads (n,); lines (Q,): of each row in the file, counted from 1."""
+    """Numbers (Q, n) of a CSV file with headings (n,). lines (Q,): row numbers in the file, from 1."""
 
     path: Path
     heads: tuple[str, ...]
@@ -154,7 +154,7 @@ class Table:
         return {name_and_unit(head)[0]: place for place, head in enumerate(self.heads)}
 
     def angles(self, robot: Robot) -> FloatArray | None:
-        """Angles (Q, n_u) of the driven joints; None where the table lacks one."""
+        """Angles (Q, n_u) of the driven joints; None if the table lacks one."""
         names, words = robot.driven_names, self.words
         if not set(names) <= set(words):
             return None
@@ -207,14 +207,14 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
 
 
 def _remark(where: BoolArray, words: str) -> tuple[str, ...]:
-    """A sentence on rows (Q,), counted from 1; none where there are none."""
+    """Sentence on rows (Q,), counted from 1; empty without rows."""
     rows = [str(row + 1) for row in np.flatnonzero(where)]
     more = ", ..." * (len(rows) > 5)
     return (f"{len(rows)} of the path's postures (row {', '.join(rows[:5])}{more}) {words}",) if rows else ()
 
 
 def read_numbers(path: Path) -> Table:
-    """The numbers of a CSV file; DataError with the line of a cell that is none."""
+    """Numbers of a CSV file; raise DataError with the row of a cell without a number."""
     values, lines, heads = [], [], tuple[str, ...]()
     for line, cells in read_table(path):
         try:

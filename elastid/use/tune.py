@@ -8,8 +8,6 @@ The nonlinear elastic model with friction, sampled loops, torques clipped at the
 change from run to run, so that draws of what a fit knows are judged by one function.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -75,7 +73,7 @@ class TwinLoop:
     def of(
         cls, commanded: CommandedRobot, robot: Robot, start: FloatArray, rate_hz: float, bandwidth_hz: float,
         samples: int = 0, *, clips: bool = False,
-    ) -> TwinLoop:  # fmt: skip
+    ) -> "TwinLoop":  # fmt: skip
         """Loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
 
         samples: about how many will be simulated.  clips: torques at their limits.  StudyError for poles that are too

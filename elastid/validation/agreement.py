@@ -151,7 +151,7 @@ def noise_p(agreements: Sequence[Agreement]) -> float:
 
 
 def power_ratio(agreements: Sequence[Agreement]) -> tuple[float, float]:
-    """Power of the residuals over that of the noise, of all configurations together, and its degrees of freedom."""
+    """Ratio of residual power to noise power, over all configurations, and its degrees of freedom."""
     known = [(a.power_dof, a.power_ratio) for a in agreements if math.isfinite(a.power_ratio) and a.power_dof > 0]
     dof = sum(weight for weight, _ in known)
     return (sum(weight * ratio for weight, ratio in known) / dof, dof) if known else (math.nan, 0.0)

@@ -29,8 +29,6 @@ is lacking elsewhere. It ends where no step leads to a model that was not visite
 the 2^n models.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -57,7 +55,7 @@ Elastic: TypeAlias = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Refit:
-    """How a fit without some configurations ended.  cost, n_free and dof: of the fit; folds: by configuration.
+    """Outcome of a fit without some configurations. cost, n_free and dof: of the fit. folds: by configuration.
 
     status: that of the fit, or `failed`, with the reason as message.
     """
@@ -92,7 +90,7 @@ class ComparedModel:
         """Mean misfit over the configurations; infinite where one of them is not known."""
         return float(self.misfit.mean()) if self.misfit.size and np.isfinite(self.misfit).all() else math.inf
 
-    def behind(self, best: ComparedModel) -> tuple[float, float]:
+    def behind(self, best: "ComparedModel") -> tuple[float, float]:
         """Mean difference of the misfits to the best model's, and its standard error."""
         difference = self.misfit - best.misfit
         n = difference.size
@@ -222,7 +220,7 @@ class ComparedVariant:
 
 
 def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[str]]) -> Refit:
-    """Fit a variant to all responses but those of configurations left out, and compare its prediction with them."""
+    """Fit a variant without the left-out configurations, and compare its prediction with their responses."""
     variant, left_out = task
     fitted = [response for response in responses if response.configuration.name not in left_out]
     out = [response for response in responses if response.configuration.name in left_out]
@@ -259,7 +257,7 @@ def rank(
 
 
 def restricted(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
-    """A study's fit without parameters that its robot has and a variant lacks; StudyError where none is left."""
+    """Fit section of a study without the parameters that a variant lacks; raise StudyError if no parameter remains."""
     variant_names, known = variant.parameters(variant.on_demand), robot.parameters(robot.on_demand)
 
     def is_gone(key: str) -> bool:

@@ -1,4 +1,4 @@
-r"""Parameters over a fleet: which robots differ from the others, and which numbers drift, beyond what is natural.
+r"""Parameters over a fleet: robots that differ from the others and parameters that drift, beyond natural scatter.
 
 Robots of one type differ, and so do dates, by more than the std sigma of a fit.  Of the logarithms of positive
 parameters, a robot's mean over its T dates and its line over them are those of random effects,
@@ -207,7 +207,7 @@ def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> lis
 
 
 def _trends(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Finding]:
-    """The line over its dates of every robot that has two, by what dates of robots or of like parameters differ."""
+    """Straight line over the dates of each robot with two or more, with the scatter of dates or similar parameters."""
     of_kind = [p.between_dates() for p in _same_kind(parameter, parameters)]
     findings = []
     for s in parameter.series:
@@ -228,7 +228,7 @@ def _together(parts: Iterable[_Excess]) -> _Excess:
 
 
 def _moderated(own: _Excess, of_kind: Iterable[_Excess]) -> tuple[float, float]:
-    """Variance and degrees of freedom of its own spread and that of its kind, worth `max_shared_dof` at most."""
+    """Variance and degrees of freedom of its own scatter and its kind's, which counts `max_shared_dof` at most."""
     total, dof = _together(of_kind)
     worth = min(1.0, LIMITS.max_shared_dof / dof) if dof else 0.0
     total, dof = _together([own, (worth * total, worth * dof)])
@@ -249,7 +249,7 @@ def _letters(name: str) -> str:
 
 
 def _finding(kind: Kind, robot: str, parameter: _Parameter, off: float, std: float, dof: float) -> Finding:
-    """dof: of the spread; none: the std is that of the fits alone."""
+    """dof: degrees of freedom of the scatter; none: std of the fits alone."""
     z, change = off / std, math.expm1(off) if parameter.is_relative else off
     p = float(2 * stdtr(dof or math.inf, -abs(z)))
     return Finding(kind, robot, parameter.name, change, parameter.is_relative, z, p)

@@ -13,8 +13,6 @@ lacks acts on the twin as it does on the robot. Joints that rest are held by a l
 Logs are judged by the numbers of others, too (`predict_logs`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -107,7 +105,7 @@ class _Log:
     signals: tuple[MotionSignals, ...]
 
     @classmethod
-    def of(cls, robot: Robot, members: Sequence[tuple[MotionFriction, FrictionRecord]]) -> _Log:
+    def of(cls, robot: Robot, members: Sequence[tuple[MotionFriction, FrictionRecord]]) -> "_Log":
         """The log of joints that moved together, up to LONGEST_S."""
         names, (regressions, records) = robot.driven_names, zip(*members, strict=True)
         n, rest = round(LONGEST_S * records[0].rate_hz), records[0].angles(len(names))
@@ -116,7 +114,7 @@ class _Log:
         return cls(min(len(records[0].position), n), rest, moving, regressions, records, signals)
 
     def whole(self, columns: Iterable[FloatArray], rest: FloatArray | float = 0.0) -> FloatArray:
-        """Signals (n, n_u) of all joints by those of the joints that move; rest: of the others."""
+        """Signals (n, n_u) of all joints from the moving joints. rest: values of the other joints."""
         values = np.full((self.n, len(self.rest)), rest)
         for i, column in zip(self.moving, columns, strict=True):
             values[:, i] = column[: self.n]

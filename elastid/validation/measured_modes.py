@@ -1,4 +1,4 @@
-r"""Modes of the measured responses of a robot beside those of its identified model, and modes that the model lacks.
+r"""Modes of the measured responses compared with the identified model, and modes that the model lacks.
 
 A measured mode belongs to the model's mode of near frequency, within 10 % or the smaller half width, and like shape,
 each to one; their shapes at the outputs, psi of the measurement and C phi of the model, are compared by
@@ -91,7 +91,7 @@ class MeasuredModes:
 
 
 def measured_modes(fitted: FittedRobot) -> tuple[MeasuredModes, ...]:
-    """The measured modes of each configuration, beside those of the model."""
+    """Measured modes of each configuration, compared with the model's."""
     return tuple(map(_beside, fitted.measured, fitted.responses, fitted.linear))
 
 

@@ -38,7 +38,7 @@ def whitening(noise: SmoothedNoise) -> ComplexArray:
 def power_over_noise(
     z: ComplexArray, whiten: ComplexArray, noise: SmoothedNoise, of_shifts: float = 0.0
 ) -> tuple[float, float]:
-    r"""Power of whitened residuals z (F, m) over that of the measured noise, and the degrees of freedom d of the ratio.
+    r"""Ratio of the power of whitened residuals z (F, m) to the noise power, and its degrees of freedom d.
 
     .. math:: \frac{\sum_k |z_k|^2}{\sum_k \mathrm{tr}(L_k^{-1} S_k L_k^{-H}) / (1 - \kappa / \nu)}
 

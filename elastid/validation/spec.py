@@ -12,13 +12,12 @@ class ValidationSpec:
     """Configurations, or logs of friction, by which the model is judged."""
 
     # fmt: off
-    configurations: Annotated[tuple[str, ...], Key("Configurations that are not fitted; in a study of friction logs of "
-        "motions, by the names of their files without extension.", "one where there are five or more, and not the most "
-        "extreme one, which the others cannot predict; none leaves residual tests on fitted data alone.",
-        distinct=True)] = ()
-    tool: Annotated[ToolSpec | None, Key("Responses measured at the tool, which the fitted robot predicts.", "where "
-        "the model is to say how the tool behaves: a few taps with a hammer show whether it does; taps under the "
-        "section tool are fitted, too.")] = None
+    configurations: Annotated[tuple[str, ...], Key("Validation configurations, excluded from the fit; in a friction "
+        "study, file names of motion logs without extension.", "one of five or more, not the most extreme one; without "
+        "any, only residual tests of fitted data remain.", distinct=True)] = ()
+    tool: Annotated[ToolSpec | None, Key("Responses measured at the tool that the fitted model predicts (default: no "
+        "such validation).", "a few hammer hits validate the model at the tool; hits under the section tool are fitted "
+        "instead.")] = None
     # fmt: on
 
 
@@ -27,17 +26,14 @@ class VariantSpec:
     """Another model for `elastid compare`: its differences from the study's own."""
 
     # fmt: off
-    name: Annotated[Name, Key("Name of the model in the comparison.", "a few words that the table and the figures can "
-        "hold.")]
-    rigid: Annotated[tuple[str, ...], Key("Joints, and rods by the names of their loops, whose springs are left out; "
-        "the gear of a driven joint is then rigid, any other joint is removed.", "the joint or rod whose elasticity is "
-        "in doubt; a prediction that gets no worse says that the spring is not needed.")] = ()
-    motor_coupling: Annotated[bool, Key("The rotors move with the bodies that carry them if true; false neglects that "
-        "motion.", "false for models of other tools that leave it out; with high ratios it matters in wrists "
-        "most.")] = True
-    set: Annotated[tuple[str, ...], Key("Keys of the study and their values as on the command line, such as "
-        "model.formulation=serial or robot.gears.0.springs=before.", "for everything else, such as another band of the "
-        "fit or other weights; one entry for each key.")] = ()
+    name: Annotated[Name, Key("Name of the model in the comparison.", "a few words, which tables and figures display.")]
+    rigid: Annotated[tuple[str, ...], Key("Rigid joints and rods (by loop name); an undriven joint is removed.",
+        "the elastic joint or rod in question; if the prediction does not degrade, its spring is not needed.")] = ()
+    motor_coupling: Annotated[bool, Key("If true, the rotors move with the bodies that carry them; false neglects this "
+        "motion.", "false for models of tools that neglect it; with high ratios it matters mainly in wrists.")] = True
+    set: Annotated[tuple[str, ...], Key("Keys of the study with values as on the command line, such as "
+        "model.formulation=serial or robot.gears.0.springs=before.", "for other differences, such as the band or "
+        "weights of the fit; one entry per key.")] = ()
     # fmt: on
 
 
@@ -46,15 +42,11 @@ class CompareSpec:
     """The models that `elastid compare` fits and ranks."""
 
     # fmt: off
-    folds: Annotated[int, Key("Number of parts into which the configurations are divided, each left out once; 0 leaves "
-        "each configuration out alone.", "4 or 5 where many configurations make leaving out one by one slow: every "
-        "variant costs as many fits.")] = 0
-    variants: Annotated[tuple[VariantSpec, ...], Key("Models to compare with the study's own (default: the robot "
-        "without motor coupling, and without each elastic joint that is not driven; a robot with loops also by its "
-        "other exact formulation and by the approximations of model.variant, with the parameters that these lack fixed "
-        "at their starts).", "a list of your own for the questions that are open; each costs a fit for each fold. A "
-        "rigid loop and one constant stiffness predict the same where the stiffness of the gear is identified: it "
-        "includes that of the rod.")] = ()
+    folds: Annotated[int, Key("Number of folds of the cross-validation over configurations; 0 leaves out one "
+        "configuration at a time.", "4 or 5 for many configurations: each variant costs one fit per fold.")] = 0
+    variants: Annotated[tuple[VariantSpec, ...], Key("Models compared with the study's own (default: the robot without "
+        "motor coupling, without each undriven elastic joint, and, with loops, in its other formulation and the "
+        "approximations of model.variant).", "list the structures in question; each costs one fit per fold.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -47,7 +47,8 @@ MIN_POWER_SHARE = 1e-4
 
 @dataclass(frozen=True)
 class BandBalance:
-    """The torque between two frequencies in Hz: power, its share of all; share of each part in it; what is left.
+    """Torque balance between two frequencies in Hz: power, its fraction of the total, fractions of each term, and
+    residual.
 
     unexplained_without_friction: by the model without its friction.
     """
@@ -85,7 +86,7 @@ class TorqueBalance:
 
     @property
     def worst(self) -> BandBalance:
-        """The octave of which the model leaves most, of those with power."""
+        """Octave with the largest residual fraction among octaves with power."""
         return max(
             (band for band in self.bands if band.power >= MIN_POWER_SHARE), key=lambda band: band.unexplained_fraction
         )
@@ -154,7 +155,7 @@ def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterat
 def _explained(
     measured: FloatArray | ComplexArray, torques: FloatArray | ComplexArray, no_friction: FloatArray
 ) -> tuple[tuple[float, ...], float, float]:
-    """Shares of torques (n_p, ...), and those of the residuals of all of them and of those without friction."""
+    """Power fractions of torques (n_p, ...), and of the residuals with and without friction."""
     u, parts = measured.ravel(), torques.reshape(len(torques), -1)
     power = max(float(np.sum(np.abs(u) ** 2)), 1e-300)
     left, without = (float(np.sum(np.abs(u - part.sum(axis=0)) ** 2)) / power for part in (parts, parts[no_friction]))

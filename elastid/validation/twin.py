@@ -218,7 +218,7 @@ def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
 
 
 def _held(record: Record, u: FloatArray) -> FloatArray:
-    """The command (N, n_u), held from sample to sample, whose torque acts as that of one period u does; no mean."""
+    """Command (N, n_u) with zero-order hold equivalent to one period u, without mean."""
     N = record.period_samples
     freq_hz = line_frequencies(np.arange(N // 2 + 1), record.rate_hz, N)
     held = replace(record, hold="zero-order", hold_samples=())

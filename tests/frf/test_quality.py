@@ -86,7 +86,7 @@ def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     found = local_modes(FREQ, G, np.zeros(G.shape))
     span = np.full(len(FREQ), 9.0)
     (word,) = wide_windows(found, FREQ, span, poles=0)
-    assert "2 of 2 modes: 9 Hz at 45 Hz, where a mode is 4." in word.text
+    assert "2 of 2 modes: 9 Hz at 45 Hz" in word.text
     assert wide_windows(found, FREQ, span / 3, poles=0) == []
     assert wide_windows(found, FREQ, span, poles=2) == []
     assert len(wide_windows(found, FREQ, 10 * span, poles=1)) == 1

@@ -38,7 +38,7 @@ def test_samples_that_are_lost_in_three_periods_are_said(
         measured(tmp_path, study_of("log.csv", period_samples=200))
     found = re.search(r"(\d samples are \w+)[^(]* near sample (\d+)", str(refusal.value))
     assert found is not None, refusal.value
-    assert found[1] == f"{abs(lost)} samples are {'lost' if lost > 0 else 'there'}"
+    assert found[1] == f"{abs(lost)} samples are {'missing' if lost > 0 else 'duplicated'}"
     assert abs(int(found[2]) - place) < 50
     save_csv(tmp_path / "log.csv", {name: x[:600] for name, x in log.items()})
     with refused("records/period-mismatch", holds="200 samples"):

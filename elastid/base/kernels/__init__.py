@@ -35,7 +35,7 @@ def description() -> str:
 
 
 def call(name: str, *arguments: int | npt.NDArray[Any] | None) -> None:
-    """Call a kernel with 64-bit integers and contiguous arrays; MemoryError where it says so.
+    """Call a kernel with 64-bit integers and contiguous arrays; raise MemoryError if it runs out of memory.
 
     None is a null pointer. Arrays that are not contiguous are copied: output arrays must be. RuntimeError without the
     library.
@@ -55,7 +55,7 @@ def sources_hash() -> str:
 
 @cache
 def _library() -> ctypes.CDLL | None:
-    """The library; None where none was built, or where it does not load or comes from other sources, with a warning."""
+    """Load the compiled library; return None without one, and warn if it does not load or has other sources."""
     if not LIBRARY.exists():
         return None
     try:

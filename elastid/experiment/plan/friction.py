@@ -33,7 +33,7 @@ RAMP_PEAK = 15 / 8
 
 @dataclass(frozen=True)
 class PassLimits:
-    """Limits of a joint: window (2,) of its angle, velocity, acceleration; turn of the motor; bandwidth of its loop.
+    """Limits of a joint: angle window (2,), velocity, acceleration, angle per motor revolution, bandwidth of its loop.
 
     lag: by which the reference is ahead before the joint breaks away.  Link side: rad (m), rad/s, rad/s^2, rad, Hz.
     """
@@ -64,7 +64,7 @@ class PassLimits:
 
 @dataclass(frozen=True)
 class PlannedPass:
-    """There and back between start and stop > start at `speed`; plateau: of each way, after ramp and settling, in s."""
+    """Motion from start to stop > start and back at `speed`. plateau: time at constant velocity per direction, s."""
 
     name: str
     speed: float
@@ -152,8 +152,8 @@ def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
     if speed > limits.velocity:
         raise StudyError(
             "friction/plan",
-            f"{limits.place} may move at {limits.velocity:.4g} {limits.unit}/s, and a pass at "
-            f"{speed:.4g} is asked for; lower the highest speed, or correct limits.velocity",
+            f"{limits.place} is limited to {limits.velocity:.4g} {limits.unit}/s; the run needs {speed:.4g}. Lower "
+            "the highest speed, or correct limits.velocity",
             "friction.constant_velocity.speeds",
         )
     # Both ramps of smooth shape cover half of what their time would at full speed.
@@ -166,9 +166,9 @@ def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
     if travel > (high - low) * (1 + 1e-9):
         raise StudyError(
             "friction/plan",
-            f"a pass of {limits.place} at {speed:.4g} {limits.unit}/s takes {travel:.4g} "
-            f"{limits.unit} (ramps {ramps:.3g}, settling {settling:.3g}, steady {speed * plateau_s:.3g}), and the "
-            f"window has {high - low:.4g}; widen it, or measure up to {fastest_speed(limits):.3g} {limits.unit}/s",
+            f"a constant-velocity run of {limits.place} at {speed:.4g} {limits.unit}/s needs {travel:.4g} "
+            f"{limits.unit} (ramps {ramps:.3g}, settling {settling:.3g}, steady {speed * plateau_s:.3g}); the window "
+            f"is {high - low:.4g}. Widen it, or measure up to {fastest_speed(limits):.3g} {limits.unit}/s",
             "friction.constant_velocity.window",
         )
     middle = (low + high) / 2
@@ -181,7 +181,7 @@ def _reference(speed: float, number: int, limits: PassLimits) -> PlannedPass:
 
 @frozen_value
 class PlannedMotion:
-    """One motion of one joint; its name is that of the record and unique in the plan.
+    """Motion of one joint; its name is unique in the plan and names the record.
 
     configuration: posture in which the others are held.  load, payload: name, and kg at the last frame.
     start_s: from the start of the study.  planned: of a pass.  torque (n,): injected, of loops and at rest, Nm link

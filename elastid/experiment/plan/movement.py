@@ -1,4 +1,4 @@
-r"""The movement under the multisine, the reference trajectories of a whole run, and their rehearsal.
+r"""Superimposed slow motion, reference trajectories of a complete run, and their simulation.
 
 .. math:: q(t) = s(t)\, p(t), \quad s(\tau) = 10 \tau^3 - 15 \tau^4 + 6 \tau^5
 
@@ -44,7 +44,7 @@ class Movement:
 
 
 def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
-    """The movement of every run of a plan, from standstill to standstill at the controller's rate."""
+    """Motion of every run of a plan, from and to zero velocity, at the controller's rate."""
     n_u = len(plan.inputs)
     s, ds, dds = _ramps(plan)
     if carrier is None:
@@ -78,7 +78,7 @@ def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
             if refused := joint.position_refusal(at, swing):
                 raise StudyError(
                     "experiment/simulated",
-                    f"{refused}; make the carrier smaller or move configuration {configuration.name}",
+                    f"{refused}. Reduce the carrier, or move configuration {configuration.name}",
                     "experiment.simulated.carrier",
                 )
 

@@ -69,8 +69,8 @@ def torque_spectra(
         if closed_loop is None:
             raise StudyError(
                 "excitation/power",
-                f"flat: {excitation.flat} with compress: [{', '.join(excitation.compress)}] needs the "
-                "robot's closed-loop response; call make_plan with closed_loop=closed_loop_of(robot, "
+                f"flat: {excitation.flat} with compress: [{', '.join(excitation.compress)}] needs the closed-loop "
+                "response of the robot. Call make_plan with closed_loop=closed_loop_of(robot, "
                 "experiment.simulated.controller, excitation.rate_hz), or set flat and compress to torque",
                 "excitation",
             )
@@ -103,7 +103,7 @@ def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One run of the robot: which configuration, which realisation of random phases, which of its experiments."""
+    """One run of the robot: configuration, realisation of random phases, and experiment number."""
 
     configuration: Configuration
     realisation: int
@@ -213,7 +213,7 @@ class Plan:
 
     @property
     def run_samples(self) -> int:
-        """Samples of a whole run, from standstill to standstill."""
+        """Samples of a complete run, from and to zero velocity."""
         return 2 * self.first_sample + (self.transient_periods + self.periods) * self.period_samples
 
 

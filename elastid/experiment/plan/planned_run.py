@@ -17,7 +17,7 @@ from elastid.record import Record
 
 @dataclass(frozen=True)
 class PlanLimits:
-    """Limits of what contradicts a plan."""
+    """Limits for contradictions between a record and its plan."""
 
     same_excitation: float = 0.98  # correlation of the injected torque with the plan
     late_s: float = 0.02  # by which a log may begin before or after the plan
@@ -32,7 +32,7 @@ LIMITS = PlanLimits()
 
 
 def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: FloatArray, has_carrier: bool) -> str:
-    """The contradiction of a record to its plan, in words; an empty text where there is none.
+    """Contradiction between a record and its plan as a sentence; an empty text without one.
 
     coulomb (n_u,): friction of the motors, as known.  The record has the positions of all motors.
     """
@@ -47,7 +47,7 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: Flo
     same, size = LIMITS.same_excitation, LIMITS.excitation_gain
     words = _unlike(plan, "injected torque (r)", np.roll(r, -lag, axis=0), planned, same, size, none)
     if not words and late_s > LIMITS.late_s:
-        return f"its excitation is {late_s:.3g} s beside the planned one: log from the first sample of the run"
+        return f"its excitation is shifted by {late_s:.3g} s relative to the plan. Log from the first sample of the run"
     same, size, posture = LIMITS.mirrored, LIMITS.unit, np.full(len(none), LIMITS.posture)
     # Under a carrier friction changes sign and cancels; at rest it holds a part of the weight.
     friction, held = coulomb * (0.2 if has_carrier else 1.2), np.abs(torque.mean(axis=0))
@@ -71,9 +71,9 @@ def _unlike(
     wrong = (rho < same) | (gain > size) | (gain < 1 / size) | (np.abs(means - wanted) > offset)
     for i in np.flatnonzero(wrong)[:1]:
         return (
-            f"the {what} of {plan.inputs[i]} is not the planned one: correlation {rho[i]:.2f}, "
-            f"{number(float(gain[i]), 3)} times its size, mean {means[i]:.4g} and not {wanted[i]:.4g}: check that it "
-            "is this run, channels, signs, units, posture, payload"
+            f"the {what} of {plan.inputs[i]} differs from the plan: correlation {rho[i]:.2f}, gain "
+            f"{number(float(gain[i]), 3)}, mean {means[i]:.4g} instead of {wanted[i]:.4g}. Check that it is this run, "
+            "channels, signs, units, posture, payload"
         )
     return ""
 

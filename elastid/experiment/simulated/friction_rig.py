@@ -71,12 +71,12 @@ class FrictionRun:
         except DataError as error:
             raise DataError(
                 "experiment/diverged",
-                f"{error}. The controller needs more bandwidth, or this motion less speed or torque",
+                f"{error}. Raise the controller's bandwidth, or lower speed or torque of this motion",
                 self.motion.name,
             ) from None
 
     def _friction(self) -> FloatArray:
-        """The friction's numbers (n, 9 n_f) along the path; the temperature is that of the joint that moves."""
+        """Friction parameters (n, 9 n_f) along the path, at the temperature of the moving joint."""
         contacts, sides = self.plant.loop.contacts, (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
 
         n = len(self.path.position)
@@ -238,7 +238,7 @@ class SimulatedFrictionRig:
         return FrictionRun(motion, plant, index, path, temperature)
 
     def _load_torque(self, run: FrictionRun) -> float:
-        """Mean |holding torque| of the nominal robot over the plateaus: what is known, not what is true."""
+        """Mean |holding torque| of the nominal robot over the plateaus."""
         model = model_of(with_point_mass(self.robot, run.motion.payload))
         windows = [window for window in (run.path.there, run.path.back) if window is not None]
         sliding = np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)

@@ -57,7 +57,7 @@ def sense(
     rate_hz: float,
     period_samples: int,
 ) -> FloatArray:
-    """Logged outputs (n, n_y) of a motion q (n, n_q), without noise; reading (n, n_u): of the encoders.
+    """Logged outputs (n, n_y) of a motion q (n, n_q), without noise; reading (n, n_u): encoder positions.
 
     Joint angles in full, of bodies and frames the small angle C (q - q0) from the equilibrium q0.
     """

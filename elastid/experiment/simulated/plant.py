@@ -119,9 +119,9 @@ def true_plant(
     if needed > most:
         raise StudyError(
             "experiment/simulated",
-            f"the fastest motion of robot {robot.name} in configuration {start.name}, of {fastest} (a pole of "
-            f"{np.abs(s).max():.4g} 1/s: its stiffest mode, or friction at standstill), takes {needed} steps in a "
-            f"sample of {rate_hz:g} Hz, and {most} are {'given' if spec.substeps else 'affordable'}; raise the rate",
+            f"robot {robot.name} in configuration {start.name}: its fastest mode, of {fastest} (pole "
+            f"{np.abs(s).max():.4g} 1/s), needs {needed} steps per sample at {rate_hz:g} Hz; {most} are "
+            f"{'given' if spec.substeps else 'affordable'}. Raise the rate",
             "experiment.simulated.substeps",
         )
     substeps = max(needed, spec.steps(rate_hz, highest_hz))
@@ -146,11 +146,11 @@ def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) ->
     for i in motors:
         joint, drive, torque = plant.model.robot.driven[i], float(plant.loop.drives.torque[i]), np.abs(u[:, i])
         place, unit, share = f"{run}, motor {joint.name}", drive_unit(joint.slides), float(np.mean(torque >= drive))
-        text = f"clipped at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples"
+        text = f"saturated at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples"
         if share > MAX_CLIPPED_SHARE:
             raise DataError(
                 "experiment/diverged",
-                f"{text}: it cannot control the robot; lower excitation.torque_rms, choose a configuration with less "
+                f"{text} and cannot control the robot. Lower excitation.torque_rms, choose a configuration with less "
                 "gravity torque, or correct limits.torque",
                 place,
             )
@@ -162,9 +162,7 @@ def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) ->
 
 def beyond(place: str, peak: float, limit: float, unit: str) -> Note:
     """A note on a motor that went beyond a limit which its drive does not keep."""
-    return Note(
-        "experiment/limits", f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; {_LOWER}", place
-    )
+    return Note("experiment/limits", f"reached {peak:.4g} {unit}; its limit is {limit:.4g} {unit}; {_LOWER}", place)
 
 
 _LOWER = "lower excitation.torque_rms, or the highest speed of passes"

@@ -71,8 +71,8 @@ class SimulatedRig:
         if self.robot.chain.differentiator is not None:
             raise StudyError(
                 "experiment/simulated",
-                f"robot {self.robot.name}: chain.differentiator: the simulated rig logs positions and differentiates "
-                "nothing; leave it out of the robot's chain",
+                f"robot {self.robot.name}: chain.differentiator has no effect on the simulated rig, which logs "
+                "positions. Remove it from the robot's chain",
             )
         if self.simulated.carrier is not None:
             check_movement(self.simulated.carrier, self.plan, self.robot)

@@ -1,7 +1,5 @@
 """The channels of log files, and the structure that they name in a study without a robot."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -31,78 +29,73 @@ class ChannelSpec:
     """
 
     # fmt: off
-    role: Annotated[Literal["r", "u", "d", "y", "t", "reference"], Key("Role of the signal: r injected torque, u "
-        "acting torque, d a known disturbance at a motor that is not in its u, which is added to it and need not "
-        "repeat, y motion; in studies of friction also t temperature of a joint, and reference: the position of a "
-        "motor that the controller was asked for, by which validation moves the model.", "the torque that reaches the "
-        "motor is u, be it measured or computed from current; what was added to the controller's output is r; a pulse, "
-        "a weight or a hand whose force on the axis was measured is d.")]
-    at: Annotated[Name, Key("Place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; "
-        "`accelerometer tool x` for a sensor that feels gravity); without a robot any name, such as `shaker` or `tip "
-        "x`.", "where the sensor sits; a motor encoder that the controller shows as joint angle is still at the motor, "
-        "with side: link.")]
-    channel: Annotated[str, Key("Name of the signal in the file: variable of a MATLAB file (`theta_m`, `rec.torque` "
-        "inside a struct), column heading of a CSV file, or path of an HDF5 dataset.", "the name as `elastid inspect "
-        "FILE` prints it.")] = ""
-    column: Annotated[int | None, Key("Number of the column in a matrix; the first is 1.", "for files without "
-        "headings, and for matrices, in addition to the name of the matrix.")] = None
-    quantity: Annotated[
-        Literal["torque", "force", "current", "voltage", "position", "velocity", "acceleration", "temperature"], Key(
-        "Quantity that the channel holds; voltage, and a current without torque_constant, in studies without a robot "
-        "alone.", "the default fits torques; motions must say theirs. Positions are best where logged: the derivative "
-        "is exact on the lines.")] = "torque"
-    unit: Annotated[str, Key("Unit of the file after `scale`; default SI, needed without a robot.", "wherever the file "
-        "is not in SI: deg, rpm, mm; for multiples of gravity scale: 9.80665. A response that is off by a factor of "
-        "57.3 lacks a deg.")] = ""
-    scale: Annotated[float, Key("Factor of the file's numbers.", "counts to a unit, such as 360 / 65536 with unit: "
+    role: Annotated[Literal["r", "u", "d", "y", "t", "reference"], Key("Role of the signal: u acting torque, y "
+        "position, velocity or acceleration, r injected torque, d measured disturbance torque at a motor that u lacks; "
+        "in friction studies also t joint temperature, and reference (commanded position).", "u is the torque at the "
+        "motor, measured or computed from current; r is added to the controller's output; d is a measured external "
+        "force.")]
+    at: Annotated[Name, Key("Location on the robot: `motor 1`, `joint 1`, `body arm z`, `frame tool x`, or "
+        "`accelerometer tool x` for a sensor that measures gravity; without a robot any name.", "location of the "
+        "sensor; a motor encoder displayed as joint angle is `motor 1` with side: link.")]
+    channel: Annotated[str, Key("Name of the signal in the file: MATLAB variable (`theta_m`, `rec.torque`), CSV column "
+        "heading or HDF5 path (default: none; then column).", "copy the name from `elastid inspect FILE`.")] = ""
+    column: Annotated[int | None, Key("Number of the column in a matrix, from 1 (default: none; then channel).",
+        "for files without headings; for a matrix, in addition to its name.")] = None
+    quantity: Annotated[Literal["torque", "force", "current", "voltage", "position", "velocity", "acceleration",
+        "temperature"], Key("Quantity of the channel; voltage, and current without torque_constant, only in studies "
+        "without a robot.", "the default is torque; prefer logged positions, whose derivative is exact at the DFT "
+        "lines.")] = "torque"
+    unit: Annotated[str, Key("Unit in the file after `scale` (default: SI; needed without a robot).", "for deg, rpm or "
+        "mm; a response that is wrong by a factor of 57.3 lacks the unit deg.")] = ""
+    scale: Annotated[float, Key("Factor of the numbers in the file.", "for counts, such as 360 / 65536 with unit: "
         "deg.")] = 1.0
-    sign: Annotated[Literal[1, -1], Key("Sign of the sensor: -1 where it counts the other way.", "where torque and "
-        "acceleration of one motor have opposite phase well below the first resonance.")] = 1
-    torque_constant: Annotated[TorqueConstant | None, Key("Torque constant of a current.", "that of the data sheet, on "
-        "the motor's side; its error is a factor of a whole column of the response, which gain_u_motor_1 in "
-        "fit.parameters can find.")] = None
-    side: Annotated[Literal["link", "motor"], Key("Side of the gear that it is measured on (`motor` refers to motors "
-        "that gears couple all together).", "motor for raw drive signals: angles are then divided by the ratio, "
-        "torques multiplied by it.")] = "link"
-    file: Annotated[int, Key("Number of the file of an experiment that holds the signal; 1 is `path` and 2 the first "
-        "of `also`.", "where drive and data logger write two files; their clocks are aligned by a signal that both "
-        "hold.")] = 1
-    rate_hz: Annotated[Frequency | None, Key("Sampling rate of the channel where it differs; all channels are brought "
-        "to the lowest one, band-limited.", "a temperature at 1 Hz or an accelerometer at 10 kHz, unlike the "
-        "controller's rate; slower ones bound the band of all.", above=0)] = None
-    delay: Annotated[Time, Key("Time by which the channel is later than the true signal, of either sign; elastid "
-        "corrects it. Roles u and y.", "the cycle by which a drive reports its current late; if it is not known, "
-        "identify delay_u in fit.parameters.")] = 0.0
-    low_pass_hz: Annotated[Frequency | None, Key("Corner of a low pass of first order in the channel; elastid corrects "
-        "it. Roles u and y.", "the corner of the current filter in the drive's parameters.", above=0)] = None
-    hold: Annotated[Hold | None, Key("Course of an acting torque (role u) between its samples, where it differs from "
-        "that of the section.", "where commanded and measured torques stand in one log.")] = None
+    sign: Annotated[Literal[1, -1], Key("Sign of the sensor.", "-1 if torque and acceleration of one motor have "
+        "opposite phase far below the first resonance.")] = 1
+    torque_constant: Annotated[TorqueConstant | None, Key("Torque constant of a current channel, on the motor side "
+        "(default: none; needed for a current).", "from the data sheet; its error scales a column of the response, and "
+        "gain_u_motor_1 in fit.parameters estimates it.")] = None
+    side: Annotated[Literal["link", "motor"], Key("Side of the gear on which the signal is measured; with coupled "
+        "gears, `motor` is the shaft of each motor.", "`motor` for raw drive signals: angles are then divided by the "
+        "ratio, torques multiplied by it.")] = "link"
+    file: Annotated[int, Key("Number of the file that contains the signal: 1 for `path`, 2 for the first of `also`.",
+        "if drive and data logger write separate files, which a common signal aligns.")] = 1
+    rate_hz: Annotated[Frequency | None, Key("Sampling rate of the channel (default: rate_hz of the section); all "
+        "channels are resampled to the lowest rate.", "for a temperature at 1 Hz or an accelerometer at 10 kHz, for "
+        "example; the lowest rate limits the band.", above=0)] = None
+    delay: Annotated[Time, Key("Time delay of the channel relative to the true signal, of either sign, which elastid "
+        "corrects (roles u and y).", "the cycle by which a drive reports its current late; if it is unknown, identify "
+        "delay_u in fit.parameters.")] = 0.0
+    low_pass_hz: Annotated[Frequency | None, Key("Corner frequency of a first-order low-pass filter in the channel, "
+        "which elastid corrects (default: no filter; roles u and y).", "the corner of the current filter in the "
+        "drive's parameters.", above=0)] = None
+    hold: Annotated[Hold | None, Key("Behaviour of an acting torque (role u) between its samples (default: hold of the "
+        "section).", "if one log contains commanded and measured torques.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
         if self.file < 1:
-            raise ValueError(f"file is {self.file}; the first file of an experiment is 1")
+            raise ValueError(f"file is {self.file}; files of an experiment are numbered from 1")
         if not self.channel and self.column is None:
-            raise ValueError("give channel (a name in the file), column (a number, the first is 1), or both")
+            raise ValueError("give channel (a name in the file), column (a number from 1), or both")
         if self.column is not None and self.column < 1:
-            raise ValueError(f"column is {self.column}; the first column is 1")
+            raise ValueError(f"column is {self.column}; columns are numbered from 1")
         fits_motion = self.is_motion == (self.role in ("y", "reference"))
         fits_reference = self.role != "reference" or self.quantity == "position"
         if not (fits_motion and fits_reference) or (self.quantity == "temperature") != (self.role == "t"):
             raise ValueError(
-                f"role {self.role} does not go with quantity {self.quantity}: r, u, d are torques, y a motion, t a "
+                f"role {self.role} contradicts quantity {self.quantity}: r, u, d are torques, y a motion, t a "
                 "temperature, reference a position"
             )
         if self.role == "t" and self.side == "motor":
-            raise ValueError("side is of a gear, which changes no temperature; leave it out with role t")
+            raise ValueError("a temperature has no side. Omit side with role t")
         if self.at.startswith("accelerometer ") and self.quantity in ("position", "velocity"):
             raise ValueError(f"quantity {self.quantity} at {self.at}: an accelerometer measures acceleration")
         if self.hold is not None and self.role != "u":
-            raise ValueError(f"hold is of an acting torque (role u), not of role {self.role}; leave it out here")
+            raise ValueError(f"hold applies to acting torques (role u), not to role {self.role}. Omit it here")
         if (self.delay or self.low_pass_hz) and self.role not in ("u", "y"):
-            raise ValueError(f"delay and low_pass_hz are of roles u and y, not of {self.role}; leave them out here")
+            raise ValueError(f"delay and low_pass_hz apply to roles u and y, not to {self.role}. Omit them here")
         if self.scale == 0:
-            raise ValueError("scale is 0; the channel would be lost")
+            raise ValueError("scale is 0. Give another factor")
 
     @property
     def errors(self) -> tuple[Channel, ...]:
@@ -140,12 +133,12 @@ class ChannelSpec:
             return self._temperature[0]
         unit = QUANTITY_UNIT[self.quantity]
         if self.unit == "g" and self.quantity == "acceleration":
-            raise ValueError("unit 'g' is the gram; for multiples of gravity give scale: 9.80665 and unit: m/s^2")
+            raise ValueError("unit 'g' is the gram. For multiples of gravity set scale: 9.80665 and unit: m/s^2")
         return factor(self.unit, of_translation(unit) if slides else unit) if self.unit else 1.0
 
     @property
     def offset(self) -> float:
-        """The offset added behind the factors: that of a temperature to degC."""
+        """Offset after the factors, from the unit of temperature to degC."""
         return self._temperature[1] if self.quantity == "temperature" else 0.0
 
     @property
@@ -171,7 +164,7 @@ class Structure:
     translating: tuple[str, ...]
 
     @classmethod
-    def from_channels(cls, channels: Sequence[ChannelSpec]) -> Structure:
+    def from_channels(cls, channels: Sequence[ChannelSpec]) -> "Structure":
         """The structure that the channels of a study name."""
         inputs = dict.fromkeys(channel.at for channel in channels if channel.role == "u")
         return cls(tuple(inputs), tuple(dict.fromkeys(channel.at for channel in channels if _translates(channel))))
@@ -192,7 +185,7 @@ class Structure:
 
     def count_refusal(self, count: int) -> str:
         """Why a configuration cannot have so many angles; empty where it can."""
-        return "a study without a robot has no joints, and so no angles; write [], or give it" if count else ""
+        return "without a robot, a configuration has no angles. Write [], or give a robot" if count else ""
 
     def check_location(self, location: str) -> None:
         """Every name is a place."""
@@ -218,22 +211,21 @@ def input_units(channels: Iterable[ChannelSpec], places: Places) -> tuple[str, .
 
 
 def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], places: Places) -> tuple[str, str]:
-    """The key of a channel that does not go with a robot, or with none, and why; empty texts where all do."""
+    """Key of a channel that contradicts the robot model, and the reason; empty texts without one."""
     if isinstance(places, Robot):
         if channel.quantity == "voltage":
             return "quantity", (
-                "a voltage is not known as a torque of the robot; give the torque or the current that was logged, or "
-                "drop robot for a study of responses alone"
+                "a voltage is no torque. Use a logged torque or current, or remove robot for a study of responses only"
             )
-        needed = "a current needs torque_constant (N*m/A) to become a torque"
+        needed = "a current needs torque_constant (N*m/A). Give torque_constant"
         return ("quantity", needed) if channel.drive else ("", "")
     if channel.side == "motor":
-        return "side", "a study without a robot has no gears; drop side, and give scale where the sensor needs it"
+        return "side", "without a robot, side has no meaning. Remove side; use scale instead"
     turning = QUANTITY_UNIT[channel.quantity]
     known = (of_translation(turning), turning)
     if not channel.unit and known[0] != turning:
         choice = f"give unit: {known[0]} or {turning}"
-        return "unit", f"without a robot it is unknown if '{channel.at}' translates; {choice}"
+        return "unit", f"without a robot, '{channel.at}' may rotate or translate. {choice}"
     measures = TABLE.get(channel.unit, ("", 1.0))[0]
     if known[0] != turning and measures not in known and channel.unit != "g":
         fitting = ", ".join(name for dimension in known for name in units_of(dimension))
@@ -241,12 +233,12 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
     turning_too = [c for c in channels if c.at == channel.at and not c.drive and not _translates(c)]
     if not channel.drive and _translates(channel) and turning_too:
         return "at", (
-            f"{channel.name_in_file} translates at '{channel.at}', {turning_too[0].name_in_file} turns there; give one "
-            f"of the two places another name, for example {channel.at} rotation"
+            f"{channel.name_in_file} is a translation at '{channel.at}', {turning_too[0].name_in_file} a rotation. "
+            f"Rename one location, for example {channel.at} rotation"
         )
     return "", ""
 
 
 def _translates(channel: ChannelSpec) -> bool:
-    """True if the unit of a channel is that of a translation."""
+    """True if a channel has a unit of translation."""
     return channel.quantity == "force" or TABLE.get(channel.unit, ("", 1.0))[0] in _TRANSLATIONS

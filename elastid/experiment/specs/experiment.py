@@ -1,7 +1,5 @@
 """The sections `experiment` (configurations, how often, on which rig) and `tool` (forces of a hammer or a shaker)."""
 
-from __future__ import annotations
-
 from dataclasses import field, replace
 from typing import Annotated, Literal, TypeAlias
 
@@ -28,47 +26,40 @@ class ExperimentSpec:
     """Configurations to measure, repetitions, and the rig: simulated, recorded or responses, exactly one."""
 
     # fmt: off
-    configurations: Annotated[dict[FileName, tuple[JointPosition, ...]], Key("Postures that are measured: name to "
-        "positions of the driven joints (rad, or m where a joint slides). A section `design` adds others.", "choose "
-        "postures that load each spring differently; one seldom separates the springs of one axis, three to five "
-        "commonly do.")] = field(default_factory=dict)
-    realisations: Annotated[int, Key("Number of independent draws of the random phases on a simulated rig; logs number "
-        "theirs.", "more where friction distorts: variance and distortion fall as one over their number, the time "
-        "grows with it; 4 to 10 are usual on a robot. Two is the least that shows the level of distortion, and the "
-        "default for that reason.", least=1, most=MAX_REALISATIONS)] = 2
-    periods: Annotated[int, Key("Number of periods that each experiment of a simulated rig measures.", "more where "
-        "noise is what limits: its variance falls as one over their number, distortion stays. Two are the least that "
-        "show the noise level, hence the default.", least=2)] = 2
-    transient_periods: Annotated[int, Key("Number of periods that a simulated rig runs before the measured ones and "
-        "leaves out.", "more where resonances ring longer than a period: light damping, short periods. With 0 the "
-        "first period counts, and estimator.transient_periods must find whether it rings.", least=0)] = 1
-    ramp: Annotated[Time, Key("Time in which torque and movement of a simulated rig grow at the start and fade at the "
-        "end.", "longer where the start shakes the robot or trips a drive; it adds its length twice to each "
-        "experiment. 0.5 s is several times the swing of a first mode of 5 to 10 Hz.", least=0)] = 0.5
-    hold: Annotated[Time, Key("Rest of a simulated rig before the start and after the end.", "give a second where a "
-        "logger needs time to begin; the references then start at rest.", least=0)] = 0.0
-    experiments: Annotated[int | None, Key("Number of experiments in each realisation (default: as many as motors, "
-        "each with all motors moving).", "fewer save robot time by that factor, for the local methods of `estimator` "
-        "alone, which separate inputs by neighbouring lines; they need periods so long that many lines lie within each "
-        "resonance.", least=1)] = None
-    simulated: Annotated[SimulatedSpec | None, Key("Simulated rig: a model of the robot in place of the real one.",
-        "for planning, for learning, and to see whether the parameters can be found at all before the robot is "
-        "booked.")] = None
-    recorded: Annotated[RecordedSpec | None, Key("Recorded rig: logs that were measured already.", "for logs of the "
-        "robot itself; channels and files say what is in them.")] = None
-    responses: Annotated[ResponsesSpec | None, Key("Frequency responses that another program has estimated.",
-        "for FRFs with or without their uncertainty; records are to be preferred where they exist, since they show "
-        "distortion and transients.")] = None
-    without_payload: Annotated[tuple[FileName, ...], Key("Names of the configurations in which the robot does not "
-        "carry the payload of its file.", "the same postures with and without a payload that was weighed "
-        "distinguish gains of the drives, `gain_u_motor_1`, from inertias and stiffnesses.")] = ()
+    configurations: Annotated[dict[FileName, tuple[JointPosition, ...]], Key("Measured configurations: name to "
+        "positions of the driven joints (rad, or m for sliding joints); `design` adds others.", "choose three to five "
+        "configurations that load the springs differently; one seldom separates the springs of one "
+        "axis.")] = field(default_factory=dict)
+    realisations: Annotated[int, Key("Number of independent realisations of the random phases on a simulated rig; logs "
+        "number their own.", "4 to 10 with friction, since variance and distortion decrease as 1/number; at least two "
+        "to estimate the distortion.", least=1, most=MAX_REALISATIONS)] = 2
+    periods: Annotated[int, Key("Number of measured periods per experiment of a simulated rig.", "more if noise "
+        "dominates, since its variance decreases as 1/number; at least two to estimate the noise.", least=2)] = 2
+    transient_periods: Annotated[int, Key("Number of discarded periods before the measured ones on a simulated rig.",
+        "more if resonances decay more slowly than a period; with 0, estimator.transient_periods detects the "
+        "transient.", least=0)] = 1
+    ramp: Annotated[Time, Key("Time in which torque and movement of a simulated rig fade in and out.", "longer if the "
+        "start trips a drive; 0.5 s is several periods of a first mode of 5 to 10 Hz.", least=0)] = 0.5
+    hold: Annotated[Time, Key("Time at zero velocity of a simulated rig before the start and after the end.",
+        "a second if a logger needs time to start.", least=0)] = 0.0
+    experiments: Annotated[int | None, Key("Number of experiments per realisation (default: number of motors, each "
+        "with all motors moving).", "fewer save robot time, but require a local method of `estimator` and many lines "
+        "within each resonance.", least=1)] = None
+    simulated: Annotated[SimulatedSpec | None, Key("Simulated rig: a model instead of the real robot (default: "
+        "recorded data).", "to plan an experiment and to check identifiability before the robot is booked.")] = None
+    recorded: Annotated[RecordedSpec | None, Key("Recorded rig: existing logs (default: simulated rig or responses).",
+        "for logs of the real robot; channels and files describe their content.")] = None
+    responses: Annotated[ResponsesSpec | None, Key("Frequency responses estimated by another program (default: "
+        "simulated rig or logs).", "for FRFs with or without uncertainty; prefer records if they exist, since they "
+        "show distortion and transients.")] = None
+    without_payload: Annotated[tuple[FileName, ...], Key("Names of the configurations measured without the payload of "
+        "the robot model.", "the same configurations with and without a weighed payload separate drive gains, "
+        "`gain_u_motor_1`, from inertias.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:
         if sum(kind is not None for kind in (self.simulated, self.recorded, self.responses)) != 1:
-            raise ValueError(
-                "give exactly one of simulated, recorded and responses; an experiment yet to be run is simulated"
-            )
+            raise ValueError("give exactly one of simulated, recorded and responses; a planned experiment is simulated")
 
     def runs(self, n_u: int) -> int:
         """How many experiments a realisation has on a robot of n_u motors."""
@@ -113,7 +104,7 @@ class ExperimentSpec:
             raise StudyError("study/stage", f"logs need the section recorded, not {self.kind}", "experiment")
         return self.recorded
 
-    def with_truth(self, truth: dict[str, Quantity]) -> ExperimentSpec:
+    def with_truth(self, truth: dict[str, Quantity]) -> "ExperimentSpec":
         """Experiment with another truth of the simulated robot; an empty one is the nominal robot."""
         return replace(self, simulated=replace(self.as_simulated(), truth=truth))
 
@@ -141,8 +132,8 @@ class ToolSpec:
         n = len(self.stiffness)
         if n != len(self.damping) or (self.motors == "controlled") != (n > 0):
             raise ValueError(
-                f"{n} stiffnesses and {len(self.damping)} dampings of drives, and motors are {self.motors}: give one "
-                "of each for each motor where they are controlled, and none otherwise"
+                f"{n} stiffnesses and {len(self.damping)} dampings of drives, and motors are {self.motors}. Give one "
+                "of each per controlled motor, otherwise none"
             )
 
     @property

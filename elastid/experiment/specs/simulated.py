@@ -33,15 +33,14 @@ class ColoredNoiseSpec:
     """Noise of a given spectrum on one of the signals of `noise`, in addition to the white one."""
 
     # fmt: off
-    signal: Annotated[Literal["torque", "angle", "disturbance"], Key("Signal that the noise is added to.",
-        "`disturbance` for torque that moves the robot, the two others for what only the log has.")]
-    std: Annotated[float, Key("Standard deviation of the whole noise, SI.", "the rms value of the noise over the whole "
-        "band up to half the rate, so that another corner moves power and adds none.", above=0)]
-    corner_hz: Annotated[Frequency, Key("Corner frequency of the spectrum: flat up to it, falling beyond.",
-        "where the measured spectrum begins to fall; for drift well below the lowest line.", above=0)]
-    slope: Annotated[float, Key("Slope of the spectrum beyond the corner in dB a decade.", "-20 is noise behind one "
-        "low-pass, as of a torque loop; -40 falls as behind two, positive rises, as noise that was "
-        "differentiated.")] = -20.0
+    signal: Annotated[Literal["torque", "angle", "disturbance"], Key("Signal to which the noise is added.",
+        "`disturbance` for a torque that moves the robot, the other two for measurement noise.")]
+    std: Annotated[float, Key("Standard deviation of the noise over all frequencies, SI.", "rms value up to half the "
+        "sampling rate; it does not depend on the corner.", above=0)]
+    corner_hz: Annotated[Frequency, Key("Corner frequency of the spectrum, which is flat below it.", "for drift, well "
+        "below the lowest line.", above=0)]
+    slope: Annotated[float, Key("Slope of the spectrum above the corner in dB per decade.", "-20 for noise behind a "
+        "first-order low-pass, -40 for second order, positive for differentiated noise.")] = -20.0
     # fmt: on
 
     def amplitude(self, freq_hz: FloatArray) -> FloatArray:
@@ -69,23 +68,20 @@ class NoiseSpec:
     """Sensor noise and disturbances, link side; in N and m where a joint slides."""
 
     # fmt: off
-    torque_std: Annotated[Torque, Key("Standard deviation of white noise on the logged torque.", "from a log at rest; "
-        "drives that compute torque from current commonly have 0.1 to 1 % of their largest torque.", least=0)] = 0.0
-    angle_std: Annotated[Angle, Key("Standard deviation of white noise on the logged angles.", "link side: the motor's "
-        "noise over the ratio. Where resolution is what limits, use encoder_counts and leave this at 0.",
-        least=0)] = 0.0
-    disturbance_std: Annotated[Torque, Key("Standard deviation of a white torque that acts on the motors and is not in "
-        "the log.", "torque of cables, fans and neighbours; unlike torque_std it moves the robot, and closed loop "
-        "estimators differ in it.", least=0)] = 0.0
+    torque_std: Annotated[Torque, Key("Standard deviation of white noise on the logged torque.", "from a log at zero "
+        "velocity; typically 0.1 to 1 % of the maximum torque if computed from current.", least=0)] = 0.0
+    angle_std: Annotated[Angle, Key("Standard deviation of white noise on the logged angles, on the link side.",
+        "noise of the motor angle divided by the ratio; 0 with encoder_counts if the resolution "
+        "dominates.", least=0)] = 0.0
+    disturbance_std: Annotated[Torque, Key("Standard deviation of a white torque that acts on the motors and is not "
+        "logged.", "for torques of cables and fans; it moves the robot and biases estimators that ignore the closed "
+        "loop.", least=0)] = 0.0
     encoder_counts: Annotated[int, Key("Resolution of the motor encoders in counts per motor turn; 0 = unlimited.",
-        "2^16 to 2^20 for common encoders; it matters for small amplitudes, at rest and in presliding, where motion is "
-        "a few counts.", least=0)] = 0
-    acceleration_std: Annotated[Acceleration, Key("Standard deviation of white noise on the logged accelerations of "
-        "points.", "0.01 to 0.1 m/s^2 for piezoelectric and MEMS sensors; it only touches outputs that are "
-        "accelerations of points.", least=0)] = 0.0
-    colored: Annotated[tuple[ColoredNoiseSpec, ...], Key("Further noise of other spectra.", "where a measured spectrum "
-        "is far from white, such as drift below 1 Hz or a cable's resonance; the estimate of variance follows it line "
-        "by line.")] = ()
+        "2^16 to 2^20 for common encoders; it matters for small amplitudes and in presliding.", least=0)] = 0
+    acceleration_std: Annotated[Acceleration, Key("Standard deviation of white noise on the logged accelerations.",
+        "0.01 to 0.1 m/s^2 for piezoelectric and MEMS sensors.", least=0)] = 0.0
+    colored: Annotated[tuple[ColoredNoiseSpec, ...], Key("Additional coloured noise.", "for measured spectra that are "
+        "not white, such as drift below 1 Hz.")] = ()
     # fmt: on
 
     def variances(
@@ -133,23 +129,20 @@ class CarrierSpec:
     """A slow movement of every driven joint around its configuration, so that friction slides instead of sticking."""
 
     # fmt: off
-    amplitude: Annotated[JointPosition | tuple[JointPosition, ...] | None, Key("Amplitude of the movement on the link "
-        "side, one for all joints or one for each; in m of those that slide.", "so large that 2 pi cycles / period "
-        "times it keeps the peak speed above the multisine's own over most of the period; smaller where limits or a "
-        "change of posture of some degrees count.", above=0)] = None
-    cycles: Annotated[int, Key("Cycles of a sine or square in a period of the multisine.", "1 keeps the carrier's line "
-        "farthest below the band; more for higher speed with the same swing.", least=1)] = 1
-    kind: Annotated[Literal["sine", "square", "offset"], Key("Shape of the movement. `sine`: q(t) = amplitude * sin(2 "
-        "pi cycles t / period). `square`: the velocity is a square wave of `velocity` with so many cycles a period, "
-        "filtered at 1 Hz, without the harmonics that fall on analysed lines. `offset`: constant `velocity` (its "
-        "sign the direction), through the configuration in the middle of the measured periods; the multisine is kept "
-        "so small that no motor turns back. Sine and square are periodic with the multisine, on lines below the "
-        "excited band.", "`sine` reverses twice a cycle and sticks briefly there; `square` turns quickly, for small "
-        "speeds; `offset` never reverses and leaves dry friction out of the response, and takes range: velocity times "
-        "the whole record.")] = "sine"
-    velocity: Annotated[JointVelocity | tuple[JointVelocity, ...] | None, Key("Speed of the movement on the link side, "
-        "one for all joints or one for each; in m/s of those that slide.", "above the Stribeck velocity of the gear, "
-        "and above the multisine's peak speed, so that friction keeps one sign.")] = None
+    amplitude: Annotated[JointPosition | tuple[JointPosition, ...] | None, Key("Amplitude on the link side, one for "
+        "all joints or one per joint; in m for sliding joints (default: none; needed for a sine).", "so large that the "
+        "peak speed 2 pi cycles / period times it exceeds the speed of the multisine over most of the "
+        "period.", above=0)] = None
+    cycles: Annotated[int, Key("Cycles of a sine or square per period of the multisine.", "1 has the largest distance "
+        "to the band; more cycles give a higher speed at the same amplitude.", least=1)] = 1
+    kind: Annotated[Literal["sine", "square", "offset"], Key("Shape of the motion: `sine` of `amplitude`; `square`, a "
+        "square wave of `velocity` filtered at 1 Hz; `offset`, constant `velocity` without reversals, which limits the "
+        "multisine.", "`sine` sticks briefly at its reversals; `square` reverses fast; `offset` removes dry friction "
+        "from the response and needs a range of velocity times record length.")] = "sine"
+    velocity: Annotated[JointVelocity | tuple[JointVelocity, ...] | None, Key("Speed on the link side, one for all "
+        "joints or one per joint; in m/s for sliding joints (default: none; needed for square and offset).",
+        "above the Stribeck velocity of the gear and the peak speed of the multisine, so that friction keeps its "
+        "sign.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -157,20 +150,20 @@ class CarrierSpec:
             self.velocity is not None
         ):
             needed = "amplitude" if self.kind == "sine" else "velocity"
-            raise ValueError(f"a carrier of kind {self.kind} is given by its {needed} alone")
+            raise ValueError(f"a carrier of kind {self.kind} needs only {needed}. Give it and omit the other")
         if self.velocity is not None and 0.0 in np.atleast_1d(self.velocity):
-            raise ValueError("the carrier's velocity must not be 0 for any joint; friction would stick there")
+            raise ValueError("the carrier's velocity is 0 for a joint, which then sticks. Give a velocity other than 0")
 
     def refusal(self, n_u: int, lowest: int) -> str:
         """Why it does not go with n_u motors and the lowest line, in periods; empty where it does."""
         given = self.amplitude if self.velocity is None else self.velocity
         if isinstance(given, tuple) and len(given) not in (1, n_u):
-            return f"{len(given)} numbers for {n_u} motors; give one for all or one for each"
+            return f"{len(given)} numbers for {n_u} motors. Give one for all or one per motor"
         if self.kind == "offset" or self.cycles < lowest:
             return ""
         return (
-            f"{self.cycles} cycles a period are not below the lowest excited line, of {lowest} a period; take fewer, "
-            "or raise excitation.band_hz"
+            f"{self.cycles} cycles per period reach the lowest excited line, {lowest} per period. Reduce cycles, or "
+            "raise excitation.band_hz"
         )
 
     def velocities(self, n_u: int) -> FloatArray:
@@ -189,37 +182,34 @@ class SimulatedSpec:
     """A rig that is a model: the study's robot, with the truth that the fit must find in place of some numbers."""
 
     # fmt: off
-    truth: Annotated[dict[str, Quantity], Key("True parameters of the simulated robot, name to value.", "give the "
-        "numbers that the fit should find, such as {k_2: 8e5}, away from the robot's own by the error that you expect "
-        "of them; without it the fit starts at the answer.")] = field(default_factory=dict)
-    outputs: Annotated[tuple[str, ...], Key("Places whose motion is logged (default: every motor): `motor 1`, `joint "
-        "1`, `body arm z` and `frame tool rz` as angles, `frame tool z` and `accelerometer tool z` as accelerations.",
-        "add the tool's accelerations where motor angles alone leave bearing or link springs ill-conditioned; each "
-        "place adds rows to every response and to the time of a fit.", distinct=True)] = ()
-    controller: Annotated[ControllerSpec, Key("Controller of the joints.", "give the bandwidth of the real loop where "
-        "the plan is for a real robot, since the loop shapes what reaches the joints.")] = ControllerSpec()
-    carrier: Annotated[CarrierSpec | None, Key("Slow movement under the excitation (default: none).", "with dry "
-        "friction, always: joints that stick and slip in turn distort the low lines. Without friction it only takes "
-        "range from the limits.")] = None
-    noise: Annotated[NoiseSpec, Key("Noise of the sensors and disturbances.", "the levels of the real sensors make the "
-        "predicted intervals those of the robot; all are 0 unless given, and intervals then show the integration error "
-        "alone.")] = NoiseSpec()
-    substeps: Annotated[int | None, Key("Number of integration steps per sample of the controller (default: 2, or as "
-        "many as the end of the band and the stiffest mode ask for).", "a number to see that results do not change "
-        "with it, or for hard friction without a carrier; the simulation takes that many times as long.",
-        least=1)] = None
-    saturation: Annotated[bool, Key("Motor torques are clipped at the joints' limits.torque if true; otherwise "
-        "exceeding them is reported.", "true shows what a robot whose drives clip does to the responses; a plan within "
-        "limits needs it not.")] = False
-    torque_ripple: Annotated[tuple[TorqueRippleSpec, ...], Key("Cogging torques that repeat with the motors' turns.",
-        "for motors whose cogging is above the noise of the torque; a carrier turns it into lines of its own.")] = ()
+    truth: Annotated[dict[str, Quantity], Key("True parameters of the simulated robot, name to value.",
+        "choose values that differ from the robot model by its expected error, such as {k_2: "
+        "8e5}.")] = field(default_factory=dict)
+    outputs: Annotated[tuple[str, ...], Key("Logged outputs: `motor 1`, `joint 1`, `body arm z` and `frame tool rz` as "
+        "angles, `frame tool z` and `accelerometer tool z` as accelerations (default: every motor).",
+        "add accelerations of the tool if bearing or link springs are ill-conditioned from motor angles "
+        "alone.", distinct=True)] = ()
+    controller: Annotated[ControllerSpec, Key("Controller of the joints.", "give the bandwidth of the real position "
+        "loop, since the loop shapes the excitation.")] = ControllerSpec()
+    carrier: Annotated[CarrierSpec | None, Key("Superimposed slow motion under the excitation (default: none).",
+        "give it for every robot with dry friction, which otherwise distorts the low lines.")] = None
+    noise: Annotated[NoiseSpec, Key("Sensor noise and disturbances.", "use the noise of the real sensors, so that the "
+        "predicted intervals apply to the real robot.")] = NoiseSpec()
+    substeps: Annotated[int | None, Key("Number of integration steps per controller sample (default: 2, or more for a "
+        "wide band or a stiff mode).", "increase it to check convergence, or for stiff friction without a carrier; the "
+        "simulation time is proportional.", least=1)] = None
+    saturation: Annotated[bool, Key("If true, motor torques are clipped at limits.torque of the joints; otherwise "
+        "violations are reported.", "true to study the effect of saturating drives on the responses.")] = False
+    torque_ripple: Annotated[tuple[TorqueRippleSpec, ...], Key("Cogging torques, periodic in the motor angle.",
+        "for motors whose cogging exceeds the torque noise.")] = ()
     heat: Annotated[HeatSpec | None, Key("Temperature of joints whose friction is identified (default: constant).",
-        "in a study of friction whose law has temperature terms; without it warm_up has nothing to show.")] = None
-    model: Annotated[ModelSpec, Key("Equations of motion of the rig, independent of those of the fit.", "another "
-        "formulation or variant than the fit's shows what that approximation costs in parameters.")] = ModelSpec()
-    compiled: Annotated[bool, Key("The equations are compiled by the C compiler of the machine ($CC, cc, gcc or clang) "
-        "in a temporary folder.", "true where minutes of robot time are simulated: about three times as fast, with the "
-        "same bytes. Without a compiler a warning says so, and the equations are interpreted.")] = False
+        "for friction models with temperature; warm_up needs it.")] = None
+    model: Annotated[ModelSpec, Key("Equations of motion of the rig, independent of the equations of the fit.",
+        "choose another formulation or variant to quantify the error of an approximation in the "
+        "parameters.")] = ModelSpec()
+    compiled: Annotated[bool, Key("If true, the C compiler of the machine ($CC, cc, gcc or clang) compiles the "
+        "equations.", "true for minutes of robot time: three times as fast with identical results; without a compiler "
+        "elastid warns and interprets them.")] = False
     # fmt: on
 
     def steps(self, rate_hz: float, highest_hz: float) -> int:

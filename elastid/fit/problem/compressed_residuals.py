@@ -19,8 +19,6 @@ and 21 residuals instead of 36 for six motors. The logarithm has the same R, and
 Their derivatives are few columns times powers of j omega (`Columns`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
@@ -41,7 +39,7 @@ Precision: TypeAlias = type[np.floating[Any]]
 
 
 class LineResiduals(NamedTuple):
-    """r = q - R g of a block of lines, all (F, n_e); without g q is r.  slope: of e to g, where it is not 1."""
+    """r = q - R g of a block of lines, all (F, n_e); q is r without g. slope: of e with respect to g, default 1."""
 
     q: ComplexArray
     G: ComplexArray | None = None
@@ -68,7 +66,7 @@ class Full:
     R: ComplexArray | FloatArray
 
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
-        """The sums of a block of lines; precision: of the moments."""
+        """Sums of a block of lines. precision: data type of the moments."""
         R, slope = self.R[part.block], e.slope
         r = e.q if e.G is None else e.q - _times(R, e.G[:, :, None])[:, :, 0]
         weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
@@ -91,7 +89,7 @@ class Packed:
     R: FloatArray
 
     @classmethod
-    def of(cls, R: ComplexArray | FloatArray) -> Packed:
+    def of(cls, R: ComplexArray | FloatArray) -> "Packed":
         """Packed form of R (F, n_e, n_e) or its diagonal (F, n_e)."""
         rows = R if R.ndim == 2 else R[:, *np.triu_indices(R.shape[1])]
         F, n_r = rows.shape
@@ -121,7 +119,7 @@ class Packed:
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
-    """R U (F, n_e, n) of each line, R possibly given by its diagonal."""
+    """R U (F, n_e, n) of each line; R may be given by its diagonal."""
     if R.ndim == 2:
         return np.asarray((np.ascontiguousarray(U).view(R.dtype) * R[:, :, None]).view(U.dtype))
     return R @ U
@@ -142,16 +140,16 @@ class CompressedResiduals(Kept):
     gain: FloatArray
     criterion: ResidualKind
     whitening: Whitening | None
-    known: Compressed | None = None
+    known: "Compressed | None" = None
 
-    def has_data_of(self, other: CompressedResiduals) -> bool:
+    def has_data_of(self, other: "CompressedResiduals") -> bool:
         """True if these are residuals of the very same data, with the very same weights."""
         are_same = (np.array_equal(getattr(self, name), getattr(other, name)) for name in ("measured", "gain"))
         form = (self.whitening is other.whitening, self.criterion, self.is_symmetric)
         return form == (True, other.criterion, other.is_symmetric) and all(are_same)
 
     @property
-    def worked_out(self) -> CompressedResiduals:
+    def worked_out(self) -> "CompressedResiduals":
         """Residuals without the whitening, where that is not needed again."""
         if self.criterion != "complex":
             return self
@@ -208,7 +206,7 @@ class CompressedResiduals(Kept):
         return used[:, self._places[0]] | used[:, self._places[1]]
 
     @cached_property
-    def compressed(self) -> Compressed:
+    def compressed(self) -> "Compressed":
         """R, and the part of the data that remains with it."""
         if self.known is not None:
             return self.known

@@ -8,8 +8,6 @@ configurations are those of chunks of neighbours, added in their order: the same
 worked out, here or at a worker that has it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -47,7 +45,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class Part(Kept):
-    """One configuration: measured G (F, n_y, n_u), the columns of its model, and what its residuals are divided by.
+    """One configuration: measured G (F, n_y, n_u), the columns of its model, and the scale of its residuals.
 
     measured: without the images of held torques, as the model has them where it was linearised.
     gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of
@@ -88,7 +86,7 @@ class Part(Kept):
 
     @property
     def mixing(self) -> ComplexArray | None:
-        """(F, n_y n_u, n_y n_u) times gain e of a line, in the order of G, is white; worked out at every call."""
+        """Whitening matrix (F, n_y n_u, n_y n_u) of the errors of a line in the order of G, computed at each call."""
         return None if self.whitening is None else self.whitening.matrix
 
     @cached_property
@@ -105,13 +103,13 @@ class Part(Kept):
         return 2 * int(np.count_nonzero(self.gain))
 
     @property
-    def for_sums(self) -> Part:
+    def for_sums(self) -> "Part":
         """The part for `normal` alone, without the covariances of its lines, most of its numbers."""
         residuals = self.normal.residuals.worked_out
         return replace(self, whitening=residuals.whitening, compressed=residuals)
 
-    def with_residuals_of(self, other: Part) -> Part:
-        """Part with data and weights of another one, and what has been worked out of them."""
+    def with_residuals_of(self, other: "Part") -> "Part":
+        """Part with data and weights of another part, including its cached values."""
         known = other.normal.residuals
         return replace(self, measured=other.measured, gain=other.gain, whitening=other.whitening, compressed=known)
 
@@ -169,7 +167,7 @@ def home_of(responses: Sequence[Response], execution: Execution) -> Execution:
 
 
 def each_at_home(function: Callable[[Item], Value], items: Sequence[Item], home: Execution) -> Iterator[Value]:
-    """function(item) of each item in turn, what belongs to each configuration where its chunk is."""
+    """Apply a function to each item, with configuration-specific data at the worker of its chunk."""
     return chain.from_iterable(home.at_home(partial(_each, function), chunked(items)))
 
 
@@ -191,8 +189,8 @@ class ElasticFit:
     loads: StaticLoads | None = None
     home: Execution = HERE
 
-    def with_residuals_of(self, other: ElasticFit) -> ElasticFit:
-        """Fit with what another one of the same data and weights has worked out of them, here or at workers."""
+    def with_residuals_of(self, other: "ElasticFit") -> "ElasticFit":
+        """Fit with the cached values of another fit with the same data and weights, here or at the workers."""
         return replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
 
     def evaluated_by(self, execution: Execution) -> Execution:
@@ -270,7 +268,7 @@ class _Rough:
     def __call__(self, x: FloatArray) -> Evaluation:
         return self.fit.rough(x)
 
-    def __reduce__(self) -> tuple[type[_Rough], tuple[ElasticFit]]:
+    def __reduce__(self) -> "tuple[type[_Rough], tuple[ElasticFit]]":
         return _Rough, (replace(self.fit, parts=tuple(part.for_sums for part in self.fit.parts)),)
 
 
@@ -354,7 +352,7 @@ def places_of(response: Response | LinearModel) -> tuple[str, ...]:
 
 
 def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -> Kernel:
-    """The response of a model on some lines, with derivatives to what x moves there.
+    """Response of a model on some lines, with derivatives with respect to its parameters in x.
 
     Without slopes to anything else: a fraction to carry to other processes.
     """

@@ -114,7 +114,7 @@ def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:
 
 
 def is_far_from_noise(cost: float, dof: float) -> bool:
-    """True if V is that of a wrong model, whatever the noise, so that its optimum matters only approximately."""
+    """True if V indicates a wrong model whatever the noise, so that its optimum is needed approximately only."""
     return cost > 100 * max(dof, 1)
 
 

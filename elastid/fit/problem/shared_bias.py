@@ -1,4 +1,4 @@
-r"""Systematic errors of measured responses of which only the size is known, such as friction that is left in them.
+r"""Systematic errors of measured responses with known size only, such as uncompensated friction.
 
 .. math:: \hat G_q = G_q(x) + \sum_b (c_b\, \delta G_{bq} + c_{bq}\, \delta G'_{bq}) + noise, \qquad
           c_b, c_{bq} + \bar c_b \sim N(0, 1)
@@ -28,7 +28,7 @@ Factor: TypeAlias = tuple[str, int, str]  # input, index and configuration, "" f
 
 
 def find_factors(responses: Sequence[Response]) -> tuple[Factor, ...]:
-    """The factors of all responses: of each motor that biases one, shared and in each configuration by itself."""
+    """Bias factors of all responses: per biased motor, one shared factor and one per configuration."""
     factors: dict[Factor, None] = {}
     for response in responses:
         for i, errors in enumerate(() if response.bias is None else response.bias):
@@ -90,7 +90,7 @@ def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
 
 
 def bias_slopes(part: Part, response: Response, mixing: ComplexArray | None) -> ComplexArray:
-    """-dr (n_e, F, n_y, n_u) of whitened residuals r by the errors of a response, taken out of Ghat.
+    """-dr (n_e, F, n_y, n_u) of whitened residuals r with respect to the errors of a response, subtracted from Ghat.
 
     mixing: that of the part.
     """
@@ -100,7 +100,8 @@ def bias_slopes(part: Part, response: Response, mixing: ComplexArray | None) -> 
 def with_factors(
     slopes: ComplexArray, part: Part, response: Response, factors: Sequence[Factor], mixing: ComplexArray | None
 ) -> tuple[ComplexArray, FloatArray]:
-    """Slopes J (n, F, n_y, n_u) and T (n_x + n_b, n) of residuals by x and c, dr / d(x, c) = T J; slopes: those by x.
+    """Slopes J (n, F, n_y, n_u) and T (n_x + n_b, n) of residuals with respect to x and c, dr / d(x, c) = T J. slopes:
+    with respect to x.
 
     Most factors are of other configurations, and count here by their mean alone: n is far below n_x + n_b.
     """
@@ -110,7 +111,7 @@ def with_factors(
 
 
 def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, c: FloatArray) -> FloatArray:
-    """c (n_b,) after one Gauss-Newton step in x and c together; fit: of the responses without their errors for c."""
+    """c (n_b,) after one joint Gauss-Newton step in x and c. fit: of the responses without their errors for c."""
     factors = find_factors(responses)
     distance, slope = fit.priors(x)
     A, g = np.diag(np.concatenate([slope**2, np.ones(len(c))])), np.concatenate([slope * distance, c])

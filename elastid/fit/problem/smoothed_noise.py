@@ -27,8 +27,6 @@ one of `SHRINKAGES` under which lines are most likely given their neighbours: th
 where the noise is as smooth as supposed. A line that is noisier than chance allows keeps its own level.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -58,7 +56,7 @@ class NoiseShapes:
     G: ComplexArray
 
     @classmethod
-    def of(cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, weakness: FloatArray | None) -> NoiseShapes:
+    def of(cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, weakness: FloatArray | None) -> "NoiseShapes":
         """weakness (F,): the inverse of the excitation's power, where it is known."""
         f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
         motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - power) for power in (0.0, 2.0, 4.0)])
@@ -67,7 +65,7 @@ class NoiseShapes:
             torque.append(weakness.mean() / weakness)
         return cls(motion, np.stack(torque), G)
 
-    def on(self, lines: BoolArray) -> NoiseShapes:
+    def on(self, lines: BoolArray) -> "NoiseShapes":
         """Shapes on some of the lines."""
         return NoiseShapes(self.own[:, lines], self.torque[:, lines], self.G[lines])
 
@@ -131,7 +129,8 @@ def _ratio(measured: FloatArray, expected: FloatArray) -> FloatArray:
 
 @frozen_value
 class SmoothedNoise(Kept):
-    """measured: the sample covariance taken; smooth: of neighbouring lines, so that weights 1 / v are unbiased.
+    """measured: sample covariance. smooth: covariance smoothed over neighbouring lines, so that weights 1 / v are
+    unbiased.
 
     Both in the same form: matrices of all elements are worked out where they are needed and not kept.
     own_variance, own_matrix (F,): kappa, how much of variance and matrix is the line's own (`smooth_covariance`).
@@ -145,7 +144,7 @@ class SmoothedNoise(Kept):
     G: ComplexArray
 
     def is_of(self, response: Response) -> bool:
-        """True if this is what `smooth_noise` finds, the numbers of the response being the very same."""
+        """True if `smooth_noise` gives this result, with identical numbers of the response."""
         return any(self.measured is matrix for matrix in (response.total, response.noise)) and np.array_equal(
             self.G, response.G
         )
@@ -167,13 +166,13 @@ class SmoothedNoise(Kept):
 
     @property
     def repeats(self) -> float:
-        """Variance of sum tr(C~^-1 S) over that of the power of the errors themselves, each over its mean."""
+        """Normalised variance of sum tr(C~^-1 S) divided by the normalised variance of the error power."""
         n_u = self.variance.shape[2] if self.measured.form == "kronecker" else 1
         return n_u / self.measured.dof
 
 
 def smooth_noise(response: Response) -> SmoothedNoise | None:
-    """The smooth noise of a response: of the total covariance, or of the noise where the total lies below it.
+    """Smoothed noise of a response, from the total covariance or, where larger, from the noise covariance.
 
     None where no uncertainty is known.
     """
@@ -201,7 +200,7 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
 
 
 def _model(response: Response, known: Covariance, S: ComplexArray) -> ComplexArray:
-    """The model of S: of the outputs in the Kronecker form, else input by input."""
+    """Model of S: of the outputs in Kronecker form, otherwise input by input."""
     weakness = None if known.left is None else np.mean(np.einsum("faa->fa", known.left).real, axis=1)
     shapes = NoiseShapes.of(response.freq_hz, response.G, response.quantity, weakness)
     if known.left is not None:
@@ -296,7 +295,7 @@ def _own(S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: flo
 
 
 def without_gaps(level: FloatArray) -> FloatArray:
-    """Levels (F,) with those of their neighbours where they are zero."""
+    """Levels (F,) with zeros replaced by their neighbours."""
     known = np.flatnonzero(level)
     return np.interp(np.arange(len(level)), known, level[known])
 

@@ -1,12 +1,10 @@
-r"""Deflections under static loads as residuals of unit variance, next to those of the responses.
+r"""Deflections under static loads as residuals of unit variance, fitted together with the responses.
 
 .. math:: r_i = (y_i - \hat y_i(\theta(x))) / \sigma_i, \qquad V = \dots + r^T r
 
 sigma: of the readings of a test (`LoadTest`); y of `linear.loaded`, at every x that of the robot at rest there,
 nonlinear springs included. To first order y = J K^-1 J^T F.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -59,7 +57,7 @@ class StaticLoads:
     std: FloatArray
 
     @classmethod
-    def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> StaticLoads:
+    def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> "StaticLoads":
         """Loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
         loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
         listed = tuple(load.test for load in tests)
@@ -88,15 +86,15 @@ class StaticLoads:
         y, slopes = self.predicted(parameters, x)
         return (self.measured - y) / self.std, -slopes / self.std[:, None]
 
-    def drawn(self, predicted: FloatArray, rng: np.random.Generator) -> StaticLoads:
-        """Loads with readings (n,) about those of a model."""
+    def drawn(self, predicted: FloatArray, rng: np.random.Generator) -> "StaticLoads":
+        """Loads with measurements (n,) about a model's deflections."""
         return replace(self, measured=predicted + self.std * rng.standard_normal(len(predicted)))
 
 
 def loaded_robot(
     tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters, x: FloatArray
 ) -> LoadedRobot:
-    """The robot at x (n_x,) under the loads of tests, with slopes to what x moves."""
+    """Robot at x (n_x,) under the loads of the tests, with slopes with respect to its parameters."""
     loads = tuple(load_of(load, robot) for load in tests)
     framed = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
     equations = formulate(framed, model, tuple(name for name in robot.on_demand if name in parameters.names))

@@ -1,7 +1,5 @@
 """Weights of the elements of a measured response: variances, or the full covariance of a line."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +19,7 @@ from elastid.response import Covariance, Response
 
 @dataclass(frozen=True, eq=False)
 class Whitening(Kept):
-    """Whitens errors relative to sigma (F, n_y, n_u), inf where an element is left out; small, since not worked out.
+    """Whitening of errors relative to sigma (F, n_y, n_u), inf for excluded elements; factors only, to save memory.
 
     noise: C~.  floor: alpha, of |G| (F, n_y, n_u).
     """
@@ -47,7 +45,7 @@ class Whitening(Kept):
         relative[:, diagonal, diagonal] += ~used
         return np.asarray(np.linalg.inv(np.linalg.cholesky(relative)))
 
-    def lines(self, keep: BoolArray | slice) -> Whitening:
+    def lines(self, keep: BoolArray | slice) -> "Whitening":
         """Whitening on some lines."""
         mask = np.zeros(len(self.sigma), dtype=np.bool_)
         mask[keep] = True
@@ -114,7 +112,7 @@ class Weights(Kept):
         return np.isfinite(self.sigma)
 
     def noise_covariance(self) -> ComplexArray | None:
-        """cov(vec G) (F, n_y n_u, n_y n_u) as it was measured, for sums over lines; None where it is unknown."""
+        """Measured cov(vec G) (F, n_y n_u, n_y n_u), for sums over lines; None if unknown."""
         if self.noise is None:
             return None
         t = vec(self.scale)
@@ -222,7 +220,7 @@ def _no_more_than_noise(response: Response, variance: FloatArray, used: BoolArra
 
 
 def check_factors(responses: Sequence[Response], spec: FitSpec) -> None:
-    """Refuse a factor that names anything that was not measured; StudyError says what was."""
+    """Raise StudyError for a factor with a name that was not measured; the message lists the measured names."""
     measured = {
         "configurations": {r.configuration.name for r in responses},
         "output": {name for r in responses for name in r.outputs},

@@ -3,8 +3,6 @@ r"""IPOPT with a Gauss-Newton Hessian, through CasADi (Wachter and Biegler, Math
 .. math:: \min_z V(z) / N \quad \text{s.t.} \quad z_{lower} \le z \le z_{upper}, \qquad \nabla^2 V \approx 2 J^T J
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
@@ -103,16 +101,16 @@ class _ScaledProblem:
         n = len(self.scale)
         return Evaluation(0.0, np.zeros(n), np.eye(n))
 
-    def objective(self, arguments: Sequence[ca.DM]) -> _Outputs:
+    def objective(self, arguments: Sequence[ca.DM]) -> "_Outputs":
         """V / N, and no constraints."""
         return [ca.DM(self.weight * self.guarded(arguments[0]).cost), ca.DM(0, 1)]
 
-    def gradient(self, arguments: Sequence[ca.DM]) -> _Outputs:
+    def gradient(self, arguments: Sequence[ca.DM]) -> "_Outputs":
         """V / N and its gradient as a column."""
         gradient = self.guarded(arguments[0]).gradient
         return [self.objective(arguments)[0], ca.DM(self.weight * self.scale * gradient)]
 
-    def hessian(self, arguments: Sequence[ca.DM]) -> _Outputs:
+    def hessian(self, arguments: Sequence[ca.DM]) -> "_Outputs":
         """The upper triangle of the Hessian of the Lagrangian, Gauss-Newton's in z times the multiplier of V / N."""
         weights, n = self.weight * np.outer(self.scale, self.scale), len(self.scale)
         hessian = float(arguments[2]) * weights * self.guarded(arguments[0]).hessian

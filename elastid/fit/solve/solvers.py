@@ -113,7 +113,8 @@ def trust_region(
 
 
 def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray:
-    """Changes (n_x,) of equal weight: a factor e; of a linear parameter its size, its own step, or its deviation.
+    """Changes (n_x,) of equal weight: a factor e; for a linear parameter its size, its own step, or its standard
+    deviation.
 
     The largest of these three, and at most the width of its bounds.
     """

@@ -52,7 +52,7 @@ LIMITS = Limits()
 
 @dataclass(frozen=True, eq=False)
 class Experiments:
-    """The experiments of a local fit: n_y outputs; closed where the reference drives; periods (E,) of each.
+    """Experiments of a local fit, with n_y outputs. closed: driven by the reference. periods (E,) of each.
 
     C_Z (F, n_y + n_u, n_y + n_u): noise of [Y; U] in one period at the lines of G, with its dof; None where no bin
     separates it from the response.

@@ -12,8 +12,6 @@ They are the n_w available bins nearest by count, centred where they can be and 
 Offsets are in units of the furthest bin, so that powers of them are of one size and the regression well conditioned.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -48,7 +46,7 @@ class Windows:
     offset: FloatArray
     span: IntArray
 
-    def on(self, lines: slice) -> Windows:
+    def on(self, lines: slice) -> "Windows":
         """The windows of some lines."""
         return Windows(self.index[lines], self.offset[lines], self.span[lines])
 
@@ -155,7 +153,8 @@ class _Solution:
 
 @dataclass(frozen=True)
 class LadderFit:
-    """The fit of the model that each line takes, those of all models at all lines, and taken (F,): its index.
+    """Fit of the selected model at each line, fits of all models at all lines, and the index (F,) of the selected
+    model.
 
     terms: of the last model, for which the windows are made.
     """
@@ -188,7 +187,7 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequenc
 
 
 def fitted_transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit | None:
-    """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,); None where these are too few."""
+    """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,); None with too few unexcited bins."""
     if len(rest) <= _ORDER + _POLES + 1:
         return None
     ladder = [WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES)]

@@ -139,9 +139,8 @@ def local_response(
     if not usable.any():
         raise DataError(
             "frf/inputs-not-separable",
-            f"{spec.method} cannot separate the {len(first.inputs)} inputs "
-            f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; give "
-            "each its own random phases",
+            f"{spec.method} cannot separate the {len(first.inputs)} inputs ({', '.join(first.inputs)}) at any line, "
+            "since one was not excited or two are proportional. Give each its own random phases",
             f"configuration {first.configuration.name}",
         )
     fitted = fitted_response(fits.chosen, experiments, usable)
@@ -154,8 +153,8 @@ def local_response(
         notes.append(left_out_note(lines[~usable], first, "inputs move in proportion"))
     if len(spectra) < len(logs):
         text = (
-            f"{len(logs)} records with {len(spectra)} different excitation{'s' if len(spectra) > 1 else ''}: repeats, "
-            "whose inputs are the same up to a gain, are averaged first and count as one experiment"
+            f"{len(logs)} records with {len(spectra)} different excitation{'s' if len(spectra) > 1 else ''}; records "
+            "with proportional inputs are averaged and count as one experiment"
         )
         notes.append(Note("frf/window", text, severity="information"))
     unit, n_w = "Hz" if first.rate_is_known else "of the sampling rate", fits.where.index.shape[1]
@@ -185,15 +184,15 @@ def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[N
     if n < 0.5 * lengths.max():
         raise DataError(
             "frf/records",
-            f"its records last {seconds}, and a local method needs one length: cut them with "
-            "samples: [first, last], or take estimator.method h1",
+            f"its records last {seconds}; a local method needs one length. Cut them by samples: [first, last], or set "
+            "estimator.method h1",
             where,
         )
     cut = [
         replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n], period_samples=n)
         for record in records
     ]
-    text = f"records of {seconds} are cut to the shortest, since a local method compares them line by line"
+    text = f"records of {seconds} are cut to the shortest length, since a local method compares them line by line"
     return cut, (Note("frf/window", text, where),)
 
 
@@ -222,7 +221,7 @@ def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: 
 def _signals(
     spectra: Sequence[SettledSpectra], closed: bool, lines: IntArray, step: int, most_lines: int | None
 ) -> _Signals:
-    """Records times sqrt(P) each: then noise is that of one period in all of them."""
+    """Records times sqrt(P) each, so that the noise equals the noise of one period in all of them."""
     root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
     Z = root_P * np.stack([np.concatenate([part.Y, part.U], axis=1) if closed else part.Y for part in spectra])
     R = root_P * np.stack([driver_of(spectrum, closed) for spectrum in spectra])
@@ -256,8 +255,8 @@ def _fits(
     if widths[0] > n_lines:
         raise DataError(
             "frf/lines",
-            f"{spec.method} needs {widths[0]} lines in a window, {n_lines} "
-            "are excited; widen band_hz, measure more experiments, or take a longer period or record",
+            f"{spec.method} needs {widths[0]} lines per window; {n_lines} are excited. Widen band_hz, measure more "
+            "experiments, or use a longer period or record",
             f"configuration {first.configuration.name}",
         )
     fits = []
@@ -297,9 +296,8 @@ def _refuse_dead_inputs(first: Record, spectra: Sequence[SettledSpectra]) -> Non
     for i in np.flatnonzero(clear.mean(axis=0) < LIMITS.excited_share):
         raise DataError(
             "frf/lines",
-            f"input {first.inputs[i]} is 10 dB above its noise at "
-            f"{int(clear[:, i].sum())} of {len(clear)} lines only: it was not excited, so that its column of G cannot "
-            "be estimated; check its channel, or raise its torque",
+            f"input {first.inputs[i]} was not excited: only {int(clear[:, i].sum())} of {len(clear)} lines are 10 dB "
+            "above its noise, and its column of G is not identifiable. Check its channel, or raise its torque",
             f"configuration {first.configuration.name}",
         )
 
@@ -350,7 +348,7 @@ def driver_of(spectra: SettledSpectra, closed: bool) -> ComplexArray:
 
 
 def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
-    """c with other = c of up to a small difference, both (F, n_u); None where there is none."""
+    """c with other = c of up to a small difference, both (F, n_u); None without such a factor."""
     power, power_other = np.sum(np.abs(R) ** 2), np.sum(np.abs(R_other) ** 2)
     if power == 0 or power_other == 0:
         return None

@@ -108,7 +108,7 @@ class Sensitivity:
 
 
 def as_rank_one(matrix: FloatArray) -> tuple[float, FloatArray] | None:
-    """sigma = +-1 and y of a symmetric matrix sigma y y^T; None where it is of a higher rank."""
+    """sigma = +-1 and y of a symmetric matrix sigma y y^T; None for a higher rank."""
     i = int(np.argmax(np.abs(matrix.diagonal())))
     largest = float(matrix[i, i])
     if not largest:
@@ -261,13 +261,13 @@ class Columns(Kept):
 
 @dataclass(frozen=True)
 class _Bases:
-    """Matrices E (2, n, n) of length one, a row each, in room for more; sign and y of those of rank one, or None."""
+    """Normalised matrices E (2, n, n), one per row, in a preallocated array; sign and y of rank one, or None."""
 
     E: FloatArray
     single: list[tuple[float, FloatArray] | None]
 
     def add(self, both: FloatArray, single: tuple[float, FloatArray] | None) -> tuple[int, float]:
-        """The place of a matrix, which is added where it is new, and its factor; single: sign and y, of rank one."""
+        """Index of a matrix, which is added if it is new, and its factor. single: sign and y for rank one."""
         sigma, known = float(np.linalg.norm(both)), self.E[: len(self.single)]
         E = both.ravel() / sigma
         products = known @ E

@@ -18,8 +18,6 @@ motors behind their gears cost next to nothing. No rows are exchanged: a line wh
 terms, as that of an undamped part on its own resonance, is solved by LAPACK instead, as all are without C.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -58,7 +56,7 @@ class Products(NamedTuple):
 
 @dataclass(frozen=True)
 class Sides:
-    """Right sides that Z is solved for: B, the rows `extra` of C that are none of B's columns, the rows `tilted` of T.
+    """Right-hand sides for Z: B, the rows `extra` of C that are not columns of B, the rows `tilted` of T.
 
     columns (n_y,): of each output the one that holds its direction.  tilts: of each tilted one that of its row of T.
     """
@@ -71,7 +69,8 @@ class Sides:
 
 @frozen_value(eq=False)
 class Kernel(Kept):
-    """G of one LinearModel on the lines freq_hz (F,), and that of which its derivatives to `wanted` (P names) are made.
+    """G of one LinearModel on the lines freq_hz (F,), and the factors for its derivatives with respect to `wanted` (P
+    names).
 
     Images of held torques are no part of it (`held_images`). Prepared once, evaluated at many theta; it pickles.
     KeyError for a name that the model does not have.
@@ -195,7 +194,7 @@ class Kernel(Kept):
         return added
 
     @cached_property
-    def _elimination(self) -> Elimination:
+    def _elimination(self) -> "Elimination":
         """Elimination of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
         model = self.model
         moved = [part for s in model.slopes.values() for part in (s.M, s.D, s.K) if part is not None]
@@ -242,7 +241,7 @@ class Elimination:
     filled: BoolArray
 
     @classmethod
-    def of(cls, coupled: BoolArray) -> Elimination:
+    def of(cls, coupled: BoolArray) -> "Elimination":
         """Elimination of a pattern (n, n) of coupled coordinates; next is the one that acts on the fewest."""
         acts = (coupled | coupled.T) & ~np.eye(len(coupled), dtype=bool)
         filled, left, order = np.zeros_like(acts), np.ones(len(acts), dtype=bool), []

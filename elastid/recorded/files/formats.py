@@ -55,7 +55,7 @@ def is_hdf5(path: Path, head: bytes) -> bool:
 
 
 def is_matlab(path: Path, head: bytes) -> bool:
-    """True by the header; files of version 4 have none, and are known by their suffix."""
+    """True if the header identifies the format; files of version 4 have no header and are identified by suffix."""
     # Version and byte order stand behind the free text of a header, little or big endian.
     signatures = (b"\x00\x01IM", b"\x01\x00MI")
     return head.startswith(b"MATLAB") or head[124:128] in signatures or path.suffix.lower() == ".mat"
@@ -79,13 +79,13 @@ FORMATS = (
 
 
 def is_log(path: Path) -> bool:
-    """True if a path is that of a log: a file, or a folder that a format recognises, such as a ROS bag."""
+    """True if a path is a log: a file, or a folder that a format recognises, such as a ROS bag."""
     *of_folders, _ = all_formats()  # text, the last, takes everything
     return os.path.isfile(path) or (os.path.isdir(path) and any(row.recognises(path, b"") for row in of_folders))
 
 
 def all_formats() -> tuple[Format, ...]:
-    """Formats, those of other packages, which know their files better, first; StudyError for one not loaded."""
+    """Formats, specialised packages first; raise StudyError for a format that cannot be imported."""
     return (*(_registered(point) for point in _points()), *FORMATS)
 
 
@@ -128,7 +128,7 @@ def size_in_pieces(
 def read_channels(
     path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec, part: slice = slice(None)
 ) -> FloatArray:
-    """The file's values (n_samples, len(channels)) of the channels asked for, as they stand in the file.
+    """Raw values (n_samples, len(channels)) of the requested channels.
 
     part: of the samples; no more than that is read where the format allows it.
     Raises StudyError for a file that is not there, DataError for a damaged file or a channel that cannot be read.
@@ -141,7 +141,7 @@ def read_channels(
 def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     """A log file, whatever its format; arrays are read while it is open."""
     if not is_log(path):
-        problem = "is a folder but no ROS 2 bag (it has no metadata.yaml)" if os.path.isdir(path) else "is not there"
+        problem = "is a folder but not a ROS 2 bag (it has no metadata.yaml)" if os.path.isdir(path) else "is not there"
         raise StudyError(
             "files/missing", f"log file {path} {problem}; check path under files (relative to the study's folder)"
         )
@@ -150,7 +150,7 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
         with path.open("rb") as file:
             head = file.read(4104)  # HDF5 after a user block of 4096 bytes is recognised
     log_format = next(row for row in all_formats() if row.recognises(path, head))
-    damage = f"damaged, cut short or no {log_format.name} file"
+    damage = f"damaged, truncated or not a {log_format.name} file"
     guard = partial(_refused, lambda error: f"{path}: {damage} ({error}); {log_format.advice}")
     with ExitStack() as stack:
         with guard():
@@ -160,7 +160,7 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
 
 @contextmanager
 def _refused(message: Callable[[Exception], str]) -> Iterator[None]:
-    """DataError instead of any exception that is no message for the user yet, such as those of a damaged file."""
+    """Convert exceptions without a user message, such as from damaged files, to DataError."""
     try:
         yield
     except (ElastidError, MemoryError):

@@ -5,8 +5,6 @@ are joined with dots (`rec.torque`), elements of struct arrays are `run(2).torqu
 `axis1/torque`.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,15 +29,15 @@ class Log(Protocol):
     """An open log file."""
 
     @property
-    def arrays(self) -> Mapping[str, StoredArray]:
-        """Arrays by their names; a text has none."""
+    def arrays(self) -> "Mapping[str, StoredArray]":
+        """Arrays by name; empty for a text file."""
         return {}
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Every numeric signal with its shape; column numbers where a text has no headings."""
 
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
-        """Values (n_samples, n_c) of the channels, or a part of the samples, as they stand in the file.
+        """Raw values (n_samples, n_c) of the channels, or of a range of samples.
 
         DataError where one cannot be read; no more is read or understood than the format needs.
         """
@@ -90,7 +88,7 @@ class ArrayLog:
     path: Path
     arrays: Mapping[str, StoredArray]
 
-    def guarded(self, guard: Callable[[], AbstractContextManager[None]]) -> ArrayLog:
+    def guarded(self, guard: Callable[[], AbstractContextManager[None]]) -> "ArrayLog":
         """Log with every read inside a guard."""
 
         def inside(read: Callable[..., NDArray[Any]], *part: slice) -> NDArray[Any]:
@@ -117,7 +115,9 @@ class ArrayLog:
         lengths = [len(signal) for signal in signals]
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
-            raise self._refusal(f"the channels differ in length: {table} samples; all must come from one recording")
+            raise self._refusal(
+                f"the channels have different lengths: {table} samples. Choose channels of one recording"
+            )
         return np.stack(signals).T  # each signal in one piece, as all that follows takes them
 
     def array_of(self, channel: ChannelSpec) -> tuple[str, StoredArray]:
@@ -127,7 +127,7 @@ class ArrayLog:
         if name not in self.arrays:
             raise DataError("records/channels", missing_channel(self.path, channel, shapes))
         if name not in shapes:
-            what = f"no signal but {self.arrays[name].dtype} of shape {self.arrays[name].shape}"
+            what = f"not a signal but {self.arrays[name].dtype} of shape {self.arrays[name].shape}"
             raise self._refusal(f"channel {name} is {what}; there are {', '.join(shapes) or 'none'}")
         return name, self.arrays[name]
 
@@ -142,7 +142,9 @@ class ArrayLog:
             # A piece may hold fewer samples than signals.
             return self._column(channel, name, values.reshape(len(values), -1))
         if values.ndim > 2:
-            raise self._refusal(f"channel {name} has {values.ndim} axes {values.shape}; it must have 1 or 2")
+            raise self._refusal(
+                f"channel {name} has {values.ndim} axes {values.shape}; at most 2 are allowed. Choose another variable"
+            )
         # Samples outnumber signals: a matrix with its samples along a row is transposed.
         matrix = np.atleast_2d(values).T if values.ndim == 1 or values.shape[0] < values.shape[1] else values
         return self._column(channel, name, matrix)[part]
@@ -150,9 +152,13 @@ class ArrayLog:
     def _column(self, channel: ChannelSpec, name: str, matrix: FloatArray) -> FloatArray:
         n, columns = matrix.shape
         if channel.column is None and columns > 1:
-            raise self._refusal(f"channel {name} holds {columns} signals of {n} samples; give column: 1 to {columns}")
+            raise self._refusal(
+                f"channel {name} contains {columns} signals of {n} samples. Give column: 1 to {columns}"
+            )
         if channel.column is not None and channel.column > columns:
-            raise self._refusal(f"channel {name} has no column {channel.column} of {columns}, the first is column 1")
+            raise self._refusal(
+                f"channel {name} has {columns} columns, counted from 1, not {channel.column}. Correct column"
+            )
         return matrix[:, (channel.column or 1) - 1]
 
     def _refusal(self, text: str) -> DataError:
@@ -165,7 +171,7 @@ def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple
     more = f" and {len(listed) - 40} more" if len(listed) > 40 else ""
     close = difflib.get_close_matches(channel.channel, shapes, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
-    problem = f"channel '{channel.channel}' is not in it" if channel.channel else "give the name of a channel"
+    problem = f"there is no channel '{channel.channel}'" if channel.channel else "give the name of a channel"
     return f"{path}: {problem}; {hint}There are {', '.join(listed[:40]) or 'no signals in it'}{more}"
 
 

@@ -77,7 +77,7 @@ def _ask(file: _File, name: str = "", part: slice | None = None) -> Any:
             reply = _exchange(_reader(where), (file, name, part))
         except EOFError:
             code = _end(_readers.pop((os.getpid(), where)))
-            raise ValueError(f"the process that read it died, exit code {code}") from None
+            raise ValueError(f"the reading process ended with exit code {code}") from None
         except BaseException:  # Ctrl-C, say: the reply that is lost would be taken for that to the next request
             _end(_readers.pop((os.getpid(), where)))
             raise
@@ -148,7 +148,7 @@ def serve() -> None:
             reply = _values(signals[name], part) if name else stated
         except MemoryError:
             amount = f"more than {limit / 1e9:.3g} GB of" if limit else "more"
-            reply = ValueError(f"its reader asks for {amount} memory")
+            reply = ValueError(f"its reader needs {amount} memory")
         except ElastidError as error:
             reply = error
         except Exception as error:
@@ -158,7 +158,7 @@ def serve() -> None:
 
 
 def limit_memory() -> int:
-    """Limit the memory of this process; the limit in bytes, 0 where the system has none."""
+    """Limit the memory of this process; return the limit in bytes, 0 if the system does not support it."""
     if not hasattr(os, "sysconf"):
         return 0
     import resource
@@ -178,5 +178,5 @@ def _values(array: StoredArray, part: slice | None) -> NDArray[Any]:
     """The values of a signal, or a part of its rows."""
     values = np.asarray(array.read() if part is None or array.rows is None else array.rows(part))
     if values.dtype.hasobject:
-        raise TypeError(f"values of type {values.dtype} are no numbers")
+        raise TypeError(f"values of type {values.dtype} are not numbers")
     return values

@@ -1,4 +1,4 @@
-"""ROS bags (ROS 2: a folder with metadata.yaml, an MCAP or db3 file; ROS 1: a .bag file), by rosbags.
+"""ROS bags by rosbags: a ROS 2 folder with metadata.yaml, an MCAP or db3 file, or a ROS 1 .bag file.
 
 Signals are named by topic and field, `imu.angular_velocity.x`; those of a `sensor_msgs/JointState` by joint as well,
 `joint_states.position.elbow`, in whatever order its messages list the joints.  Sequences of numbers are matrices, of
@@ -104,7 +104,7 @@ class _Topic:
     def _column(self, field: str) -> NDArray[Any]:
         values = self._columns[field]
         if values.size == 0:
-            raise ValueError(f"{self.name}.{field} changes its length from message to message")
+            raise ValueError(f"{self.name}.{field} varies in length between messages")
         return values
 
     def _messages(self) -> Iterator[tuple[int, Any]]:

@@ -80,14 +80,14 @@ class TextLog(Log):
                 title = f" ('{self.headings[column]}')" if column < len(self.headings) else ""
                 if column >= len(fields):
                     return (
-                        f"{self.path}, line {number}: it has {len(fields)} columns, column {column + 1}{title} is "
-                        "needed; correct the line, or leave it out with samples"
+                        f"{self.path}, row {number}: {len(fields)} columns; column {column + 1}{title} is needed. "
+                        "Correct the row, or exclude it by samples"
                     )
                 if not _is_number(fields[column]):
                     return (
-                        f"{self.path}, line {number}, column {column + 1}{title}: '{fields[column]}' is not a number; "
-                        "check delimiter and decimal under text, or correct the line"
-                        f"{otherwise_written(self.path, self.format)}"
+                        f"{self.path}, row {number}, column {column + 1}{title}: '{fields[column]}' is not a number. "
+                        "Check delimiter and decimal under text, or correct the "
+                        f"row{otherwise_written(self.path, self.format)}"
                     )
         return ""
 
@@ -99,23 +99,25 @@ class TextLog(Log):
         elif channel.channel and (self.headings or column is None or numbered):
             headed = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
             if not headed:
-                start = f"; data were taken to start in line {self.first + 1} (text.header_lines says otherwise)"
+                start = f"; the data are assumed to start in row {self.first + 1} (set text.header_lines otherwise)"
                 missing = missing_channel(self.path, channel, self.shapes())
                 raise DataError("records/channels", missing + start + otherwise_written(self.path, self.format))
             if column not in (headed if len(headed) > 1 else (None, *headed)):
                 listed = ", ".join(map(str, headed))
                 raise DataError(
                     "records/channels",
-                    f"{self.path}: '{channel.channel}' is the heading of column {listed}; give column, too"
+                    f"{self.path}: several columns have the heading '{channel.channel}', {listed}. Give column, too"
                     if column is None
-                    else f"{self.path}: column {column} is not headed '{channel.channel}', but column {listed} is",
+                    else (
+                        f"{self.path}: the heading '{channel.channel}' is not in column {column} but in column {listed}"
+                    ),
                 )
             return (column or headed[0]) - 1
         column = column or 1
         if column > self.n_columns:
             raise DataError(
                 "records/channels",
-                f"there is no column {column}; it has {self.n_columns}, the first is column 1",
+                f"column {column} does not exist; the file has {self.n_columns}, counted from 1. Correct column",
                 self.path,
             )
         return column - 1
@@ -128,18 +130,19 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     if delimiter == text.decimal:
         raise StudyError(
             "records/text",
-            f"delimiter and decimal are both '{text.decimal}'; with decimal commas the delimiter is usually ';'",
+            f"delimiter and decimal are both '{text.decimal}'; they must differ. With decimal commas set delimiter to "
+            "';'",
             "text",
         )
     if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
         raise StudyError(
-            "records/text", f"delimiter is '{text.delimiter}'; give a single character, tab or whitespace", "text"
+            "records/text", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
         )
     raw = path.read_bytes()
     if b"\0" in raw[:4096] and not _is_utf_16(raw):
         raise DataError(
             "files/damaged",
-            "no text, and of no format that elastid reads; export it again, as CSV, MATLAB or HDF5",
+            "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5",
             path,
         )
     lines = _decoded(raw).splitlines()
@@ -148,7 +151,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
         first += 1
     if not any(line.strip() for line in lines):
-        raise DataError("records/text", "the file is empty; export it again, or name another one", path)
+        raise DataError("records/text", "the file is empty. Export it again, or name another file", path)
     if first >= len(numbers):
         raise DataError(
             "records/text",
@@ -221,7 +224,7 @@ def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tupl
 
 
 def _units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -> tuple[str, ...]:
-    """The header line, other than the headings, in which columns have units, in brackets or not; none where none is."""
+    """Header row other than the headings with units of the columns, in brackets or not; None without such a row."""
     for line in head:
         fields = _fields(line, text)
         units = tuple(field.strip("[]()") for field in fields)

@@ -21,7 +21,7 @@ _CODES = {  # of findings that mend nothing
 
 @dataclass(frozen=True)
 class Finding:
-    """kind: of the repair, by which counts are added up.  text: the fault, its place, its size, and the repair."""
+    """kind: kind of correction, for counting. text: fault, location, size and correction."""
 
     kind: str
     count: int

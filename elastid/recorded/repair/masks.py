@@ -103,8 +103,8 @@ def without_standstill(signals: FloatArray, L: int, log: Log) -> Repaired:
         if lost:
             missing = np.unique(np.concatenate([np.arange(a, b) for a, b in lost]))
             result[missing, c] = np.nan
-            text = f"{log.names[c]} stands still or at 0 for {missing.size} samples from {log.time_of(missing[0])} on"
-            findings.append(Finding(MASKED, missing.size, f"{text}, while other periods move: taken as missing"))
+            text = f"{log.names[c]} is constant or 0 for {missing.size} samples from {log.time_of(missing[0])} on"
+            findings.append(Finding(MASKED, missing.size, f"{text}, while other periods vary; treated as missing"))
     return Repaired(result, tuple(findings))
 
 
@@ -131,11 +131,11 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
     if not bad.any():
         return Repaired(signals)
     numbers = ", ".join(str(p + 1) for p in np.flatnonzero(bad))
-    text = f"the torques of repetitions {numbers} of {P} stand still for a part, as at a stop: left out"
+    text = f"repetitions {numbers} of {P} are discarded: their torques are partly constant, as at a stop"
     if P - bad.sum() < 2:
         raise DataError(
             "records/missing-samples",
-            f"{text}, and two are needed; measure again, or take samples: [{log.first}, "
+            f"{text}; two are needed. Measure again, or set samples: [{log.first}, "
             f"{log.first + int(np.argmax(bad)) * L}] with period: none",
             log.where,
         )
@@ -179,8 +179,8 @@ def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Findin
         if noise < LIMITS.min_noise_share * size:
             continue
         text = (
-            f"{name}: steps of {q:.4g} make noise of {noise:.3g}, {100 * noise / max(size, 1e-300):.2g} % of the "
-            "signal, which the scatter of the periods may not show"
+            f"{name}: the resolution of {q:.4g} adds noise of {noise:.3g} rms, {100 * noise / max(size, 1e-300):.2g} % "
+            "of the signal, which the scatter of the periods can underestimate"
         )
         findings.append(Finding("quantised channels", 1, text))
     return tuple(findings)
@@ -204,9 +204,9 @@ def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
         text += f"{np.min(x):.4g} and {np.max(x):.4g}"
         if share > LIMITS.max_clipped_share:
             raise DataError(
-                "records/clipped", f"{text}: it is clipped; measure again with less torque or a wider range", log.where
+                "records/clipped", f"{text}; it is clipped. Measure again with less torque or a wider range", log.where
             )
-        findings.append(Finding(CLIPPED, n_clipped, f"{text}: clipped there, measure with less torque"))
+        findings.append(Finding(CLIPPED, n_clipped, f"{text}; clipped there. Measure with less torque"))
     return tuple(findings)
 
 

@@ -66,7 +66,7 @@ class Repetition:
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """The order of the results of several signals or searches: those with a period first."""
+        """Sort key of the results of several signals or searches: periodic ones first."""
         return self.best_samples > 0, self.best_correlation
 
 
@@ -227,8 +227,8 @@ def autocorrelation(x: FloatArray) -> FloatArray:
 
 
 NO_LINES = (
-    "it does not repeat: there is no FRF of lines in it. With period: none the whole record is one transient, of which "
-    "estimator.method local_rational, local_polynomial or h1 make a response where the torque has power"
+    "it is not periodic and gives no FRF at DFT lines. With period: none the whole record is one transient; "
+    "estimator.method local_rational, local_polynomial or h1 then estimate a response where the torque has power"
 )
 
 
@@ -246,8 +246,8 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
     if not best.best_samples:
         raise DataError(
             "records/period-mismatch",
-            f"no period was found in it (best correlation {best.best_correlation:.2f}, "
-            f"{LIMITS.min_correlation:g} is needed, where two periods fit): {NO_LINES}",
+            f"no period was detected (best correlation {best.best_correlation:.2f}; at least "
+            f"{LIMITS.min_correlation:g} with two periods): {NO_LINES}",
             file.path,
         )
     N = round(best.best_samples)
@@ -262,8 +262,8 @@ def unstated_period_notes(drivers: FloatArray, where: str) -> tuple[Note, ...]:
     if best.best_correlation < LIMITS.min_correlation or not best.best_samples:
         return ()
     text = (
-        f"no period is stated, but the torques repeat every {round(best.best_samples, 2):.8g} samples: with period: "
-        "find the scatter of the periods gives the noise; period: none says that the record is meant as one transient"
+        f"no period is stated, but the torques repeat every {round(best.best_samples, 2):.8g} samples. Set period: "
+        "find to estimate the noise from the periods, or period: none for one transient"
     )
     return (Note("records/period-mismatch", text, where),)
 
@@ -292,7 +292,7 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         needed = "one period is" if half_wave else "two periods are"
         raise DataError(
             "records/period-mismatch",
-            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}",
+            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} are needed. {NO_LINES}",
             path,
         )
     result = repetition(excitation, repeat, sign)
@@ -301,21 +301,25 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         return
     stated = "second half minus first" if half_wave else "one period to the next"
     problem = (
-        f"the excitation does not repeat with the period of {_span(N, log)} that the study states (correlation "
+        f"the excitation does not repeat with the stated period of {_span(N, log)} (correlation "
         f"{result.correlation:.3f}, {stated})"
     )
     if lost is not None:
-        what = f"{abs(lost[0])} samples are {'lost' if lost[0] < 0 else 'there twice'} near {log.time_of(lost[1])}"
-        text = f"{what}, before and after which it does; measure again, or cut the shorter part off with samples"
+        what = f"{abs(lost[0])} samples are {'missing' if lost[0] < 0 else 'duplicated'} near {log.time_of(lost[1])}"
+        text = (
+            f"{what}; before and after, the excitation repeats. Measure again, or exclude the shorter part by samples"
+        )
     elif result.best_samples:
         lag = f"it repeats every {_span(result.best_samples, log)} (correlation {result.best_correlation:.3f})"
-        text = f"{lag}: correct the period or the rate"
+        text = f"{lag}. Correct the period or the rate"
     elif not half_wave and repetition(excitation[: 2 * repeat], repeat, sign=-1).is_as_stated:
-        text = f"the second half of {_span(2 * N, log)} is minus the first: period_samples: {2 * N}, half_wave: true"
+        text = (
+            f"the second half of {_span(2 * N, log)} is minus the first. Set period_samples: {2 * N}, half_wave: true"
+        )
     else:
         text = (
-            f"nor at any other lag (best correlation {result.best_correlation:.3f}); with a period elastid needs a "
-            f"periodic excitation; {NO_LINES}"
+            f"nor at any other lag (best correlation {result.best_correlation:.3f}); a stated period needs a periodic "
+            f"excitation. {NO_LINES}"
         )
     raise DataError("records/period-mismatch", f"{problem}; {text}", path)
 

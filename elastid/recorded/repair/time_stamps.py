@@ -196,15 +196,13 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
     if periods < 2:
         raise DataError(
             "records/clock",
-            f"its period is {T:.3f} samples instead of {N}, and the log holds fewer than two of them; "
-            "measure more periods",
+            f"its period is {T:.3f} samples, not {N}, and the log contains fewer than two. Measure more periods",
             log.where,
         )
     result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
     text = (
-        f"the period is {T:.4f} samples instead of {N}: the clocks of generator and log differ by "
-        f"{1e6 * (T / N - 1):.1f} ppm; resampled, {100 * drift.left / drift.unexplained:.2g} % of the power that "
-        "did not repeat remains"
+        f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f} "
+        f"ppm; after resampling, {100 * drift.left / drift.unexplained:.2g} % of the non-repeating power remains"
     )
     return Repaired(result, (Finding(RESAMPLED, len(result), text),))
 
@@ -237,7 +235,7 @@ def steps_in_words(time_s: FloatArray) -> str:
 
 
 def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
-    """(row of each stamp, rate in Hz) of the even grid that stamps (n,) lie on; None where on none.
+    """Row of each stamp and rate in Hz of the uniform grid of stamps (n,); None without such a grid.
 
     Rounded stamps, such as 2 and 3 ms in turn at 400 Hz, lie on one.
     """
@@ -274,18 +272,18 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     for bad, what in ((~np.isfinite(time_s), "is missing"), (np.diff(time_s, prepend=-np.inf) < 0, "runs backwards")):
         if bad.any():
             place = log.time_of(np.flatnonzero(bad)[0])
-            raise DataError("records/clock", f"the time {what} at {place}; cut that part off with samples", log.where)
+            raise DataError("records/clock", f"the time {what} at {place}. Exclude that part by samples", log.where)
     if len(time_s) < 3 or time_s[-1] == time_s[0]:
         raise DataError(
-            "records/clock", "its time does not rise; name another channel as time, or leave time out", log.where
+            "records/clock", "its time does not increase. Name another channel as time, or omit time", log.where
         )
     time_s = time_s - time_s[0]
     if not 1 / CLOCK.max_ratio < (len(time_s) - 1) / (time_s[-1] * rate_hz) < CLOCK.max_ratio:
         after = log.time_of(int(np.argmax(np.diff(time_s))))
         raise DataError(
             "records/clock",
-            f"its {len(time_s)} time stamps have {steps_in_words(time_s)}, the longest after {after}, and rate_hz is "
-            f"{rate_hz:g}; give the time in s, correct rate_hz, or cut a jump off with samples",
+            f"its {len(time_s)} time stamps have {steps_in_words(time_s)}, the longest after {after}; rate_hz is "
+            f"{rate_hz:g}. Give the time in s, correct rate_hz, or exclude a jump by samples",
             log.where,
         )
     grid, findings = even_grid(time_s), list[Finding]()
@@ -328,7 +326,7 @@ def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, floa
 
 
 def _gaps(lost: int, gaps: IntArray, log: Log) -> Finding:
-    text = f"{lost} samples are missing in {gaps.size} gaps of its times, the first after {log.time_of(gaps[0])}"
+    text = f"{lost} samples are missing in {gaps.size} gaps of its time, the first after {log.time_of(gaps[0])}"
     return Finding(GAPS, lost, text)
 
 
@@ -344,8 +342,8 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
         raise DataError(
             "records/clock",
-            f"its time has {steps}, which leaves frequencies up to {PASSBAND * knot_hz:.3g} Hz of the "
-            f"{PASSBAND * rate_hz:.3g} Hz that rate_hz {rate_hz:g} promises; state rate_hz: {advised_hz:g}",
+            f"its time has {steps}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz {rate_hz:g} needs "
+            f"{PASSBAND * rate_hz:.3g} Hz. Set rate_hz: {advised_hz:g}",
             log.where,
         )
     knot_hz = min(knot_hz, rate_hz)  # a lower rate than that of the stamps holds the lower band alone
@@ -354,15 +352,15 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     missing = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
     result[missing] = np.nan
     text = (
-        f"its time has {steps}: resampled on its stamps to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz; "
-        f"{share:.2g} of the rms of its samples, noise or faster, is left out"
+        f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz, without "
+        f"{share:.2g} of its rms, which is noise or faster"
     )
     lost = (_gaps(int(missing.sum()), gaps, log),) if missing.any() else ()
     return Repaired(result, (Finding(RESAMPLED, len(result), text), *lost))
 
 
 def _fitted(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float) -> tuple[FloatArray, float]:
-    """Signals (m, c) at grid_s of the fit, and the largest rms of its residuals over that of a signal.
+    """Interpolate signals (m, c) at grid_s; return the largest ratio of rms residual to rms signal with them.
 
     NaN in blocks of knots without samples, as in a long pause.
     """

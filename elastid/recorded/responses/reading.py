@@ -34,7 +34,7 @@ from elastid.response import Covariance, Response
 
 
 def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
-    """The frequency response in a file; DataError where there is none of that name."""
+    """Frequency response in a file; raise DataError without one of that name."""
     if os.path.isfile(path) and is_universal_file(path):
         return uff_table(path, spec.channels)
     with opened_log(path, spec.text) as log:
@@ -76,7 +76,7 @@ def link_side_response(
     for i, j in np.argwhere(np.isnan(G).all(axis=0)):
         raise DataError(
             "responses/table",
-            f"the response of {outputs[i].name_in_file} to {inputs[j].name_in_file} is not in it",
+            f"it lacks the response of {outputs[i].name_in_file} to {inputs[j].name_in_file}",
             table.path,
         )
     f_y, f_u = (np.array([link_side_factor(c, robot) for c in side]) for side in (outputs, inputs))
@@ -92,7 +92,7 @@ def link_side_response(
     if np.any(np.diff(freq_hz) == 0):
         raise DataError(
             "responses/lines",
-            f"{freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz is there twice; keep one of them",
+            f"{freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz occurs twice. Keep one line",
             table.path,
         )
     gain = (2j * np.pi * freq_hz[:, None]) ** powers * f_y
@@ -130,8 +130,8 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
         if freq_hz[-1] > rate_hz / 2:
             raise DataError(
                 "responses/lines",
-                f"its lines reach {freq_hz[-1]:g} Hz, and {channel.name_in_file} is a command held at "
-                f"{rate_hz:g} Hz, which excites up to {rate_hz / 2:g} Hz; correct rate_hz, or keep the lines below it",
+                f"its lines reach {freq_hz[-1]:g} Hz; the held command {channel.name_in_file} at {rate_hz:g} Hz "
+                f"excites up to {rate_hz / 2:g} Hz. Correct rate_hz, or exclude the lines above",
                 path,
             )
         H[:, j] = zero_order_hold(freq_hz / rate_hz)
@@ -144,12 +144,12 @@ def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tup
     if not good.any():
         raise DataError(
             "responses/lines",
-            f"none of its {len(good)} lines is finite, of a size that sensors have, and above 0 Hz",
+            f"none of its {len(good)} lines is finite, plausible and above 0 Hz",
             table.path,
         )
     n_out, static = int(np.sum(~good)), int(np.sum(freq_hz <= 0))
     reasons = [f"{n} {reason}" for n, reason in ((static, "at 0 Hz"), (n_out - static, "not finite")) if n]
-    text = f"{n_out} of {len(good)} lines are left out: {' and '.join(reasons)}"
+    text = f"{n_out} of {len(good)} lines are discarded: {' and '.join(reasons)}"
     # Analysers begin at 0 Hz, where no motion has an acceleration.
     severity: Severity = "information" if n_out == static else "warning"
     return (Note("frf/lines-discarded", text, table.path.name, severity=severity),)

@@ -80,12 +80,12 @@ class ResponseTable:
         name = self.frequency_unit if unit == "auto" else unit
         known = name.lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
         if known not in _IN_HZ:
-            problem = f"its unit of frequency is '{name}'" if name else "it does not say the unit of its frequencies"
-            raise DataError("responses/table", f"{problem}; set frequency_unit to Hz, rad/s, kHz or rpm", self.path)
+            problem = f"its unit of frequency is '{name}'" if name else "the unit of its frequencies is unknown"
+            raise DataError("responses/table", f"{problem}. Set frequency_unit to Hz, rad/s, kHz or rpm", self.path)
         return self.freq * _IN_HZ[known]
 
     def index(self, channel: ChannelSpec) -> int:
-        """Row of an output or column of an input; DataError with those in the table."""
+        """Row of an output or column of an input; raise DataError with the existing names."""
         kind, names, n = "output", self.outputs, self.G.shape[1]
         if channel.role == "u":
             kind, names, n = "input", self.inputs, self.G.shape[2]
@@ -154,7 +154,9 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
         )
     prefix = f"{name}." if name else ""
     if f"{prefix}Frequency" not in leaves:
-        raise DataError("responses/table", f"{prefix}{_DATA} has no {prefix}Frequency; save the frequencies, too", path)
+        raise DataError(
+            "responses/table", (f"{prefix}{_DATA} has no {prefix}Frequency. Save the frequencies, too"), path
+        )
     data = complex_array(leaves, f"{prefix}{_DATA}")
     assert data is not None  # it is listed by structs_in
     G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
@@ -163,7 +165,7 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     unit = texts.get("FrequencyUnit") or texts.get("Units", "")
     if "timeunit" in unit.lower() and texts.get("TimeUnit", "").lower() not in ("", "seconds", "s"):
         raise DataError(
-            "responses/table", f"{prefix}TimeUnit is not seconds; set frequency_unit, or save it in rad/s", path
+            "responses/table", f"{prefix}TimeUnit is not seconds. Set frequency_unit, or save it in rad/s", path
         )
     freq = np.ravel(np.asarray(leaves[f"{prefix}Frequency"], dtype=np.float64))
     outputs, inputs = (_names(leaves, f"{prefix}{side}Name") for side in ("Output", "Input"))
@@ -186,14 +188,16 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
     freq = np.ravel(np.asarray(leaves[columns.frequency], dtype=np.float64))
     std = complex_array(leaves, columns.std) if columns.std else None
     if columns.std and std is None:
-        raise DataError("responses/table", f"no {columns.std} in it; correct columns.std, or leave it out", path)
+        raise DataError(
+            "responses/table", (f"column {columns.std} does not exist. Correct columns.std, or omit it"), path
+        )
     G = _frequency_first(path, G, len(freq), spec)
     variance = None if std is None else np.abs(_frequency_first(path, std, len(freq), spec)) ** 2
     return ResponseTable(path, freq, leaves[columns.frequency].units or "Hz", G, variance=variance)
 
 
 def complex_array(leaves: Mapping[str, StoredArray], name: str) -> ComplexArray | None:
-    """A complex array, in one piece or in fields real and imag as MATLAB writes them; None where it is missing."""
+    """Complex array, or struct with real and imag fields as written by MATLAB; None if it is missing."""
     if name in leaves:
         return np.asarray(leaves[name]).astype(np.complex128)
     for parts in (("real", "imag"), ("re", "im"), ("r", "i")):
@@ -208,8 +212,8 @@ def _frequency_first(path: Path, array: ComplexArray, F: int, spec: ResponsesSpe
     if not axes or array.ndim > 3:
         raise DataError(
             "responses/table",
-            f"{spec.columns.response} has shape {array.shape}, and there are {F} frequencies; one of at most "
-            "three axes must have their length",
+            f"{spec.columns.response} has shape {array.shape} for {F} frequencies; one of at most three axes must "
+            "have this length",
             path,
         )
     first = np.moveaxis(array, axes[0], 0)
@@ -272,8 +276,8 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
         if not np.array_equal(np.asarray(data_set["x"]), freq):
             raise DataError(
                 "responses/table",
-                f"the response of {output} to {input_} has other frequencies than that of {outputs[0]} to "
-                f"{inputs[0]}; export all with the same lines",
+                f"the responses of {output} to {input_} and of {outputs[0]} to {inputs[0]} have different "
+                "frequencies. Export all with the same lines",
                 path,
             )
         sign = np.prod([-1 if int(data_set[f"{side}_dir"]) < 0 else 1 for side in ("rsp", "ref")])
@@ -300,7 +304,7 @@ def uff_places(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
 
 
 def geometry_of_files(spec: ResponsesSpec | None, folder: Path) -> GeometrySpec | None:
-    """Geometry of the first universal file with nodes of the places of a study; None where no file has any."""
+    """Geometry of the first universal file with nodes at locations of the study; None without one."""
     paths = () if spec is None else (folder / file.path for file in spec.files)
     read = (uff_geometry(path, spec.channels) for path in paths if spec is not None and is_universal_file(path))
     return next((geometry for geometry in read if geometry is not None), None)
@@ -330,7 +334,7 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | 
 
 
 def _length_and_force(path: Path) -> tuple[float, float]:
-    """A unit of length in m and one of force in N, by data set 164; SI where there is none."""
+    """Units of length in m and force in N from data set 164, by default SI."""
     units = _sets(path, 164)
     if not units:
         return 1.0, 1.0
@@ -351,8 +355,8 @@ def _in_si(
     if np.all(of_outputs == 1) and np.all(of_inputs == 1):
         return np.ones((len(outputs), len(inputs))), ()
     text = (
-        f"its data set 164 states lengths of {metre:g} m and forces of {newton:g} N, from which its numbers are turned "
-        "into SI; a channel with another unit, or with scale, overrides it"
+        f"its data set 164 states lengths of {metre:g} m and forces of {newton:g} N, which elastid converts to SI; a "
+        "channel with another unit, or with scale, overrides it"
     )
     return of_outputs[:, None] / of_inputs, (Note("responses/units", text, path.name, severity="information"),)
 
@@ -364,7 +368,7 @@ def _sets(path: Path, *types: int) -> list[dict[str, Any]]:
         file = pyuff.UFF(str(path))
         return [file.read_sets(int(i)) for i in np.flatnonzero(np.isin(file.get_set_types(), types))]
     except Exception as error:  # a damaged file makes pyuff raise anything
-        text = f"{path}: damaged, cut short or no universal file ({error}); copy it or export it again"
+        text = f"{path}: damaged, truncated or not a universal file ({error}). Copy or export it again"
         raise DataError("responses/table", text) from error
 
 
@@ -374,7 +378,8 @@ def _responses(path: Path) -> list[dict[str, Any]]:
     if not responses:
         raise DataError(
             "responses/table",
-            f"none of its {len(sets)} data sets 58 is a frequency response (function type 4); export those",
+            f"none of its {len(sets)} data sets 58 is a frequency response (function type 4). Export frequency "
+            "responses",
             path,
         )
     return responses
@@ -396,6 +401,6 @@ def _check_quantity(path: Path, data_set: dict[str, Any], output: str, channels:
         if channel.role == "y" and label(channel) == output and quantity not in (None, channel.quantity):
             raise StudyError(
                 "responses/table",
-                f"output {output} is of quantity {quantity}, its channel states {channel.quantity}",
+                f"output {output} has quantity {quantity} in the file, {channel.quantity} in its channel",
                 path,
             )

@@ -54,7 +54,8 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_names(("validation", "configurations"), "configuration", left_out, configurations)
     if configurations and study.design is None and set(left_out) >= set(configurations):
         yield Problem(
-            ("validation", "configurations"), "every configuration is left out; leave at least one to the fit"
+            ("validation", "configurations"),
+            ("every configuration is reserved for validation. Leave at least one for the fit"),
         )
 
 
@@ -90,7 +91,7 @@ def check_unused(study: Study) -> Iterator[Problem]:
         return
     for key in (key for kinds, keys in UNUSED if study.kind in kinds for key in keys):
         for path in _given(study, tuple(key.split("."))):
-            yield Problem(path, f"no stage of a study of kind {study.kind} uses it; drop it", at_key=True)
+            yield Problem(path, f"no stage of a study of kind {study.kind} uses it. Remove it", at_key=True)
 
 
 def _given(value: Any, steps: tuple[str, ...], path: KeyPath = ()) -> Iterator[KeyPath]:

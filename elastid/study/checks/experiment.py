@@ -27,7 +27,7 @@ def check_count(study: Study) -> Iterator[Problem]:
         yield Problem(
             path,
             f"{given} experiments in each of {experiment.realisations} realisations; estimator.method "
-            f"{estimator.method} takes {needed} to {n_u} for {n_u} motors",
+            f"{estimator.method} needs {needed} to {n_u} for {n_u} motors",
         )
 
 
@@ -37,7 +37,9 @@ def check_configurations(study: Study) -> Iterator[Problem]:
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
         if posture_of(name) != name:
-            yield Problem(path, "`amplitude` and a number end the names of amplitudes; rename it", at_key=True)
+            yield Problem(
+                path, ("names of configurations must not end in `amplitude` and a number. Rename it"), at_key=True
+            )
         if refused := robot.count_refusal(len(angles)):
             yield Problem(path, refused)
             continue
@@ -60,11 +62,11 @@ def check_payload(study: Study) -> Iterator[Problem]:
     names, path = study.experiment.without_payload, ("experiment", "without_payload")
     yield from check_names(path, "configuration", names, list(study.experiment.configurations))
     if names and study.as_robot().payload is None:
-        yield Problem(path, "the robot's file has no payload; give it there, as weighed, or drop this key")
+        yield Problem(path, "the robot model has no payload. Add the weighed payload, or remove this key")
 
 
 def _swings(study: Study) -> list[float]:
-    """Amplitude of the carrier at each driven joint; 0 where there is none, or a wrong number of them."""
+    """Amplitude of the superimposed slow motion at each driven joint; 0 without one, or for a wrong count."""
     n_u, simulated = len(study.as_robot().driven), study.experiment.simulated
     carrier = simulated.carrier if simulated is not None else None
     if carrier is None or carrier.amplitude is None or np.size(carrier.amplitude) not in (1, n_u):
@@ -73,7 +75,7 @@ def _swings(study: Study) -> list[float]:
 
 
 def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
-    """Gains, a carrier in units of the joints; its stage says what else it needs."""
+    """Convert gains and superimposed slow motion to the joints' units; the stage checks the rest."""
     robot, carrier = study.as_robot(), simulated.carrier
     yield from _check_controller(study, simulated)
     if carrier is not None:
@@ -86,7 +88,7 @@ def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Proble
     controller, path = simulated.controller, (*_SIMULATED, "controller")
     if study.friction is not None and (controller.gains is not None or controller.delay_samples):
         key = "gains" if controller.gains is not None else "delay_samples"
-        yield Problem((*path, key), "the passes of a study of friction are planned with bandwidth_hz; drop this key")
+        yield Problem((*path, key), "friction studies design their runs with bandwidth_hz. Remove this key")
     elif controller.gains is not None and study.excitation is not None:
         joints = study.as_robot().driven_names
         for keys, refused in controller.gains.refusals(joints, study.excitation.rate_hz):
@@ -97,7 +99,7 @@ def check_structure(study: Study) -> Iterator[Problem]:
     """Every contradiction between the sections of a study without a robot, its files and channels excepted."""
     experiment = study.experiment
     if experiment.simulated is not None:
-        message = "the experiment is simulated, and the robot is what the rig simulates; give the path of its file"
+        message = "the experiment is simulated and needs a robot. Give the path of its file"
         yield Problem(("robot",), message, at_key=True)
         return
     if not experiment.configurations:
@@ -112,7 +114,7 @@ def check_structure(study: Study) -> Iterator[Problem]:
 
 
 def check_excitation(study: Study) -> Iterator[Problem]:
-    """Torques for each motor in its unit, and bands with excited lines; what else it needs the design says."""
+    """Check torques for each motor in its unit, and bands with excited lines; the design checks the rest."""
     excitation = study.excitation
     if excitation is None or study.experiment.simulated is None:
         return
@@ -134,7 +136,7 @@ def check_excitation(study: Study) -> Iterator[Problem]:
             yield Problem(
                 (key, "band_hz"),
                 f"none of the excited lines from {freq_hz[0]:g} to {freq_hz[-1]:g} Hz is within [{band[0]:g}, "
-                f"{band[1]:g}] Hz; widen this band, or excite lines in it",
+                f"{band[1]:g}] Hz. Widen this band, or excite lines in it",
             )
 
 
@@ -146,7 +148,7 @@ def check_design(study: Study) -> Iterator[Problem]:
     design = study.design
     if design is None:
         if not study.experiment.configurations:
-            problem = "no configuration is given; name at least one, or add a section `design` that chooses them"
+            problem = "no configuration is given. Name at least one, or add a section `design` that chooses them"
             yield Problem(("experiment", "configurations"), problem)
         return
     yield from check_units((*_CANDIDATES, "margin"), design.candidates.margin, study.as_robot())

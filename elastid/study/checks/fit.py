@@ -52,7 +52,9 @@ def _check_groups(study: Study) -> Iterator[Problem]:
     measured = {name for names in fit.robots.values() for name in names}
     missing = [name for name in study.experiment.configurations if name not in measured]
     if fit.robots and missing:
-        message = f"configuration {', '.join(missing)} is assigned to no robot; add it to the robot it was measured on"
+        message = (
+            f"configuration {', '.join(missing)} is assigned to no robot. Assign it to the robot of its measurement"
+        )
         yield Problem(("fit", "robots"), message, at_key=True)
 
 
@@ -61,7 +63,7 @@ def check_loads(study: Study) -> Iterator[Problem]:
     if study.loads is None:
         return
     if not study.loads.tests:
-        yield Problem(("loads",), "no load test is given; list some under tests, or give a file", at_key=True)
+        yield Problem(("loads",), "no load test is given. List some under tests, or give a file", at_key=True)
     for i, test in enumerate(study.loads.tests):
         yield from _check_test(study, test, ("loads", "tests", i))
 
@@ -80,4 +82,7 @@ def _check_test(study: Study, test: LoadTest, path: KeyPath) -> Iterator[Problem
         if name and name not in places:
             yield unknown((*path, key), "frame or body", name, dict.fromkeys(places))
     if test.deflection is None and study.experiment.simulated is None:
-        yield Problem((*path, "deflection"), "a load test without its deflection; only a simulated rig measures it")
+        yield Problem(
+            (*path, "deflection"),
+            ("the load test has no deflection; only a simulated rig measures it. Give deflection"),
+        )

@@ -23,7 +23,7 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
     """Every contradiction of a study of friction, whose files are relative to `base`."""
     spec, experiment = study.as_friction(), study.experiment
     if study.robot is None:
-        yield Problem(_FRICTION, "friction is that of a robot's joints; give robot (the path of its file)", at_key=True)
+        yield Problem(_FRICTION, "a friction study needs a robot. Give the path of its file", at_key=True)
         return
     yield from _check_joints(study, spec)
     for i, load in enumerate(spec.loads):
@@ -34,7 +34,7 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_count(study)
     yield from check_configurations(study)
     if spec.constant_velocity == "detect":
-        message = "detect is for logs (experiment.recorded), whose passes are there; give speeds, count, window ..."
+        message = "detect applies to logs (experiment.recorded). Give speeds, count, window ..."
         yield Problem(_PASSES, message)
     if experiment.simulated is not None:
         yield from check_simulated(study, experiment.simulated)
@@ -51,7 +51,7 @@ def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:
             message = f"no driven joint is called '{name}'; {did_you_mean(name, driven)}, or give its number from 1"
             yield Problem((*_FRICTION, "joints", i), message)
         elif joint in named:
-            yield Problem((*_FRICTION, "joints", i), f"'{name}' and '{named[joint]}' are the same joint; leave one out")
+            yield Problem((*_FRICTION, "joints", i), f"'{name}' and '{named[joint]}' are the same joint. Omit one")
         else:
             named[joint] = name
 
@@ -65,11 +65,11 @@ def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
     if passes.window is not None and not limits.angle[0] <= passes.window[0] < passes.window[1] <= limits.angle[1]:
         yield Problem(
             (*_PASSES, "window"),
-            f"the window leaves the limits of joint {joint.name}, {limits.angle[0]:.4g} to {limits.angle[1]:.4g} "
-            f"{joint.unit}; narrow it",
+            f"the window exceeds the limits of joint {joint.name}, {limits.angle[0]:.4g} to {limits.angle[1]:.4g} "
+            f"{joint.unit}. Narrow it",
         )
     if passes.speeds is not None and passes.speeds[1] > limits.velocity:
-        message = f"joint {joint.name} may move at {limits.velocity:.4g} {joint.unit}/s; lower the highest speed"
+        message = f"joint {joint.name} is limited to {limits.velocity:.4g} {joint.unit}/s. Lower the highest speed"
         yield Problem((*_PASSES, "speeds", 1), message)
     if spec.warm_up is not None and (refused := joint.refusal_of(spec.warm_up.speed)):
         yield Problem((*_FRICTION, "warm_up", "speed"), refused)
@@ -81,7 +81,7 @@ def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem
         yield unknown((*path, "configuration"), "configuration", load.configuration, known)
     if load.payload and not (robot := study.as_robot()).frames:
         advice = f"frames: [{{name: tool, body: {robot.bodies[-1].name}}}]"
-        message = f"no frame of the robot can carry a payload; give it {advice}"
+        message = f"the robot has no frame for a payload. Add {advice}"
         yield Problem((*path, "payload"), message)
 
 
@@ -91,14 +91,10 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
     yield from check_channels(study, recorded.channels, _RECORDED)
     yield from check_controller(study, recorded)
     if recorded.controller is not None and not any(channel.role == "reference" for channel in recorded.channels):
-        message = (
-            "no channel has role reference, so that the motion that the controller was asked for is unknown; add it"
-        )
+        message = "no channel has role reference, so that the commanded position is unknown. Add it"
         yield Problem((*_RECORDED, "controller"), message, at_key=True)
     if isinstance(study.as_friction().constant_velocity, ConstantVelocitySpec):
-        message = (
-            "speeds, count and window are of passes that are still to be made; logs have constant_velocity: detect"
-        )
+        message = "speeds, count and window describe runs to be designed. For logs set constant_velocity: detect"
         yield Problem(("friction", "constant_velocity"), message, at_key=True)
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
@@ -106,13 +102,16 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
     if study.as_friction().law.temperature == "yes" and not any(known):
         yield Problem(
             ("friction", "law", "temperature"),
-            "no log has a temperature; add a channel of role t, or give files[].temperature",
+            "no log has a temperature. Add a channel of role t, or give files[].temperature",
         )
     pairs = zip(recorded.log_names, recorded.files, strict=True)
     motions, left_out = [name for name, file in pairs if file.purpose == "motion"], study.validation.configurations
     yield from check_names(("validation", "configurations"), "log of a motion", left_out, motions)
     if set(left_out) >= set(recorded.log_names):
-        yield Problem(("validation", "configurations"), "every log is left out; leave at least one to identify from")
+        yield Problem(
+            ("validation", "configurations"),
+            ("every log is reserved for validation. Leave at least one for identification"),
+        )
 
 
 def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem]:
@@ -123,11 +122,13 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
     if file.joint and file.joint not in driven:
         yield unknown((*path, "joint"), "driven joint", file.joint, driven)
     if file.ambient is not None and file.purpose != "warm_up":
-        yield Problem((*path, "ambient"), "the room's temperature is that of a warm-up; temperature is the joint's")
+        yield Problem(
+            (*path, "ambient"), ("ambient is the room temperature of a warm-up. Give the joint's as temperature")
+        )
     logged = sorted({channel.at for channel in study.experiment.channels if channel.role == "u"})
     if file.purpose in ("presliding_loops", "presliding_test") and not file.joint and len(logged) > 1:
         message = (
-            f"{', '.join(logged)} are logged, and none moves much; give joint: the one that is excited, alone, since "
+            f"{', '.join(logged)} are logged, and none moves significantly. Set joint to the single excited one, since "
             "each joint moves the others through the robot"
         )
         yield Problem((*path, "purpose"), message)

@@ -10,7 +10,7 @@ from elastid.study.source import KeyPath
 
 
 def unknown(path: KeyPath, noun: str, name: str, known: Iterable[str]) -> Problem:
-    """A name that stands for nothing."""
+    """A name without a counterpart."""
     return Problem(path, f"no {noun} is called '{name}'; {did_you_mean(name, known)}")
 
 
@@ -50,7 +50,7 @@ def list_inputs(study: Study) -> list[str]:
 
 
 def list_outputs(study: Study) -> list[str]:
-    """Locations of the outputs; none where only the frf.h5 of another run names them."""
+    """Locations of the outputs; empty if only the frf.h5 of another run names them."""
     simulated, channels = study.experiment.simulated, study.experiment.channels
     if channels or study.experiment.kind == "responses":
         return [channel.at for channel in channels if channel.role == "y"]

@@ -56,8 +56,8 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
     if without and study.estimator.method not in WITHOUT_PERIOD:
         yield Problem(
             ("estimator", "method"),
-            f"{study.estimator.method} compares periods, and {without[0]} is recorded without one; give "
-            "experiment.recorded.period (a time, or find), or take a method that needs none: "
+            f"{study.estimator.method} compares periods, and {without[0]} has no period. Give "
+            "experiment.recorded.period (a time, or find), or choose a method without periods: "
             f"{', '.join(WITHOUT_PERIOD)}",
         )
     yield from check_controller(study, recorded)
@@ -84,8 +84,8 @@ def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iter
         if file.configuration in claimed:
             yield Problem(
                 (*path, "files", i),
-                f"{claimed[file.configuration]} and {file.path} both claim configuration {file.configuration}; one "
-                "response of each can be fitted: leave one out, or give it a configuration of its own",
+                f"{claimed[file.configuration]} and {file.path} both belong to configuration {file.configuration}; "
+                "each has one response. Omit one, or give it its own configuration",
             )
         claimed[file.configuration] = file.path
 
@@ -100,7 +100,7 @@ def check_files(
     tapped = {file.configuration for tool in tools for file in tool.responses.files}
     for name in study.experiment.configurations if study.friction is None else ():
         if name not in {file.configuration for file in files} | tapped:
-            message = f"no file holds configuration {name}; list one in {'.'.join(map(str, path))}.files"
+            message = f"no file belongs to configuration {name}. List one in {'.'.join(map(str, path))}.files"
             yield Problem(("experiment", "configurations", name), message, at_key=True)
 
 
@@ -124,7 +124,10 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
     robot = study.as_robot()
     inputs = robot.load_locations
     if tool.stiffness and len(tool.stiffness) != len(robot.driven):
-        message = f"{len(tool.stiffness)} drives, and robot {robot.name} has {len(robot.driven)}; give one for each"
+        message = (
+            f"{len(tool.stiffness)} drives for {len(robot.driven)} driven joints of robot {robot.name}. Give one per "
+            "joint"
+        )
         yield Problem((*section, "stiffness"), message)
     for i, channel in enumerate(tool.responses.channels):
         place: KeyPath = (*path, "channels", i)
@@ -136,11 +139,11 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
             except StudyError as error:
                 yield Problem((*place, "at"), str(error))
             if tool.motors == "locked" and channel.at.startswith("motor "):
-                yield Problem((*place, "at"), f"{channel.at} does not move while the motors are held; leave it out")
+                yield Problem((*place, "at"), f"{channel.at} is locked and does not move. Omit it")
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
             kind = channel.at.partition(" ")[0]
             message = (
-                f"a {kind} acts at {channel.at}, and the channel holds a {channel.quantity}; it must hold a {kind}"
+                f"the channel contains a {channel.quantity}, and a {kind} acts at {channel.at}. Set quantity: {kind}"
             )
             yield Problem((*place, "quantity"), message)
 
@@ -167,7 +170,7 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
         source = base / file.path
         samples = content_hash(source) if source.is_file() else file.path, file.samples
         if samples in seen:
-            yield Problem((*_RECORDED, "files", i, "path"), "the very samples of another one, without scatter")
+            yield Problem((*_RECORDED, "files", i, "path"), "samples identical to another log, without noise")
         seen.add(samples)
     chosen = np.unique(np.linspace(0, len(recorded.files) - 1, _MAX_LOGS).astype(int))
     problems: dict[KeyPath, Problem] = {}
@@ -205,7 +208,7 @@ def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -
         key = "column" if recorded.channels[k].channel in ("", *log.shapes()) else "channel"
         yield Problem((*_RECORDED, "channels", k, key), refused)
     if recorded.time and recorded.time not in log.shapes():
-        message = f"no channel of the log is called so; {did_you_mean(recorded.time, list(log.shapes()))}"
+        message = f"the log has no such channel; {did_you_mean(recorded.time, list(log.shapes()))}"
         yield Problem((*_RECORDED, "time"), message)
 
 
@@ -227,7 +230,9 @@ def _check_content(
     most = max(_MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
     values = log.values(channels, slice(first, first + most if end is None else min(end, first + most)))
     if end is not None and len(values) < min(end - first, most):
-        yield Problem((*path, "samples"), f"the log ends after sample {first + len(values)}; its first is 0")
+        yield Problem(
+            (*path, "samples"), (f"the log ends after sample {first + len(values)}, counted from 0. Correct samples")
+        )
         return
     rates = list(_check_rate(recorded, log))
     yield from rates
@@ -265,7 +270,7 @@ def _check_period(
 
 
 def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
-    """The rate against the time in the log, named by the study or by its own name, or against that of its format."""
+    """Compare the rate with the time channel of the log, as named by the study, by a typical name, or by the format."""
     if recorded.rate_hz == "unknown":
         return
     rate_hz, where = recorded.known_rate_hz, (*_RECORDED, "rate_hz")
@@ -279,7 +284,7 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         if recorded.time and rates["s"][0] < 0.7 * rate_hz:
             is_in_s = all(_is_other(hz, rate_hz) for unit, pair in rates.items() if unit != "s" for hz in pair)
             advice = "lower rate_hz to that" if is_in_s else "the time must be in s"
-            yield Problem(where, f"{name} has a mean rate of {rates['s'][0]:.5g} Hz, if it is in s; {advice}")
+            yield Problem(where, f"{name} has a mean rate of {rates['s'][0]:.5g} Hz in s. {advice}")
         elif not recorded.time and all(_is_other(hz, rate_hz) for pair in rates.values() for hz in pair):
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
             yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")

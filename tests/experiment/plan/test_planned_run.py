@@ -54,7 +54,7 @@ def test_a_clean_log_of_a_robot_with_other_springs_contradicts_nothing(plan: Pla
 FAULTS: dict[str, tuple[Callable[[Record], dict[str, np.ndarray]], str]] = {
     "late": (lambda log: {name: np.roll(getattr(log, name), -100, axis=0) for name in "ruy"}, "0.2 s"),
     "injected exchanged": (lambda log: {"r": log.r[:, ::-1]}, "(r) of motor 1"),
-    "injected motor side": (lambda log: {"r": log.r / [100, 90]}, "0.0100 times"),
+    "injected motor side": (lambda log: {"r": log.r / [100, 90]}, "gain 0.0100"),
     "injected nothing like it": (lambda log: {"r": np.cumsum(log.r, axis=0)}, "(r) of motor 1"),
     "torque mirrored": (lambda log: {"u": log.u * [1, -1]}, "(u) of motor 2"),
     "torque motor side": (lambda log: {"u": log.u / [100, 1]}, "(u) of motor 1"),

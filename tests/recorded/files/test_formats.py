@@ -299,7 +299,7 @@ def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> Non
     [
         ("rec.psi", None, ("rec.psi", "rec.phi", "rec.cur (2 x 800)")),
         ("rec.cur", None, ("2 signals", "column: 1 to 2")),
-        ("rec.cur", 3, "column 3"),
+        ("rec.cur", 3, "not 3"),
         ("rec.note", None, ("rec.note", "<U5")),
         ("fs", None, "fs"),
         ("cells{1}", None, ("800", "50 samples")),

@@ -55,11 +55,11 @@ def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(
     lines = (tmp_path / "log.csv").read_text().splitlines()
     lines[101] = re.sub(r",[^,]*,", ",ERR,", lines[101], count=1)
     (tmp_path / "log.csv").write_text("\n".join(lines))
-    with refused("records/text", holds=("log.csv, line 102, column 2", "i2", "ERR")):
+    with refused("records/text", holds=("log.csv, row 102, column 2", "i2", "ERR")):
         measured(tmp_path, study_of("log.csv"))
     lines[101] = "1.0,2.0"
     (tmp_path / "log.csv").write_text("\n".join(lines))
-    with refused("records/text", holds=("line 102", "column 3", "phi")):
+    with refused("records/text", holds=("row 102", "column 3", "phi")):
         measured(tmp_path, study_of("log.csv"))
 
 
