@@ -1,7 +1,10 @@
 """`elastid explain`: a key, a code, or a parameter with its nominal value in a study and its estimate in a run."""
 
+import re
 from pathlib import Path
 
+from elastid.base.display import capital
+from elastid.nonlinear.effects import KINDS
 from elastid.store.friction_study import read_friction_result
 from elastid.store.results import read_fit, read_gears
 from elastid.study import load
@@ -9,21 +12,23 @@ from elastid.study.reference import explain, explain_parameter
 
 
 def explained(asked: str, study: Path | None = None, folder: Path | None = None) -> str:
-    """The explanation.  study: path of a study, for the nominal value.  folder: of a run, for the estimate."""
+    """Explain a name.  study: path of a study, for the nominal value.  folder: of a run, for the estimate."""
     fit, gears, friction = (Path(folder or "") / f"{stage}.h5" for stage in ("fit", "gears", "friction"))
     result = read_fit(fit) if folder is not None and not friction.is_file() else None
     robot = result.robot if result is not None else None if study is None else load(study).study.robot
-    rows = [explain_parameter(asked, robot)]
+    effects = {row.number for row in KINDS.values()}  # of gears: h_1, e2_1 with an order
+    named = [e.meaning for e in effects if re.fullmatch(rf"{e.prefix}([\d.]+_)?(?<=[_m])\w+", asked)]
+    rows = [explain_parameter(asked, robot) or "".join(f"{capital(meaning)}. Link side." for meaning in named)]
     if result is not None and asked in result.values:
-        at = dict(zip(result, result.verdicts, strict=False)).get(asked, "nuisance parameter")
-        estimate = f"{result[asked]}; status: {at}" if asked in result else f"fixed at {result.values[asked]:g}"
-        rows.append(f"In this run: {estimate}.")
+        verdict = dict(zip(result, result.verdicts, strict=False)).get(asked, "nuisance parameter")
+        fixed = f"fixed at {result.values[asked]:g}"
+        rows.append(f"In this run: {f'{result[asked]} ({verdict})' if asked in result else fixed}.")
+        rows.append(f"{asked} is {remark}." if (remark := result.base_remarks.get(asked)) else "")
     if result is not None and gears.is_file():
         found = read_gears(gears)
         rows += [f"Stage gears: {row.words}." for row in found.numbers if row.name == asked] if found else []
     if folder is not None and friction.is_file():
-        for row in read_friction_result(friction).numbers:
-            if row.name == asked:
-                rows.append(f"In this run: {row.value:.6g} {row.unit}, 95 % {row.low:.6g} to {row.high:.6g}.")
-    rows = [row for row in rows if row]
+        for row in filter(lambda row: row.name == asked, read_friction_result(friction).numbers):
+            rows.append(f"In this run: {row.value:.6g} {row.unit}, 95 % {row.low:.6g} to {row.high:.6g}.")
+    rows = [*filter(None, rows)]
     return "\n  ".join([asked, *rows]) if rows else explain(asked)

@@ -71,11 +71,11 @@ class SheetNumber:
     unit: str
 
 
-STIFFENING = SheetNumber("h_", "stiffening up to the largest torque, of the secant", "share", "1")
+STIFFENING = SheetNumber("h_", "hardening: increase of the secant stiffness up to the largest torque", "share", "1")
 LOST_MOTION = SheetNumber("lost_", "lost motion", "angle", "rad")
-HYSTERESIS = SheetNumber("H_", "hysteresis, torque to either side", "torque", "N*m")
+HYSTERESIS = SheetNumber("H_", "hysteresis, half the torque difference of the loop", "torque", "N*m")
 ERROR = SheetNumber("e", "transmission error", "error", "rad")
-RIPPLE = SheetNumber("r", "ripple and cogging of the torque", "torque", "N*m")
+RIPPLE = SheetNumber("r", "torque ripple and cogging", "torque", "N*m")
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,11 @@ class Row:
 
 
 KINDS: dict[Kind, Row] = {
-    "friction": Row("motor", SheetNumber("Fc_m", "running torque before the gear", "torque", "N*m"), (0.01, 0.08),
+    "friction": Row("motor", SheetNumber("Fc_m", "Coulomb friction before the gear", "torque", "N*m"), (0.01, 0.08),
                     ("friction",), True),
-    "load": Row("motor", SheetNumber("Fcl_m", "friction by load, of the gear's torque", "share", "1"), (0.01,),
+    "load": Row("motor", SheetNumber("Fcl_m", "load-dependent friction, per torque of the gear", "share", "1"), (0.01,),
                 ("load",), True),
-    "behind": Row("link", SheetNumber("Fb_", "running torque behind the gear", "torque", "N*m"), (0.01,),
+    "behind": Row("link", SheetNumber("Fb_", "Coulomb friction behind the gear", "torque", "N*m"), (0.01,),
                   ("behind",), True),
     "cubic": Row("gear", STIFFENING, (0.0,), SPRINGS),
     "progressive": Row("gear", STIFFENING, (0.0,), SPRINGS),

@@ -338,7 +338,7 @@ def _springs(gear: JointLevels, result: Result, reach: float) -> list[GearNumber
             numbers.append(gear.number(SheetNumber(f"K{i}_", meaning, "stiffness", "N*m/rad"), float(secant), row))
     if not has_gap:  # a secant is softer than k, beyond the gap
         share, row = gear.over_k(float(tau[600]) / reach, rows[600] / reach)
-        meaning = f"stiffening up to {gear.peak:.3g} Nm, of the secant"
+        meaning = f"hardening of the secant stiffness up to {gear.peak:.3g} Nm"
         numbers.append(gear.number(replace(STIFFENING, meaning=meaning), share - 1, row))
     return numbers
 

@@ -41,8 +41,7 @@ def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[
     """Three questions as on every page, findings, and every study; rate: false discovery rate."""
     n_robots, failed = len({run.robot for run in outcomes}), [run for run in outcomes if run.failed]
     robots = f"{n_robots} robot{'s' if n_robots > 1 else ''}"
-    lost = f" (failed: {', '.join(dict.fromkeys(run.robot for run in failed))})" if failed else ""
-    good = f"{robots}, {len(outcomes) - len(failed)} of {len(outcomes)} measurements identified{lost}."
+    good = f"{robots}, {len(outcomes) - len(failed)} of {len(outcomes)} measurements identified."
     answer, advice = "None beyond the natural spread.", "Measure again at the next service."
     if findings:
         answer = "; ".join(change.words for change in findings[:3])

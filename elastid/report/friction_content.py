@@ -10,7 +10,7 @@ from elastid.friction_study.extended_kalman_filter import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.report.answer import Questions
-from elastid.validation.twin import LINK, NO_TWIN, TORQUE, TwinFindings
+from elastid.validation.twin import LINK, NO_TWIN, TwinFindings
 
 # The first answer, by the status.
 GOOD = {
@@ -105,12 +105,9 @@ class FrictionContent:
         error, signal, run = max(off, key=lambda row: row[0], default=(0.0, None, None))
         if signal is None or run is None or not error > MOST_OFF:
             return ""
-        by = " (added by the tracking loop)" if run.tracking_bandwidth_hz and signal.kind == TORQUE else ""
-        size = percent(error) if error > 2 else f"{percent(error)} of"
-        how = "reference" if run.drive == "reference" else "torque, so that errors grow with time"
         return (
-            f"the simulation on {run.log}, driven by its {how}, has an error of {size} the rms {signal.kind} of "
-            f"{signal.place}{by}"
+            f"the simulation on {run.log}, driven by its {run.drive}, has an error of {100 * error:.2g} % of the rms "
+            f"{signal.kind} of {signal.place}"
         )
 
     @property
@@ -162,9 +159,7 @@ def answer(joint: JointFriction) -> str:
     if not first:
         return f"Joint {joint.joint}: no friction could be identified."
     numbers = ", ".join(f"{identified.symbol} = {with_interval(identified)}" for identified in first)
-    further = len(joint.numbers) - len(first)
-    more = f", and {further} further number{'s' if further > 1 else ''}" if further else ""
-    return f"Joint {joint.joint}: {numbers}{more}."
+    return f"Joint {joint.joint}: {numbers}."
 
 
 def refusals(result: FrictionResult) -> tuple[Refusal, ...]:

@@ -16,7 +16,6 @@ import numpy as np
 
 from elastid.base.display import capital, number, percent
 from elastid.base.statistics import QUANTILE_95
-from elastid.experiment.plan.plan import Plan
 from elastid.fit.result import BIASED, DISTORTED, HELD_AS_EXACT, MEANING, NO_CAUSE, UNCERTAIN, Result
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
@@ -158,17 +157,15 @@ def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
 
 def _of_widths(rows: Sequence[ParameterRow]) -> str:
     judged = springs_and_dampers(rows)
-    if not judged:
-        return ""
-    kind = "stiffnesses and dampings" if judged[0].name.startswith(("k", "d")) else "parameters"
+    kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
     widths = [half_width(row) for row in judged]
-    if max(widths) <= WIDTH_CLASSES[-1]:
+    if widths and max(widths) <= WIDTH_CLASSES[-1]:
         return f"{len(judged)} of {len(judged)} {kind} identified to ±{percent(max(widths))} or better"
     for limit in WIDTH_CLASSES:
         within = sum(width <= limit for width in widths)
-        if within >= len(judged) / 2:
+        if within >= max(len(judged) / 2, 1):
             return f"{within} of {len(judged)} {kind} identified to ±{percent(limit)} or better"
-    return f"most of {len(judged)} {kind} have intervals wider than ±{percent(WIDTH_CLASSES[-1])}"
+    return ""
 
 
 def strip(agreements: Sequence[Agreement]) -> Strip:
@@ -229,7 +226,7 @@ OPEN_GEARS = Action(
 )
 
 
-def next_steps(result: Result, rows: Sequence[ParameterRow], plan: Plan | None = None) -> tuple[Action, ...]:
+def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ...]:
     """The most useful first: the remedy of the first cause, the action of the status, a narrower interval.
 
     More experiments do not narrow an interval that includes a model error.
@@ -239,7 +236,7 @@ def next_steps(result: Result, rows: Sequence[ParameterRow], plan: Plan | None =
     if result.cause[0].startswith(NO_CAUSE):
         candidates.reverse()
     if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
-        candidates.append(None if result.exceeds_noise else _of_experiments(result, plan, poor))
+        candidates.append(None if result.exceeds_noise else _of_experiments(result, poor))
     actions = [action for action in candidates if action is not None]
     return tuple(actions[:MOST_ACTIONS] or [USE])
 
@@ -269,7 +266,7 @@ def _of_cause(result: Result) -> Action | None:
     return Action(f"{what}.", "", text) if what else None
 
 
-def _of_experiments(result: Result, plan: Plan | None, poor: ParameterRow) -> Action | None:
+def _of_experiments(result: Result, poor: ParameterRow) -> Action | None:
     column = result.parameters.free_names.index(poor.name)
     if not result.information_fraction.size or not np.isfinite(result.information_fraction[:, column]).any():
         return None
@@ -280,10 +277,8 @@ def _of_experiments(result: Result, plan: Plan | None, poor: ParameterRow) -> Ac
     before, after = percent(half_width(poor)), percent(half_width(poor) / np.sqrt(1 + share))
     if before == after:
         return None
-    counts = {} if plan is None else {c.name: m for c, m in zip(plan.configurations, plan.realisations, strict=True)}
-    count = f" ({2 * counts[name]} realisations instead of {counts[name]})" if name in counts else ""
     return Action(
-        f"Measure twice as long in “{name}”{count}.",
+        f"Measure twice as long in “{name}”.",
         f"{percent(share)} of the information on {poor.name} is from there; its ±{before} becomes ±{after}.",
     )
 

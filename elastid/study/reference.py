@@ -19,7 +19,6 @@ from elastid.base.units import InUnit
 from elastid.robot import Robot
 from elastid.robot.denavit_hartenberg import DenavitHartenberg
 from elastid.robot.friction_numbers import TERMS
-from elastid.robot.placement import number_at
 from elastid.robot.urdf import UrdfRobot
 from elastid.study.sections import FleetSpec, Study
 from elastid.study.source import KeyPath
@@ -307,15 +306,20 @@ _FAMILIES = dict(
 
 
 def explain_parameter(name: str, robot: Robot | None = None) -> str:
-    """Meaning, side, place and nominal value of a parameter, or of its family; empty for any other name."""
+    """Meaning, side, joint and nominal value of a parameter, or meaning of its family; empty for any other name."""
     unit, steps = ({} if robot is None else robot.numbers | robot.geometry).get(name, ("", ()))
     family, _, rest = name.partition("_")
     path = ".".join(str(step) for step in steps if not isinstance(step, int)) or (rest and _FAMILIES.get(family, ""))
     for key in list_keys() if path else ():
         if key.path.replace("[]", "").endswith(f".{path}"):
-            place = ".".join(map(str, steps))
-            nominal = f" Robot model, {place}: {number_at(robot, steps):g} {unit}." if steps else ""
             side = " Motor side." if ".motor." in key.path else " Link side." if ".joints[]." in key.path else ""
-            return f"{key.text}{side}{nominal}"
+            item, owners = robot, list[str]()
+            for step in steps:
+                item = item[step] if isinstance(step, int) else getattr(item, step)
+                owners += [f"{type(item).__name__.lower()} {item.name}"] if hasattr(item, "name") else []
+            place = f" Of {', '.join(owners)}; nominal {item:g} {unit} ({'.'.join(map(str, steps))})." if steps else ""
+            return f"{key.text}{side}{place}"
+    if name == "delay":
+        return "Time delay of all outputs relative to the inputs, s."
     terms = [term.meaning for term in TERMS.values() if name.startswith(f"{term.prefix}_m")]
     return f"{terms[0].capitalize()} of a motor, link side." if terms else ""

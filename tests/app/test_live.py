@@ -130,7 +130,7 @@ def test_a_log_that_contradicts_its_plan_ends_the_command(
         (("--goal", "k_*: 1"), "[design/goal]"),
         (("--goal", "k_*: -1 %"), "[design/goal]"),
         (("--goal", "m_*: 1 %"), "[design/goal]"),
-        (("--goal", GOAL, "--robot-time", "3"), "the next experiment takes 16 s"),
+        (("--goal", GOAL, "--robot-time", "3"), "next experiment 16 s"),
         (("--goal", GOAL, "--set", "experiment.simulated.carrier={kind: offset, velocity: 0.1}"), "simulated.carrier"),
         (("--goal", GOAL, "--set", "experiment.simulated.outputs=[motor 1]"), "simulated.outputs"),
         (("--goal", GOAL, "--set", "fit.robots={A: [down, out, up]}"), "fit.robots"),

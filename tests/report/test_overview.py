@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.report_values import TRUTH, fit_result, report_content
+from plants.report_values import TRUTH, fit_result
 
 from elastid.base.display import percent
 from elastid.base.errors import Note
@@ -137,7 +137,7 @@ def test_twice_the_time_narrows_the_widest_by_the_share_of_its_configuration(rep
     rows = rows_of(result)
     low, high = rows[2].interval
     half = 50 * (high - low) / rows[2].estimate
-    (action,) = next_steps(result, rows, report_content().plan)
+    (action,) = next_steps(result, rows)
     known = 75 * of_data, half, half / np.sqrt(1 + 0.75 * of_data)
     assert numbers_of(action.gain) == pytest.approx(known, abs=0.5)
 

@@ -176,7 +176,7 @@ def conclude(run: Run) -> None:
         raise FitError("friction/no-record", f"{result.message} (see the notes above)", "no friction was identified")
     if result.status == "misfit":
         raise MisfitError("fit/misfit", result.message, "misfit")
-    meaning = f"not identifiable: {', '.join(missing)}" if missing else "friction model of every joint identified"
+    meaning = f"not identifiable: {', '.join(missing)}" if missing else "friction model of every joint"
     run.console.say(f"{result.status}: {meaning}")
 
 

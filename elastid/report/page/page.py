@@ -125,7 +125,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
         "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(overview.WIDTH_WORDS)],
         "strip": overview.strip(content.validation.configurations),
         "residuals": overview.residual_sentence(content.result, content.validation.configurations),
-        "actions": overview.next_steps(content.result, rows, content.plan),
+        "actions": overview.next_steps(content.result, rows),
         "commands": overview.COMMANDS,
         "meanings": meanings(content),
         "correlated": correlated(content.result),
