@@ -260,9 +260,9 @@ def _of_cause(result: Result) -> Action | None:
     """The remedy of the first cause."""
     what, _, command = result.cause[2].partition(": `")
     first, tied = result.indices[:1], {p.tie.to for p in result.parameters if p.tie is not None}
-    # A command that frees a number is of use if a study can free it.
-    is_free = all({*index.members} <= {*result.parameters.names} - tied for index in first)
-    text = command.rstrip("`") if is_free or command.startswith("elastid") else ""
+    # A number to which others are tied is not freed alone.
+    is_tied = any(tied & {*index.members} for index in first)
+    text = "" if is_tied and not command.startswith("elastid") else command.rstrip("`")
     return Action(f"{what}.", "", text) if what else None
 
 

@@ -313,7 +313,8 @@ def explain_parameter(name: str, robot: Robot | None = None) -> str:
     for key in list_keys() if path else ():
         if key.path.replace("[]", "").endswith(f".{path}"):
             side = " Motor side." if ".motor." in key.path else " Link side." if ".joints[]." in key.path else ""
-            item, owners = robot, list[str]()
+            item: Any = robot
+            owners: list[str] = []
             for step in steps:
                 item = item[step] if isinstance(step, int) else getattr(item, step)
                 owners += [f"{type(item).__name__.lower()} {item.name}"] if hasattr(item, "name") else []
