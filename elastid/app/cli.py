@@ -131,7 +131,7 @@ def demo(**options: Any) -> None:
 )  # fmt: skip
 @click.option(
     "--from", "logs", multiple=True, type=click.Path(path_type=Path),
-    help="Derive the study from these logs, a URDF or MJCF file, or both.",
+    help="Derive the study from these logs, a robot model (URDF, MJCF or robot.yml), or both.",
 )  # fmt: skip
 @click.argument("more", type=click.Path(path_type=Path), nargs=-1, metavar="")
 def new(folder: Path, template: str, logs: tuple[Path, ...], more: tuple[Path, ...]) -> None:

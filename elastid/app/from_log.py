@@ -95,8 +95,9 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = {joint.torque.key for joint in guess.joints}
     period = _period(np.stack([x for g, x in signals if g.key in driving], axis=1))
-    names, configurations = _configurations(len(logs), guess, robot, positions)
-    files = _files(paths, names)
+    runs = _runs_by_name(logs)
+    names, configurations = _configurations(len(logs), guess, robot, positions, [run[0] for run in runs])
+    files = _files(paths, names, [run[1:] for run in runs])
     content = [*_head("responses" if robot is None else "elasticity", first)]
     content += [*_study(guess, robot, clock, configurations, period), text, *files]
     if robot is not None:
@@ -113,6 +114,7 @@ def _unused(
     """The columns of a log that its study does not use, a line for each reason."""
     used = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
     used |= set() if guess.is_motion else {channel.key for channel in guess.further}
+    used |= {channel.key for channel in guess.references}
     known, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
     if other := [one_line(name) for name in shapes if name not in known]:
         reasons["times, or no numbers that change"] = other
@@ -122,17 +124,33 @@ def _unused(
     yield from (f"# Not used ({one_line(reason)}): {', '.join(names)}" for reason, names in reasons.items())
 
 
-def _configurations(n: int, guess: LogGuess, robot: Robot | None, positions: Positions) -> tuple[list[str], list[str]]:
-    """The configuration of each of n logs, by the angles of joints, and their lines in a study."""
+def _runs_by_name(logs: Sequence[Path]) -> list[tuple[str, int, int]]:
+    """Configuration, realisation and experiment of logs with names such as p1-r0-e2; none if one has another name."""
+    names = [re.fullmatch(r"(.+?)[-_ ]r(\d+)[-_ ]e(\d+)", path.stem) for path in logs]
+    runs = [(name[1], int(name[2]), int(name[3])) for name in names if name]
+    return runs if len(set(runs)) == len(logs) else []
+
+
+def _configurations(
+    n: int, guess: LogGuess, robot: Robot | None, positions: Positions, by_name: Sequence[str]
+) -> tuple[list[str], list[str]]:
+    """The configuration of each of n logs, by_name (n) or by the angles of joints, and their lines in a study."""
     motions = [*(joint.motion for joint in guess.joints), *guess.further]
     nothing = np.zeros((n, 4))  # of motions without a position
     moments = np.array([motion.to_si * positions.get(motion.key, nothing) for motion in motions])
     means, scatter, states = moments[:, :, 2].T, np.abs(moments[:, :, 3]).max(axis=0), list[int]()
-    for mean, by in zip(means, scatter, strict=True):  # the first log that stands where this one does
+    for mean, by in (
+        zip(means, scatter, strict=True) if not by_name else ()
+    ):  # the first log that stands where this one does
         there = (k for k in states if np.all(np.abs(mean - means[k]) < max(_MIN_TURN, 5 * by)))
         states.append(next(there, len(states)))
+    states = [by_name.index(name) for name in by_name] or states
     firsts = list(dict.fromkeys(states))
-    names = {first: f"state_{i}" if len(firsts) > 1 else "bench" for i, first in enumerate(firsts, start=1)}
+    names = (
+        {first: by_name[first] for first in firsts}
+        if by_name
+        else {first: f"state_{i}" if len(firsts) > 1 else "bench" for i, first in enumerate(firsts, start=1)}
+    )
     why, angles = "the joints stand at other angles", dict.fromkeys(firsts, "")
     if robot is not None:
         why = "the means of the positions, or 0 where there are none"
@@ -212,6 +230,9 @@ def _study(
     for name, joint in zip(names, guess.joints, strict=True):
         yield _channel("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
         yield _channel("y", f"motor {name}", joint.motion)
+        for reference in (g for g in guess.references if g.parts[1] == joint.motion.parts[1]):
+            as_motion = replace(reference, unit=joint.motion.unit, ratio=joint.motion.ratio)
+            yield _channel("reference", f"motor {name}", as_motion)
     for channel in () if guess.is_motion else guess.further:
         where = f"where it belongs to a joint or a frame, {{role: y, at: joint {names[0]}, ...}}"
         yield f"      # {one_line(channel.name)}: {where}"
@@ -272,12 +293,15 @@ def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> 
     return f"      - {{{', '.join(keys)}}} # guessed: {one_line(why)}"
 
 
-def _files(paths: Sequence[str], states: Sequence[str] = ()) -> Iterator[str]:
-    """states: the configuration of each log, none of a study of friction."""
+def _files(paths: Sequence[str], states: Sequence[str] = (), runs: Sequence[tuple[int, int]] = ()) -> Iterator[str]:
+    """states: configuration of each log, none of a study of friction.  runs: realisation and experiment, if known."""
     why = " # guessed: each of an excitation of its own; one realisation for further periods of the same"
+    why = " # guessed by the names of the files" if runs else why
     yield "    files:" + (why if states and len(paths) > 1 else "")
     for i, path in enumerate(paths):
-        of_structure = f", configuration: {states[i]}, realisation: {i}" if states else ""
+        realisation, experiment = runs[i] if runs else (i, 0)
+        of_structure = f", configuration: {states[i]}, realisation: {realisation}" if states else ""
+        of_structure += f", experiment: {experiment}" if states and runs else ""
         yield f"      - {{path: {_quoted(path)}{of_structure}}}"
 
 

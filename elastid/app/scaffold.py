@@ -43,19 +43,35 @@ _NO_ROTOR = 1e-250  # kg m^2, of a rotor that is not known
 _POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
 
 
+_OF_ELASTID = (".yml", ".yaml")
+
+
 def is_robot_file(path: Path) -> bool:
     """True by the end of its name."""
-    return path.suffix.lower() in (".urdf", ".xml", ".mjcf")
+    return path.suffix.lower() in (".urdf", ".xml", ".mjcf", *_OF_ELASTID)
 
 
 def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
-    """The robot, and study.yml and robot.yml by name, motors and gears guessed; StudyError where there is none."""
+    """The robot, and study.yml and robot.yml by name; StudyError where there is none.
+
+    Motors and gears of URDF and MJCF files are guessed; a robot in elastid's own format stays as it is.
+    """
     if not path.is_file():
         raise StudyError("files/missing", "no such file", path)
-    robot = _of_urdf(path) if path.suffix.lower() == ".urdf" else read_mjcf(path)
+    is_own = path.suffix.lower() in _OF_ELASTID
+    robot = load_robot(path) if is_own else _of_urdf(path) if path.suffix.lower() == ".urdf" else read_mjcf(path)
     if not robot.driven:
         raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
     postures = _postures(robot.driven)
+    if is_own:
+        rotors = [joint.motor.inertia * joint.motor.ratio**2 for joint in robot.driven if joint.motor is not None]
+        return robot, {"study.yml": _study(robot, postures, np.array(rotors)), "robot.yml": yaml_text(robot)}
+    inertia, driven, comments = _with_guessed_drives(robot, postures, path.name)
+    return robot, {"study.yml": _study(robot, postures, inertia), "robot.yml": yaml_text(driven, comments)}
+
+
+def _with_guessed_drives(robot: Robot, postures: FloatArray, name: str) -> tuple[FloatArray, Robot, tuple[str, ...]]:
+    """Inertia (n_u,) of the links of each drive, the robot with guessed gears and rotors, and comments on them."""
     # The links alone: rotors without inertia, and no joint that only a spring holds.
     links = with_joints(robot, lambda joint: replace(joint, motor=Motor(_NO_ROTOR)) if joint.motor else None)
     model, theta = formulate(links), [value for value, _ in links.parameters().values()]
@@ -66,13 +82,12 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
     guessed = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
     rotors = f"; motors of {', '.join(guessed)}, with as much inertia as the links behind them" if guessed else ""
     comments = (
-        f"The rigid part is that of {path.name}. Put the numbers of data sheets in place of those that are guessed:",
-        f"the springs of gears, which swing at {_HELD_HZ:g} Hz, motor held{rotors};",
-        "where the file has none, viscous friction that stops a motor's rotor within a second.",
-        "Constraints, tendons, dry friction, and springs of driven joints are not taken over from a file.",
+        f"The rigid part is from {name}. Replace guessed numbers with those of data sheets:",
+        f"the springs of gears, with a mode at {_HELD_HZ:g} Hz while the motor is locked{rotors};",
+        "if the file has none, viscous friction that stops a motor's rotor within a second.",
+        "Constraints, tendons, dry friction, and springs of driven joints are not read from the file.",
     )
-    texts = {"study.yml": _study(robot, postures, inertia)}
-    return robot, texts | {"robot.yml": yaml_text(driven, comments)}
+    return inertia, driven, comments
 
 
 def _of_urdf(path: Path) -> Robot:
@@ -169,7 +184,7 @@ def new(folder: Path, template: str) -> Path:
 
 
 def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ()) -> Path:
-    """A new folder with a study of logs, of a URDF or MJCF file, or of both, guessed, with its robot; its path.
+    """A new folder with a study of logs, of a robot model, or of both, guessed, with its robot; its path.
 
     more: those behind the last `--from`.  Raises StudyError where there is none such, or the folder holds anything
     already, and what `texts_from_logs` raises.

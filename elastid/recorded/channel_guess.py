@@ -40,16 +40,17 @@ _UNITS = (
 )  # fmt: skip
 _WORDS = {
     "temperature": r"temp.*", "torque": r"\w*torques?|tau|\w*trq|tq|\w*moment|\w*efforts?",
-    "force": r"\w*forces?|\w*kraft|f|hammer|shaker", "current": r"\w*currents?|curr?|\w*strom|iq|i",
+    "force": r"\w*forces?|\w*kraft|f|hammer|shaker", "current": r"\w*currents?|(ma)?curr?|\w*strom|iq|i",
     "voltage": r"volt.*|vir|vdc",
     "acceleration": r"\w*acc(el\w*)?|qdd|ddq|\w*beschl.*", "velocity":
     r"\w*vel(oc\w*)?|\w*speeds?|omega|qd|dq|w|v|\w*geschw.*|\w*drehzahl",
-    "position": r"\w*pos(i\w*)?|\w*angles?|ang|theta|phi|\w*winkel|enc.*|q|qm|qg|\w*lage|axis",
+    "position": r"\w*pos(i\w*)?|\w*angles?|ang|theta|phi|\w*winkel|enc.*|q|qm|qg|\w*lage|axis|joints?|"
+    "[ar]korr",
 }  # fmt: skip
-_MEASURED = r"act.*|meas.*|mea|ist.*|adx?|fb|fdb|mot|motor|qm"
+_MEASURED = r"act.*|aipos|meas.*|mea|ist.*|adx?|fb|fdb|mot|motor|qm"
 _UNIT_WORDS = r"nm|rad|deg|mm|rpm|hz"
 _NOT_MEASURED = (
-    r"ref.*|cmd.*|command.*|des|desired.*|soll.*|set.*|target.*|ff|err.*|rel|"
+    r"ref.*|cmd.*|command.*|aspos|[ar]korr|d|des|desired.*|soll.*|set.*|target.*|ff|err.*|rel|"
     "model|init|kin|dyn|traj|qg|simple|follow.*"
 )
 
@@ -267,11 +268,15 @@ class JointGuess:
 
 @dataclass(frozen=True)
 class LogGuess:
-    """The joints or inputs and outputs of a log.  is_motion: they move as robots do, so that friction can be found."""
+    """The joints or inputs and outputs of a log.
+
+    is_motion: they move as robots do, so that friction can be found.  references: commanded positions of the joints.
+    """
 
     joints: tuple[JointGuess, ...]
     further: tuple[ChannelGuess, ...]
     is_motion: bool
+    references: tuple[ChannelGuess, ...] = ()
 
 
 def is_clock(x: FloatArray) -> bool:
@@ -328,7 +333,17 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     torques = np.stack([values[joint.torque.key] for joint in joints])
     power = np.cumsum(np.abs(np.fft.rfft(torques - torques.mean(axis=1, keepdims=True))) ** 2, axis=1)
     half_hz = np.argmax(power >= power[:, -1:] / 2, axis=1) * rate_hz / torques.shape[1]
-    return LogGuess(tuple(joints), tuple(further), bool(np.all(half_hz < _MOTION_HZ)) and given == "position")
+    is_motion = bool(np.all(half_hz < _MOTION_HZ)) and given == "position"
+    return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints))
+
+
+def _references(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -> tuple[ChannelGuess, ...]:
+    """Commanded positions by their names, one for each joint whose position is known; else none."""
+    commanded = {g.parts[1]: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}
+    members = [commanded.get(joint.motion.parts[1]) for joint in joints if joint.motion.quantity == "position"]
+    if len(members) < len(joints) or None in members:
+        return ()
+    return tuple(replace(g, unit=g.unit or joint.motion.unit) for g, joint in zip(members, joints, strict=True) if g)
 
 
 def _completed(

@@ -185,3 +185,36 @@ def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path
     assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
     recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
     assert [file.realisation for file in recorded.files] == [0, 1]
+
+
+MAKES = {
+    "rsi": ("MACur.A", "AIPos.A", "RKorr.A"),
+    "rtde": ("actual_current_", "actual_q_", "target_q_"),
+    "egm": ("effort_", "fb_joint", "ref_joint"),
+}
+
+
+@pytest.mark.parametrize("make", MAKES)
+def test_logs_of_makes_have_references_and_runs_of_their_names(make: str, tmp_path: Path) -> None:
+    """Degrees by the limits of the robot; files named p1-r0-e1; the robot as elastid writes it."""
+    (tmp_path / "arm.urdf").write_text(ARM)
+    assert cli.run_command(["new", str(tmp_path / "robot"), "--from", str(tmp_path / "arm.urdf")]) == 0
+    logs = []
+    for name, angle in (("p1-r0-e0", 0.9), ("p1-r0-e1", 0.905), ("p2-r1-e0", -0.5)):
+        path = tmp_path / f"{name}.csv"
+        logged(path, ("shoulder", "elbow"), (angle, angle), " [deg]")
+        rows = np.loadtxt(path, delimiter=",", skiprows=1)
+        heads = [f"{word}{i}" for word in MAKES[make] for i in (1, 2)]
+        rows = np.hstack([rows, np.roll(rows[:, 3:], -2, axis=0)])
+        np.savetxt(path, rows, "%.9g", ",", header=",".join(["t", *heads]), comments="")
+        logs.append(str(path))
+    robot = str(tmp_path / "robot" / "robot.yml")
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", robot, "--from", *logs]) == 0
+    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    recorded = study.experiment.as_recorded()
+    assert [file.run for file in recorded.files] == [("p1", 0, 0), ("p1", 0, 1), ("p2", 1, 0)]
+    assert [(c.role, c.at, c.channel, c.unit == "deg") for c in recorded.channels if c.at == "motor elbow"] == [
+        (role, "motor elbow", f"{word}2", role != "u")
+        for role, word in zip(("u", "y", "reference"), MAKES[make], strict=True)
+    ]
+    assert study.experiment.configurations["p1"] == pytest.approx([0.9, 0.9], abs=1e-3)
