@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 VISCOUS = "viscous friction alone"
-SLOPE = "slope of friction over the speeds of the records, without the dry friction taken out"
+SLOPE = "viscous friction at the velocities of the records, with Coulomb friction compensated"
 # Of sgn(v) the best linear approximation is 2 p_v(0) v, p_v the density of the velocity.
-WITH_COULOMB = "viscous friction and 2 F_c p_v(0) of Coulomb friction"
+WITH_COULOMB = "includes 2 F_c p_v(0) of Coulomb friction, which is not compensated"
 
 
 def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut | None) -> frozenset[str]:

@@ -40,7 +40,7 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
         )
         for i, name in enumerate(m.springs)
     ]
-    lost = f"; {len(m.refused)} have no equilibrium under gravity and are left out" if m.refused else ""
+    lost = f"; {len(m.refused)} postures without equilibrium excluded" if m.refused else ""
     return Answer(
         f"Map of {m.name}",
         (
@@ -50,10 +50,10 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
                 f"{m.asked[soft] + 1} with {m.frame} at ({where}) m{lost}.",
             )),
             ("What limits it, and what helps?", (
-                f"There {m.limiting_springs[soft]} gives {100 * part:.0f} %, and twice as stiff it would take "
-                f"{50 * part:.0f} % off.",
+                f"In the softest posture {m.limiting_springs[soft]} contributes {100 * part:.0f} % of the compliance; "
+                f"twice its stiffness reduces the compliance by {50 * part:.0f} %.",
             )),
-            ("What next?", ("Put a cut along the stiff direction, in postures with a large limiting depth.",)),
+            ("What next?", ("Cut along the stiff direction, in postures with a large chatter-free depth.",)),
         ),
         (
             Display(
@@ -68,9 +68,9 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
             ),
         ),
         (
-            "Limits: in so many of all postures a spring gives most in the softest direction. Part: of the static "
-            "compliance there, on average. Gain: one twice as stiff takes so much off in the softest tenth of the "
-            f"postures. Load ({force}) N; cutting coefficient {1e-6 * m.cutting_coefficient:g} N/mm².",
+            "Limits: fraction of postures in which the spring contributes most to the softest direction. Part: average "
+            "contribution to the static compliance there. Gain: reduction by twice its stiffness in the softest tenth. "
+            f"Load ({force}) N; cutting coefficient {1e-6 * m.cutting_coefficient:g} N/mm².",
         ),
     )  # fmt: skip
 
@@ -85,21 +85,21 @@ def answer_of_move(tuned: TunedMove) -> Answer:
     rigid, last, drawn = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.samples)
     used = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
     kind, i = np.unravel_index(int(np.argmax(used)), used.shape)
-    most = f"the {list(KINDS)[kind]} of motor {tuned.joints[i]} is used most, {percent(used[kind, i], 3)} of it"
-    kept = f"Yes: of all limits {most}." if used.any() else "No limit is given."
+    most = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} uses {percent(used[kind, i], 3)} of its limit"
+    kept = f"Yes. Largest use: {most}." if used.any() else "No limit is given."
     exact = (
-        f"{tuned.duration:.4g} s: {tuned.frame} stays within {number(1e3 * last.largest, 3)} mm of its path on the "
-        f"{tuned.judge}, with rigid feedforward within {number(1e3 * rigid.largest, 3)} mm; its vibration after the "
-        f"move is {number(rigid.residual / max(last.residual, 1e-12), 3)} times smaller."
+        f"{tuned.duration:.4g} s: largest path error of {tuned.frame} {number(1e3 * last.largest, 3)} mm on the "
+        f"{tuned.judge} (rigid feedforward: {number(1e3 * rigid.largest, 3)} mm); residual vibration "
+        f"{number(rigid.residual / max(last.residual, 1e-12), 3)} times smaller."
     )
     on_draws = (
-        f"On {tuned.samples} robots drawn from the fit, lengths and zeros within tolerance, the largest error is "
-        f"at most {number(1e3 * float(last.high.max()), 3)} mm (95 %), and torques take at most "
+        f"{tuned.samples} posterior samples (lengths and zeros within tolerance): largest error "
+        f"{number(1e3 * float(last.high.max()), 3)} mm (95 %), torques up to "
         f"{100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
         if last.high is not None and drawn
         else ""
     )
-    advice = f"{tuned.advice}." if tuned.advice else "Give the drives tune.csv, or a file of the folder tune."
+    advice = f"{tuned.advice}." if tuned.advice else "Load tune.csv, or a file of the folder tune, into the drives."
     errors = [(o.name, *(number(1e3 * v, 3) for v in (o.largest, o.rms, o.static, o.residual))) for o in tuned.outcomes]
     limits = []
     for joint, unit, motor in zip(tuned.joints, tuned.units, range(len(tuned.joints)), strict=True):
@@ -116,13 +116,13 @@ def answer_of_move(tuned: TunedMove) -> Answer:
             ("What next?", (advice[0].upper() + advice[1:],)),
         ),
         (
-            Display("Error of the tool in mm", ("command", "largest", "rms", "at rest after it", "vibration"), errors),
-            Display("Limits of the motors", ("motor", *KINDS, *["torque on draws"] * drawn), limits),
+            Display("Error of the tool in mm", ("command", "largest", "rms", "static", "vibration"), errors),
+            Display("Limits of the motors", ("motor", *KINDS, *["torque of samples"] * drawn), limits),
         ),
         (
-            f"Judged in position loops of {tuned.bandwidth_hz:.3g} Hz. Grey: the move; {1e3 * tuned.margin_s:.0f} ms "
-            "before and after it the motors wind the springs up and unwind them. Link side, SI: largest value and "
-            "limit of the robot's file.",
+            f"Simulated with position loops of {tuned.bandwidth_hz:.3g} Hz. Grey: the move; {1e3 * tuned.margin_s:.0f} "
+            "ms before and after it the motors load and unload the springs. Link side, SI: largest value and limit of "
+            "the robot model.",
         ),
     )
 
@@ -135,8 +135,8 @@ def answer_of_loops(loops: Loops) -> Answer:
     lines.append(f"Its gain is limited in posture {designed.postures[worst]}: {designed.limited_by[worst]}.")
     if loops.count:
         kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
-        lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures.")
-    of_today = f"{today.name}: {_state_words(today)}." if today else "The study states no controller."
+        lines.append(f"{kept:.3g} % of {loops.count} posterior samples stay below {LIMIT_DB:g} dB in all postures.")
+    of_today = f"{today.name}: {_state_words(today)}." if today else "The study has no controller."
     peaks = [
         (loop.name, posture, number(peak, 3), f"{number(low, 3)} to {number(high, 3)}" if loops.count else "–", cause)
         for loop in loops.states
@@ -159,19 +159,19 @@ def answer_of_loops(loops: Loops) -> Answer:
         f"Joint loops of {loops.name}",
         (
             ("How fast may the loops be?", tuple(lines)),
-            ("How good are today's?", (of_today,)),
-            ("What next?", ("Run a study with the section of loops.yml before the robot does.",)),
+            ("How good is the present controller?", (of_today,)),
+            ("What next?", ("Simulate the gains first: add the section of loops.yml to a study and run it.",)),
         ),
         (
             Display(
-                "Sensitivity", ("controller", "posture", "peak in dB", "95 % of draws", "limited by"),
+                "Sensitivity", ("controller", "posture", "peak in dB", "95 % of samples", "limited by"),
                 peaks,
             ),
             Display("Gains", ("axis", "K_p 1/s", "K_v", "T_i s", "low pass Hz", "notches Hz", "bandwidth Hz"), gains),
         ),
         (
-            f"Draws: {loops.count} robots drawn from the fit. Sensitivity: largest singular value, torques of the axes "
-            "compared by their inertias. Below: the section of a study, link side, SI.",
+            f"Samples: {loops.count} posterior samples. Sensitivity: largest singular value, with the torques of the "
+            "axes scaled by their inertias. Below: the section of a study, link side, SI.",
         ),
     )  # fmt: skip
 

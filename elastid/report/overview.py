@@ -244,7 +244,7 @@ def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ..
 # Meaning and command line of exports; the page, which is the same wherever it is made, knows no path.
 COMMANDS = tuple(
     (words, f"elastid export STUDY --run FOLDER --to {target}")
-    for words, target in (("robot file with the numbers", "robot"), ("MATLAB", "matlab"), ("MuJoCo", "mujoco"))
+    for words, target in (("robot model with the estimates", "robot"), ("MATLAB", "matlab"), ("MuJoCo", "mujoco"))
 )
 
 
@@ -302,7 +302,7 @@ def questions_of_responses(content: ResponsesContent) -> Questions:
     modes += [f"{len(known) - MODES_SHOWN} further configurations: below."] if len(known) > MODES_SHOWN else []
     return (
         ("Are the responses good?", tuple(good)),
-        ("Which modes are there?", tuple(modes) or ("None that stands out of the noise.",)),
+        ("Which modes are there?", tuple(modes) or ("No significant mode.",)),
         ("What next?", (_of_damping(known),)),
     )
 
@@ -310,11 +310,11 @@ def questions_of_responses(content: ResponsesContent) -> Questions:
 def _of_damping(every: Sequence[Modes]) -> str:
     """Advice that narrows the damping which is known least, as a share of itself."""
     if not every:
-        return "Measure longer or hit more often: four times as much halves the noise."
+        return "Measure longer, or hit more often: a factor of four halves the noise."
     widths = [QUANTILE_95 * modes.zeta_std / modes.zeta for modes in every]
     modes, width = max(zip(every, widths, strict=True), key=lambda pair: float(pair[1].max()))
     least = int(width.argmax())
     return (
-        f"The damping at {number(float(modes.freq_hz[least]), 4)} {modes.frequency_unit} is known least, to "
-        f"±{percent(float(width[least]))}; four times the record or the hits halve that."
+        f"The damping at {number(float(modes.freq_hz[least]), 4)} {modes.frequency_unit} has the widest interval, "
+        f"±{percent(float(width[least]))}; a record four times as long, or four times the hits, halves it."
     )
