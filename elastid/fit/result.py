@@ -126,7 +126,7 @@ OTHER_JOINTS = (
     "Add the joints that may be elastic to the robot model, and search among them: `elastid compare STUDY --search`"
 )
 OTHER_AMPLITUDE = (
-    "Measure at half the torque, too: residuals of a nonlinear effect change with it, those of a missing joint do not"
+    "Measure at half the torque, too: the residuals change with it for a nonlinear effect, not for a missing joint"
 )
 
 
