@@ -11,8 +11,6 @@ meets all tests. Copies are of POSIX alone. tests/kills.csv keeps the last count
 the seconds that it took; survivors are printed. --changed takes the rooms that differ from a commit.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import csv

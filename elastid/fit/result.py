@@ -210,7 +210,7 @@ class Result:
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
     assumed_rigid: what is taken as rigid and shows in no response; empty where that was not judged.
     verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
-    model_error: relative to |G| in weights and covariance, the largest of the responses.
+    model_error: relative to abs(G) in weights and covariance, the largest of the responses.
     configurations, information_fraction (Q, n_x), information_band_hz (n_x, 2), averaging_fraction (n_x,),
     persistent_fraction (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.

@@ -202,7 +202,7 @@ class Gear:
 
 @section
 class Motor:
-    """Motor with its gear ratio, motor side; link-side values are ratio^2 inertia, ratio^2 viscous, |ratio| coulomb.
+    """Motor with its gear ratio, motor side; link-side values are ratio^2 inertia, ratio^2 viscous, abs(ratio) coulomb.
 
     The parameters are keys of `robot.bodies[].joints[].motor`.
 

@@ -48,7 +48,7 @@ def sources(folder: Path) -> Path:
         ROOT / "scripts" / "examples", source / "scripts" / "examples", ignore=shutil.ignore_patterns("__*")
     )
     (source / "configs").symlink_to(ROOT / "configs")
-    pages = {"commands": generated.commands(), "names": generated.names(), "equations": generated.equations()}
+    pages = {"commands": generated.commands(), "equations": generated.equations()} | generated.names()
     (folder / "runs").mkdir()
     pages |= generated.keys() | {"files": generated.files(folder / "runs")}
     for name, text in pages.items():

@@ -15,7 +15,7 @@ import elastid
 
 project, author, version = "elastid", "the elastid authors", elastid.__version__
 release, copyright = version, "the elastid authors, MIT licence"
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx_gallery.gen_gallery"]
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax", "sphinx_gallery.gen_gallery"]
 html_theme = "pydata_sphinx_theme"
 html_title = f"elastid {version}"
 # MathJax is one file beside the pages, so that equations look alike in every browser and need no other host.
@@ -59,8 +59,9 @@ sphinx_gallery_conf = {
 
 
 def _as_text(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lines: list[str]) -> None:
-    """Docstrings of the code are text with equations, not reStructuredText."""
-    lines[:] = restructured("\n".join(lines)).splitlines()
+    """Docstrings of the code are text with equations, not reStructuredText, but for those with sections."""
+    if "--------" not in lines:
+        lines[:] = ["", *restructured("\n".join(lines)).splitlines()]
 
 
 # Text within these is no prose, or a link already.
@@ -95,5 +96,5 @@ def _is_within(node: nodes.Node, kinds: tuple[type[nodes.Node], ...]) -> bool:
 
 def setup(app: Any) -> None:
     """Connect the conversion of docstrings and the links to the glossary."""
-    app.connect("autodoc-process-docstring", _as_text)
+    app.connect("autodoc-process-docstring", _as_text, 400)  # before napoleon
     app.connect("doctree-resolved", _link_terms)

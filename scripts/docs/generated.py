@@ -106,19 +106,15 @@ def _explained(key: StudyKey) -> str:
     return "\n".join([text, "", *others, ""])
 
 
-def names() -> str:
-    """The public names in the order of the work, by autodoc."""
-    parts = [title("Public names"), "All names are attributes of ``elastid``. Each is imported on first use.\n"]
+def names() -> dict[str, str]:
+    """A page for each public name, by autodoc, and their index in the order of the work."""
+    pages = {"names/index": title("Public names") + "\n.. toctree::\n\n   " + "\n   ".join(elastid.__all__)}
     for name in elastid.__all__:
-        value = getattr(elastid, name)
-        parts += [f".. _name-{name}:\n", title(name, "-")]
-        if inspect.ismodule(value):
-            parts.append(f".. automodule:: {value.__name__}\n   :members:\n")
-        elif inspect.isclass(value):
-            parts.append(f".. autoclass:: elastid.{name}\n   :members:\n")
-        else:
-            parts.append(f".. autofunction:: elastid.{name}\n")
-    return "\n".join(parts)
+        kind = type(getattr(elastid, name)).__name__.replace("type", "class")
+        pages[f"names/{name}"] = (
+            title(name) + f"\n.. auto{kind}:: elastid.{name}\n" + "   :members:\n" * (kind != "function")
+        )
+    return pages
 
 
 def files(folder: Path) -> str:

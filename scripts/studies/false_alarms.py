@@ -17,8 +17,6 @@ motors on elastic gears and the links of a planar arm under a sampled controller
 u: link side.  q_m: the encoder's.  c: a carrier.
 """
 
-from __future__ import annotations
-
 # One BLAS thread must be asked for before NumPy is loaded.
 # ruff: noqa: E402
 import os
@@ -108,7 +106,7 @@ class Kind:
     half_wave: bool
 
     @classmethod
-    def drawn(cls, number: int, seed: int) -> Kind:
+    def drawn(cls, number: int, seed: int) -> "Kind":
         """That of a set of logs by its number."""
         rng, is_simulated = np.random.default_rng((seed, number)), bool(number % 2)
         grid = str(rng.choice(list(GRIDS)))

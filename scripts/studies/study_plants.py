@@ -3,8 +3,6 @@
 For the studies beside this file; it does nothing by itself.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -98,7 +96,7 @@ class Rig:
     correlation: FloatArray
 
     @classmethod
-    def of(cls, plant: Plant) -> Rig:
+    def of(cls, plant: Plant) -> "Rig":
         """The exact responses of all configurations."""
         linearisation = Linearisation.of(formulate(plant.robot, plant.model))
         exact = responses(plant, linearisation, plant.robot)
