@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from elastid.base.errors import StudyError
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
+from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
@@ -165,7 +166,9 @@ def simulate(
     """
     spec, repeated = _section(excitation, MultisineSpec), _section(experiment, ExperimentSpec)
     study = _consistent(Study("records", seed, robot, excitation=spec, experiment=repeated))
-    plan = make_plan(study.excitation or spec, study.experiment, robot, seed=seed)
+    spec, controller = study.excitation or spec, study.experiment.as_simulated().controller
+    loop = closed_loop_of(robot, controller, spec.rate_hz, spec.inject)
+    plan = make_plan(spec, study.experiment, robot, seed=seed, closed_loop=loop)
     rig = SimulatedRig(robot, study.experiment, plan, seed=seed)
     return tuple(rig.measure(trial) for trial in rig.experiments)
 

@@ -127,7 +127,8 @@ def demo(**options: Any) -> None:
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
     "--template", default="serial", show_default=True,
-    type=click.Choice(["serial", "parallel-linkage", "recorded", "ros2", "responses", "frf", "friction"]),
+    type=click.Choice(["serial", "parallel-linkage", "recorded", "ros2", "responses", "frf", "friction",
+                       "position-reference"]),
 )  # fmt: skip
 @click.option(
     "--from", "logs", multiple=True, type=click.Path(path_type=Path),

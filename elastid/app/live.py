@@ -41,7 +41,15 @@ from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import EXACT
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import remove_leftovers, write_text
-from elastid.store.measured import read_plan, read_records, read_responses, write_plan, write_run, write_signals
+from elastid.store.measured import (
+    read_plan,
+    read_records,
+    read_responses,
+    write_plan,
+    write_references,
+    write_run,
+    write_signals,
+)
 from elastid.store.results import read_fit
 from elastid.study import Study, load
 from elastid.study.loading import study_data
@@ -211,7 +219,10 @@ class Session:
         references.mkdir(parents=True, exist_ok=True)
         for run in plan.experiments:
             if not (path := references / f"{run.name}.csv").exists():
-                write_run(path, movement, plan.inputs, plan.sliding, movement.injected(plan.torque(run)))
+                if plan.inject == "torque":
+                    write_run(path, movement, plan.inputs, plan.sliding, movement.injected(plan.torque(run)))
+                else:
+                    write_references(path, plan, run, problem.simulated, problem.robot)
         return plan
 
     def _seed(self, step: int) -> int:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from elastid.app.stage_table import stages_of_study
-from elastid.excitation.spec import planned_lines
+from elastid.excitation.spec import MultisineSpec, planned_lines
 from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.study import Study
 
@@ -48,6 +48,21 @@ def _experiments(study: Study) -> Iterator[str]:
             f"  {_plural(periods, 'period')} of {excitation.period:g} s ({experiment.transient_periods} of transient); "
             f"{len(lines.excited)} {excitation.grid} lines from {low:g} to {high:g} Hz"
         )
+        if excitation.inject != "torque" and "limits" not in excitation.amplitudes and experiment.configurations:
+            yield _margin(study, excitation)
+
+
+def _margin(study: Study, excitation: MultisineSpec) -> str:
+    """Part of the limits that references leave free, by linear prediction."""
+    from elastid.app.stages.design import problem_of  # brings the model
+    from elastid.design.limits import expected_use
+
+    problem = problem_of(study)
+    use = expected_use(problem.rig(problem.plan(study.experiment)), excitation.margin)
+    left = 1 - use.used.max()
+    return (
+        f"  {excitation.inject} references, loop gains up to 30 % off: margin {left:.0%} of the limits; {use.closest}"
+    )
 
 
 def _plural(number: int, noun: str) -> str:

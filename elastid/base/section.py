@@ -22,8 +22,8 @@ class Key:
     """Text of a key of a study, in the annotation of its field: `Annotated[Time, Key("Period of ...", "longer ...")]`.
 
     text: the meaning; its first sentence needs no context.  advice: when to change the key, and the effect of it.
-    above, least, most: bounds of its number, or of each of several; None for any.  distinct: no value is given twice.
-    rising: each number exceeds the one before.
+    above, least, most, below: bounds of its number, or of each of several; None for any.  distinct: no value is given
+    twice.  rising: each number exceeds the one before.  filled: a list has at least one entry.
     """
 
     text: str
@@ -31,13 +31,17 @@ class Key:
     above: float | None = None
     least: float | None = None
     most: float | None = None
+    below: float | None = None
     distinct: bool = False
     rising: bool = False
+    filled: bool = False
 
     def checked(self, value: Any) -> Any:
         """The value of the key; ValueError for a number out of the bounds and for names that are hardly different."""
         if isinstance(value, dict):
             check_different("name", map(str, value))
+        if self.filled and value == ():
+            raise ValueError("it is empty; list at least one entry")
         if self.distinct and isinstance(value, tuple) and len({*value}) < len(value):
             twice = next(entry for entry in value if value.count(entry) > 1)
             raise ValueError(f"{twice} is given twice; leave one out")
@@ -50,6 +54,8 @@ class Key:
                 raise ValueError(f"it must be at least {self.least:g}")
             if self.most is not None and not number <= self.most:
                 raise ValueError(f"it must be at most {self.most:g}")
+            if self.below is not None and not number < self.below:
+                raise ValueError(f"it must be below {self.below:g}")
         return value
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:

@@ -163,14 +163,17 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
 
 
 # `turning back`: how far a motor's speed falls below that of a carrier of constant velocity, which is the limit, in the
-# measured periods.
-QUANTITIES = ("torque", "position", "velocity", "acceleration", "turning back")
-UNITS = ("N*m", "rad", "rad/s", "rad/s^2", "rad/s")
+# measured periods.  The last three are those of injected references, which robots check as well.
+QUANTITIES = (
+    *("torque", "position", "velocity", "acceleration", "turning back"),
+    *("reference position", "reference velocity", "reference acceleration"),
+)
+UNITS = ("N*m", "rad", "rad/s", "rad/s^2", "rad/s", "rad", "rad/s", "rad/s^2")
 
 
 @frozen_value
 class LimitUse:
-    """Largest values, and the limits: peak, limit (Q, 5, n_u) for QUANTITIES, infinite where none.
+    """Largest values, and the limits: peak, limit (Q, 8, n_u) for QUANTITIES, infinite where none.
 
     peak: as rehearsed, of runs far from all limits as expected by the linear response.
     position: about the configuration, to either side, its limit the room to the nearer end.  factor (Q, n_u): by which
@@ -189,7 +192,7 @@ class LimitUse:
 
     @property
     def used(self) -> FloatArray:
-        """Part of each limit that is used (Q, 5, n_u)."""
+        """Part of each limit that is used (Q, 8, n_u)."""
         return self.peak / self.limit
 
     @property
@@ -203,6 +206,12 @@ class LimitUse:
             f"{self.configurations[q]}, {self.peak[q, kind, i]:.4g} of {self.limit[q, kind, i]:.4g} "
             f"{unit_of(int(kind), self.inputs[i] in self.sliding)}"
         )
+
+    @property
+    def by_quantity(self) -> str:
+        """Largest part of a limit of each quantity that is limited, in words."""
+        used, is_limited = self.used.max(axis=(0, 2)), np.any(np.isfinite(self.limit), axis=(0, 2))
+        return ", ".join(f"{QUANTITIES[i]} {used[i]:.0%}" for i in np.flatnonzero(is_limited))
 
 
 def unit_of(kind: int, slides: bool) -> str:

@@ -12,6 +12,7 @@ all peaks are inside.
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from elastid.base.execution import Execution
 from elastid.design.forecast import QUANTITIES, LimitUse, unit_of
 from elastid.excitation.phases import peaks as signal_peaks
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.plan.movement import Rehearsal, reference
+from elastid.experiment.plan.movement import Rehearsal, reference, references
 from elastid.experiment.plan.plan import Experiment, Plan, torque_rms
 from elastid.experiment.simulated.plant import closed_loop_of, feed_forward_of, model_of
 from elastid.experiment.simulated.rig import SimulatedRig
@@ -29,40 +30,45 @@ from elastid.record import Configuration
 
 
 def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
-    """Limits (5, n_u) in a configuration, in the order of QUANTITIES."""
+    """Limits (8, n_u) in a configuration, in the order of QUANTITIES."""
     limits, carrier = [joint.limits for joint in rig.robot.driven], rig.simulated.carrier
     room = [min(x.angle[1] - q, q - x.angle[0]) for x, q in zip(limits, configuration.angles, strict=True)]
     v = np.full(len(limits), np.inf)
     if carrier is not None and carrier.kind == "offset":
         v = np.abs(carrier.velocities(len(limits)))
-    return np.array(
-        [[x.torque for x in limits], room, [x.velocity for x in limits], [x.acceleration for x in limits], v]
-    )
+    motion = [room, [x.velocity for x in limits], [x.acceleration for x in limits]]
+    of_reference = np.full((3, len(limits)), np.inf) if rig.plan.inject == "torque" else motion
+    return np.array([[x.torque for x in limits], *motion, v, *of_reference])
 
 
 def rehearsed_peaks(
     rig: SimulatedRig, factor: FloatArray, wanted: Collection[str], execution: Execution
 ) -> dict[str, FloatArray]:
-    """Peaks (5, n_u) of every run that is wanted, by its name; amplitudes times factor (Q, n_u)."""
-    plan = replace(rig.plan, R=rig.plan.R * factor[:, None, None, None, :])
+    """Peaks (8, n_u) of every run that is wanted, by its name; amplitudes times factor (Q, n_u)."""
+    plan = rig.plan.scaled(factor)
     runs = [e for e in plan.experiments if e.name in wanted]
     peaks = execution.ordered(partial(_peaks_of, replace(rig, plan=plan)), runs)
     return {run.name: peak for run, peak in zip(runs, peaks, strict=True)}
 
 
 def expected_peaks(rig: SimulatedRig, factor: FloatArray, base: FloatArray, q: int) -> dict[str, FloatArray]:
-    """Peaks of all runs of the q-th configuration, from its base (5, n_u), by the linear response."""
+    """Peaks of all runs of the q-th configuration, from its base (8, n_u), by the linear response."""
     plan, response, peaks = rig.plan, _response(rig, q), {}
     for run in plan.experiments:
         if run.configuration.name == plan.configurations[q].name:
-            S = np.einsum("foi,fi->of", response, plan.R[q, run.realisation, run.experiment] * factor[q])
-            peak = signal_peaks(plan.lines, S, 4).reshape(4, -1)
-            peaks[run.name] = base + np.concatenate([peak, peak[2:3]])
+            S = np.einsum("fckoi,fi->ckof", response, plan.R[q, run.realisation, run.experiment] * factor[q])
+            peaks[run.name] = base + _by_quantity(signal_peaks(plan.lines, S, 4), base)
     return peaks
 
 
+def _by_quantity(largest: FloatArray, like: FloatArray) -> FloatArray:
+    """Largest values (8, n_u) of signals (C, K, n_u) of `_response`; turning back is by the velocity."""
+    peak: FloatArray = largest.max(axis=0)
+    return np.concatenate([peak[:4], peak[2:3], peak[4:], np.zeros((7 - len(peak), like.shape[1]))])
+
+
 def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
-    """Largest peaks (Q, 5, n_u) of the runs in each configuration."""
+    """Largest peaks (Q, 8, n_u) of the runs in each configuration."""
     return np.array([
         np.max([runs[e.name] for e in plan.experiments if e.configuration.name == c.name], axis=0)
         for c in plan.configurations
@@ -70,38 +76,72 @@ def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Peaks (5, n_u) without multisine; StudyError where even so a motor is lost.
+    """Peaks (8, n_u) without multisine; StudyError where even so a motor is lost.
 
     Of the rigid robot without friction where there is no limit.
     """
     if not np.isfinite(limits_of(rig, experiment.configuration)).any():
-        torque, configuration = feed_forward_of(model_of(rig.robot)), experiment.configuration
-        path = reference(rig.plan, rig.simulated.carrier, torque, configuration)
-        signals = path.feed_forward, path.position - configuration.angles, path.velocity, path.acceleration
-        return np.array([*np.abs(signals).max(axis=1), np.zeros(len(rig.plan.inputs))])
+        return _rigid_peaks(rig, experiment)
     try:
         return peaks_of_run(rig, rig.rehearse(experiment, 0.0))
     except DataError as error:
         raise StudyError("design/limits", f"the robot leaves its configuration without excitation: {error}") from None
 
 
+def _rigid_peaks(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
+    """Peaks (8, n_u) of the movement of the rigid robot without friction."""
+    torque, configuration = feed_forward_of(model_of(rig.robot)), experiment.configuration
+    path = reference(rig.plan, rig.simulated.carrier, torque, configuration)
+    motion = path.position - configuration.angles, path.velocity, path.acceleration
+    rows = references(rig.plan, rig.simulated.carrier, experiment, 0.0)
+    played = _reference_peaks(rig, configuration, rows)
+    return np.array([*np.abs([path.feed_forward, *motion, 0 * path.position]).max(axis=1), *played])
+
+
+def _reference_peaks(rig: SimulatedRig, configuration: Configuration, rows: FloatArray) -> FloatArray:
+    """Peaks (3, n_u) of position, velocity and acceleration of references (m, n_u); 0 without any."""
+    rate_hz, x = rig.plan.rate_hz / rig.plan.cycle_samples, rows - configuration.angles
+    if rig.plan.inject == "velocity":
+        x = np.cumsum(rows, axis=0) / rate_hz
+    v = np.diff(x, axis=0) * rate_hz
+    return np.array([np.abs(part).max(axis=0, initial=0.0) for part in (x, v, np.diff(v, axis=0) * rate_hz)])
+
+
+def expected_use(rig: SimulatedRig, margin: float) -> LimitUse:
+    """Predict the use of the limits by linear responses about the movement of the rigid robot without friction."""
+    plan, first = rig.plan, {e.configuration.name: e for e in reversed(rig.plan.experiments)}
+    names, factor = tuple(c.name for c in plan.configurations), np.ones((len(plan.configurations), len(plan.inputs)))
+    runs: dict[str, FloatArray] = {}
+    for q, name in enumerate(names):
+        runs |= expected_peaks(rig, factor, _rigid_peaks(rig, first[name]), q)
+    limit = np.array([limits_of(rig, c) for c in plan.configurations])
+    return LimitUse(names, plan.inputs, largest_peaks(plan, runs), limit, factor, margin, (), plan.sliding)
+
+
 def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
-    """Peaks (5, n_u) of a whole run."""
+    """Peaks (8, n_u) of a whole run."""
     signals, carrier = rehearsal.signals, rig.simulated.carrier
     back = np.zeros(len(rig.plan.inputs))
     if carrier is not None and carrier.kind == "offset":
         v = carrier.velocities(len(back))
         back = np.maximum(0.0, np.abs(v) - (np.sign(v) * signals[2, rig.measured]).min(axis=0))
-    return np.array([*np.abs(signals).max(axis=1), back])
+    played = _reference_peaks(rig, rehearsal.experiment.configuration, rehearsal.references)
+    return np.array([*np.abs(signals).max(axis=1), back, *played])
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Peaks (5, n_u) of one run, twice the limits where a motor is lost."""
+    """Largest peaks (8, n_u) of one run, of references also with the largest gains; twice the limits if one is lost."""
+    rigs = [rig] if rig.plan.inject == "torque" else [rig, rig.with_gains(1 + GAIN_ERROR, 1 + GAIN_ERROR)]
     try:
-        return peaks_of_run(rig, rig.rehearse(experiment))
+        return np.asarray(np.max([peaks_of_run(each, each.rehearse(experiment)) for each in rigs], axis=0))
     except DataError:
         limit = limits_of(rig, experiment.configuration)
         return np.where(np.isfinite(limit), 2 * limit, 0.0)
+
+
+# K_p and K_v of the drives over those of the study, for which references must keep the limits: up to 30 % off.
+GAIN_ERROR = 0.3
+GAINS = [*product((1.0, 1 + GAIN_ERROR, 1 - GAIN_ERROR), repeat=2)]
 
 
 FILL_SHARE = 0.98  # of the room that a rescaled configuration is to fill
@@ -125,7 +165,7 @@ def within_limits(
         for q in range(len(factor)):
             factor[q] = _filling(rig, q, allowed[q] - base[q], excitation.flat == "information")
     factor, runs = _rehearse(rig, factor, base, allowed, is_free, execution or Execution())
-    scaled = replace(plan, R=plan.R * factor[:, None, None, None, :])
+    scaled = plan.scaled(factor)
     notes = () if is_free else _notes(plan, factor, excitation.margin)
     names = tuple(c.name for c in plan.configurations)
     use = names, plan.inputs, largest_peaks(plan, runs), limit, factor, excitation.margin, notes, plan.sliding
@@ -151,25 +191,38 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
         rms = torque_rms(excitation, rig.robot)
         given = np.repeat(np.diag(1 / (2 * E * rms**2))[:, None, :], F, axis=1)
     costs = []
-    for q, (torque, position, velocity, acceleration, turning_back) in enumerate(room):
+    for q, (torque, position, velocity, acceleration, turning_back, *of_reference) in enumerate(room):
         if excitation.torque_rms == "limits":
             _check_ends(plan, room[q])
-        power = np.abs(_response(rig, q)) ** 2
-        least = np.array([torque, position, np.minimum(velocity, turning_back), acceleration]).ravel()
+        power = (np.abs(_response(rig, q)) ** 2).max(axis=1)
+        least = np.array([torque, position, np.minimum(velocity, turning_back), acceleration, *of_reference])
+        least, power = least[: power.shape[1]].ravel(), power.reshape(F, -1, n_u)
         motion = np.swapaxes(power, 0, 1) * (crest / (2 * E * least**2))[:, None, None]
         costs.append(np.concatenate([given, motion]))
     return np.array(costs)
 
 
 def _response(rig: SimulatedRig, q: int) -> ComplexArray:
-    """T (F, 4 n_u, n_u) of the q-th configuration, from injected torques to the four signals of the motors."""
-    plan = rig.plan
-    predict = closed_loop_of(rig.robot, rig.simulated.controller, plan.rate_hz)
-    return predict(plan.configurations[q], plan.freq_hz).stacked(("torque", "position", "velocity", "acceleration"))
+    """T (F, C, K, n_u, n_u) of the q-th configuration from planned torques to K signals with C pairs of gains.
+
+    Torque, position, velocity and acceleration of the motors; position, velocity and acceleration of references.
+    """
+    plan, s, parts = rig.plan, 2j * np.pi * rig.plan.freq_hz[:, None, None], list[list[ComplexArray]]()
+    is_torque = plan.inject == "torque"
+    x = np.asarray(s if is_torque else plan.S_inverse[q] / (s if plan.inject == "velocity" else 1.0), np.complex128)
+    for gain in ((1.0, 1.0),) if is_torque else GAINS:
+        controller = rig.simulated.controller.scaled(*gain)
+        predict = closed_loop_of(rig.robot, controller, plan.rate_hz, plan.inject)
+        loop = predict(plan.configurations[q], plan.freq_hz)
+        parts.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
+        if not is_torque:  # the references are those of the study's gains
+            changed = np.linalg.solve(loop.reference, plan.S_inverse[q])
+            parts[-1] = [*(np.asarray(signal @ changed) for signal in parts[-1]), x, s * x, s**2 * x]
+    return np.moveaxis(np.array(parts), 2, 0)
 
 
 def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, FloatArray]:
-    """Limits and the peaks without multisine, both (Q, 5, n_u); StudyError where these leave no room."""
+    """Limits and the peaks without multisine, both (Q, 8, n_u); StudyError where these leave no room."""
     plan = rig.plan
     limit = np.array([limits_of(rig, c) for c in plan.configurations])
     first = {e.configuration.name: e for e in reversed(plan.experiments)}
@@ -190,7 +243,7 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
 
 
 def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> FloatArray:
-    """Factors (n_u,) with which every motor fills its room (5, n_u), by linear prediction; StudyError where endless.
+    """Factors (n_u,) with which every motor fills its room (8, n_u), by linear prediction; StudyError where endless.
 
     is_shared: powers have been divided between the motors; their peaks keep the proportion of their RMS.
     """
@@ -199,17 +252,16 @@ def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> Fl
     response = _response(rig, q)
 
     def used(largest: FloatArray) -> FloatArray:
-        peak = largest.reshape(4, -1)
-        return np.asarray((np.concatenate([peak, peak[2:3]]) / room).max(axis=0))
+        return np.asarray((_by_quantity(largest, room) / room).max(axis=0))
 
     def peak_used(a: FloatArray, realisations: ComplexArray) -> FloatArray:
-        S = np.einsum("foi,mefi->meof", response, realisations * a)
+        S = np.einsum("fckoi,mefi->meckof", response, realisations * a)
         return used(np.max([signal_peaks(plan.lines, spectra, 16).max(axis=0) for spectra in S], axis=0))
 
     a = wanted = np.ones(len(plan.inputs))
     if is_shared:
-        S = np.einsum("foi,efi->eof", response, plan.R[q, 0])
-        wanted = used(np.sqrt(np.sum(np.abs(S) ** 2, axis=2).mean(axis=0)))
+        S = np.einsum("fckoi,efi->eckof", response, plan.R[q, 0])
+        wanted = used(np.sqrt(np.sum(np.abs(S) ** 2, axis=-1).mean(axis=0)))
     for _ in range(15):
         a = a * (wanted / peak_used(a, plan.R[q, :1])) ** 0.8
     return np.asarray(a / max(peak_used(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1])))
@@ -229,9 +281,9 @@ def _check_ends(plan: Plan, room: FloatArray) -> None:
 def _rehearse(
     rig: SimulatedRig, factor: FloatArray, base: FloatArray, allowed: FloatArray, is_free: bool, execution: Execution
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Factors (Q, n_u) with which every run keeps inside `allowed` (Q, 5, n_u), and each run's peaks (5, n_u) there.
+    """Factors (Q, n_u) with which every run keeps inside `allowed` (Q, 8, n_u), and each run's peaks (8, n_u) there.
 
-    base (Q, 5, n_u): without multisine.  Peaks are those of the rehearsal, of runs far from all limits the expected.
+    base (Q, 8, n_u): without multisine.  Peaks are those of the rehearsal, of runs far from all limits the expected.
     """
     plan = rig.plan
     runs: dict[str, FloatArray] = {}

@@ -256,7 +256,7 @@ def _within_envelope(
         # Realisations differ by less than the margin; one of them shows how another robot moves.
         first = replace(problem, robot=robot).rig(replace(plan, R=plan.R[:, :1]))
         _, use = within_limits(first, lowered, execution)
-        plan = replace(plan, R=plan.R * use.factor[:, None, None, None, :])
+        plan = plan.scaled(use.factor)
         closest = max(closest, use, key=lambda use: float(use.used.max()))
     return plan, closest
 

@@ -102,8 +102,9 @@ class DesignProblem:
         if self.typical is not None:
             for name in (*experiment.configurations, *(choice.configuration.name for choice in chosen)):
                 spectra_of.setdefault(name, self.typical)
-        loop = closed_loop_of(self.robot, self.simulated.controller, self.excitation.rate_hz)
-        return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, spectra_of, loop)
+        excitation = self.excitation
+        loop = closed_loop_of(self.robot, self.simulated.controller, excitation.rate_hz, excitation.inject)
+        return make_plan(excitation, experiment, self.robot, self.seed, chosen, spectra_of, loop)
 
     def rig(self, plan: Plan) -> SimulatedRig:
         """Simulated rig with the nominal robot, for the simulation of a plan."""
@@ -148,7 +149,7 @@ class DesignProblem:
         """The measurement of configurations like the q-th of a plan; negative q count from the last."""
         q %= len(plan.configurations)
         distortion = 0.0 if self.design is None else self.design.distortion
-        part = replace(plan, configurations=(plan.configurations[q],), R=plan.R[q : q + 1, : plan.realisations[q]])
+        part = plan.at(q, plan.realisations[q])
         fixed = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated
         velocity = movement(self.simulated.carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
         return Prospect(*fixed, distortion, part, self.experiment.realisations, velocity, self.friction_is_left)
@@ -200,8 +201,7 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
     def measurement(q: int, configuration: Configuration) -> tuple[_Measurement, FloatArray]:
         prospect = replace(problem.prospect(probe, q), realisations=probe.realisations[q])
         prospect.expected(configuration, problem.parameters.x)
-        single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
-        return (prospect, configuration), power_costs(problem.rig(single), excitation)
+        return (prospect, configuration), power_costs(problem.rig(probe.at(q)), excitation)
 
     measurements, costs = zip(*problem.at_equilibria(probe, measurement), strict=True)
     return replace(problem, typical=_best(problem, measurements, np.concatenate(costs), together=True)[0])

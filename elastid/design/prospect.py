@@ -39,7 +39,7 @@ from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER, Configuration, JointLoop, Motion, zero_order_hold
 from elastid.response import Covariance, Response
 from elastid.robot import Robot
-from elastid.simulation.controller import filters_of, gains_of
+from elastid.simulation.controller import gains_of, sampled_responses
 from elastid.simulation.spec import ControllerSpec
 
 
@@ -198,14 +198,17 @@ class Prospect:
         return np.asarray(np.einsum("fik,fk,fjk->fij", sensitivity, mean, sensitivity.conj()), dtype=np.complex128)
 
     def _torques(self, configuration: Configuration, motion: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """(I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): the injected torques less the controller's reaction."""
-        freq_hz, rate_hz, angles = self.plan.freq_hz, self.plan.rate_hz, tuple(configuration.angles.tolist())
-        F = _gains(self.robot, self.model, angles, self.simulated.controller).response(freq_hz, rate_hz)
-        joints = self.robot.driven_names
-        if (filters := filters_of(joints, self.simulated.controller, rate_hz)) is not None:
-            F = F * filters.response(freq_hz, rate_hz)
+        """(I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): the injected torques less the controller's reaction.
+
+        I and R where references are injected, by which R acts.
+        """
+        freq_hz, rate_hz, controller = self.plan.freq_hz, self.plan.rate_hz, self.simulated.controller
+        if self.plan.inject != "torque":
+            return np.broadcast_to(np.eye(motion.shape[1], dtype=np.complex128), motion.shape), self.R
+        loop = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), controller)
+        F, _ = sampled_responses(self.robot.driven_names, loop, controller, freq_hz, rate_hz)
         to_angle = zero_order_hold(freq_hz / rate_hz) / (2j * np.pi * freq_hz) ** MOTION_ORDER[self.quantity]
-        difference = np.eye(len(joints)) + F[:, :, None] * motion * to_angle[:, None, None]
+        difference = np.eye(len(loop.kp)) + F[:, :, None] * motion * to_angle[:, None, None]
         sensitivity = np.asarray(np.linalg.inv(difference), dtype=np.complex128)
         return sensitivity, np.asarray((sensitivity @ self.R[..., None])[..., 0])
 

@@ -12,6 +12,7 @@ from elastid.excitation.phases import Orthogonal
 
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
+Injected: TypeAlias = Literal["torque", "velocity", "position"]
 OneTorque: TypeAlias = JointTorque | tuple[JointTorque, ...] | Literal["limits"]
 AskedTorque: TypeAlias = OneTorque | tuple[tuple[JointTorque, ...], ...]
 
@@ -68,6 +69,10 @@ class MultisineSpec:
         "8 ... motors) or `zippered` (separate lines per motor, exchanged between experiments).",
         "`hadamard` for equal peaks in all experiments; `zippered` if motors must not share lines, with n_u times "
         "fewer lines per motor.")] = "dft"
+    inject: Annotated[Injected, Key("Quantity that the robot accepts from outside: `torque`, or the `velocity` or "
+        "`position` reference whose acting torque has the planned spectrum.", "`position` for robots that accept "
+        "position references or corrections only; then describe experiment.simulated.controller.reference. "
+        "`velocity` opens the position loop.")] = "torque"
     compress: Annotated[tuple[Signal, ...], Key("Signals whose peaks optimised phases reduce.", "name the signal with "
         "the active limit, mostly velocity or acceleration; several signals share the reduction.")] = ("torque",)
     # fmt: on

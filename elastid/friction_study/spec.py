@@ -96,15 +96,12 @@ class PreslidingTestSpec:
     # fmt: off
     torque: Annotated[tuple[Ratio, ...], Key("Amplitudes as parts of the Coulomb torque; two and more extrapolate to "
         "none.", "at 0.1 of the Coulomb torque stiffness reads 0.4 % low, at 0.3 already 3 %; smaller where the "
-        "encoder resolves it. Two amplitudes are the least that extrapolate to none.")] = (0.05, 0.1)
+        "encoder resolves it. Two amplitudes are the least that extrapolate to none.", above=0, below=1,
+        filled=True)] = (0.05, 0.1)
     band_hz: Annotated[tuple[Frequency, Frequency], Key("Lowest and highest excited frequency.", "upwards until "
         "inertia outweighs the bristles, downwards until drift does; damping needs the high lines.",
         above=0, rising=True)] = (5.0, 80.0)
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if not self.torque or not all(0 < part < 1 for part in self.torque):
-            raise ValueError("torque: give at least one fraction of the Coulomb torque, above 0 and below 1")
 
 
 @section
@@ -180,7 +177,7 @@ class FilterSpec:
     # fmt: off
     states: Annotated[tuple[Followed, ...], Key("States of the filter: Fc (Coulomb friction), f (viscous friction) or "
         "f+ and f- (of each direction), offset (slow torque error).", "f+ and f- for axes with different slopes; each "
-        "further state widens all intervals.")] = ("Fc", "f", "offset")
+        "further state widens all intervals.", filled=True)] = ("Fc", "f", "offset")
     drift: Annotated[Ratio, Key("Expected relative change of a state within 20 minutes, as a random walk.", "a larger "
         "value tracks faster and scatters more; the report's innovation test shows which.", above=0)] = 0.2
     correlation_time: Annotated[Time, Key("Correlation time of the torque noise, 0 for white noise.", "the time of a "
@@ -193,8 +190,6 @@ class FilterSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if not self.states:
-            raise ValueError("states is empty; follow at least one of Fc, f, f+, f-, offset")
         check_different("states:", self.states)
         if "f" in self.states and {"f+", "f-"} & set(self.states):
             raise ValueError("states: f is viscous friction of both directions; give f, or f+ and f-, not both")

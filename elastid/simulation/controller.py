@@ -20,7 +20,7 @@ points over omega, of a notch with d = 0.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import casadi as ca
@@ -29,9 +29,12 @@ from numpy.polynomial.polynomial import polyval
 from scipy.linalg import block_diag
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import StudyError
+from elastid.excitation.spec import Injected
 from elastid.model.closed_posture import followed, rates
 from elastid.model.elastic import ElasticModel
 from elastid.record import JointLoop
+from elastid.simulation.reference_path import ReferencePath
 from elastid.simulation.spec import ControllerSpec
 
 
@@ -60,6 +63,35 @@ def filters_of(joints: Sequence[str], controller: ControllerSpec, rate_hz: float
     if not controller.delay_samples and not any(sections.values()):
         return None
     return Filters(tuple(sections.values()), controller.delay_samples)
+
+
+def feedback_of(loop: JointLoop, inject: Injected) -> JointLoop:
+    """The loop that stays closed: that of velocity alone if velocities are injected."""
+    return replace(loop, kp=0 * loop.kp) if inject == "velocity" else loop
+
+
+def sampled_responses(
+    joints: Sequence[str], loop: JointLoop, controller: ControllerSpec, freq_hz: FloatArray, rate_hz: float,
+    inject: Injected = "torque",
+) -> tuple[ComplexArray, ComplexArray]:  # fmt: skip
+    r"""Compute C_fb and C_ff F_r (F, n_u) of a controller at freq_hz (F,), whose torque is C_ff F_r x - C_fb y.
+
+    .. math:: C_{fb} = H\, (k_p + k_d s')(1 + k_i I), \qquad C_{ff} = H\, (k_p + \alpha\, k_d s')(1 + k_i I)
+
+    with s' and I of the sampled loop (`JointLoop.response`), H of the filters, alpha the velocity feedforward.  x: the
+    injected positions in rad, velocities in rad/s (C_ff = H k_d (1 + k_i I)), or torques in Nm (1), link side.
+    """
+    filters = filters_of(joints, controller, rate_hz)
+    H = 1.0 if filters is None else filters.response(freq_hz, rate_hz)
+    C_fb = H * feedback_of(loop, inject).response(freq_hz, rate_hz)
+    if inject == "torque":
+        return C_fb, np.ones_like(C_fb)
+    if (spec := controller.reference) is None:
+        text = f"inject: {inject} needs the path of the references into the controller; give at least its cycle"
+        raise StudyError("experiment/simulated", text, "experiment.simulated.controller.reference")
+    alpha, F_r = spec.velocity_feedforward, ReferencePath(spec, rate_hz).response(freq_hz)[:, None]
+    taken = JointLoop(loop.kd, 0 * loop.kd, loop.ki) if inject == "velocity" else replace(loop, kd=alpha * loop.kd)
+    return C_fb, H * taken.response(freq_hz, rate_hz) * F_r
 
 
 def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -78,6 +79,46 @@ def _too_fast(freq_hz: float, rate_hz: float) -> str:
 
 
 @section
+class ReferencePathSpec:
+    """The path of a reference from the played file to the joint controller, and the format of that file."""
+
+    # fmt: off
+    cycle: Annotated[Time, Key("Cycle at which the robot accepts references.", "the cycle of the interface, such as 4 "
+        "or 12 ms; the controller's sampling time must divide it.", above=0)]
+    interpolation: Annotated[Literal["hold", "linear", "spline"], Key("Interpolation between two references: `hold`, "
+        "`linear` (reaches each reference one cycle later), or `spline` (cubic, with central differences as velocities "
+        "at the references).", "`spline` for a joint trajectory controller, `linear` for most other "
+        "interfaces.")] = "linear"
+    filter_hz: Annotated[Frequency | None, Key("Corner frequency of the low pass behind the interpolation (default: no "
+        "filter).", "give it if the robot smooths references; otherwise the torque is lower than planned.",
+        above=0)] = None
+    filter_order: Annotated[int, Key("Order of the low pass: number of equal first-order lags in series.", "2 for a "
+        "critically damped filter of second order.", least=1, most=4)] = 1
+    moving_average: Annotated[Time, Key("Window of the moving average behind the interpolation.", "the jerk filter of "
+        "many drives is a moving average; the band must end below 1 / moving_average.", least=0)] = 0.0
+    velocity_feedforward: Annotated[float, Key("Fraction of the reference's velocity that the velocity loop receives.",
+        "1 for most drives; 0 if the drive follows with a lag of 1 / K_p.", least=0, most=1)] = 1.0
+    unit: Annotated[Literal["rad", "deg", "increments"], Key("Unit of the references in the file.", "`increments` for "
+        "drives; experiment.simulated.noise.encoder_counts is then the number per motor turn.")] = "rad"
+    side: Annotated[Literal["link", "motor"], Key("Side of the gear on which the references in the file are.",
+        "`motor` for drives without a gear ratio among their parameters.")] = "link"
+    # fmt: on
+
+    def cycle_refusal(self, rate_hz: float, period_samples: int, highest_hz: float) -> str:
+        """Reason why the cycle does not fit a controller's rate, period and band; empty if it fits."""
+        n = self.cycle * rate_hz
+        if abs(n - round(n)) > 1e-6 * n or round(n) < 1 or period_samples % round(n):
+            return f"{self.cycle:g} s is not a multiple of 1 / {rate_hz:g} s that divides the period"
+        if highest_hz * self.cycle >= 0.5:
+            return f"references every {self.cycle:g} s cannot excite {highest_hz:g} Hz; the band must end below half"
+        return ""
+
+    def cycle_samples(self, rate_hz: float) -> int:
+        """Samples of a controller at rate_hz in a cycle."""
+        return round(self.cycle * rate_hz)
+
+
+@section
 class ControllerSpec:
     """The joint controller that closes the loop: position and velocity feedback of the motor, gravity feed-forward."""
 
@@ -97,6 +138,8 @@ class ControllerSpec:
         "loops`.")] = None
     delay_samples: Annotated[int, Key("Delay from encoder sampling to torque, in samples.", "1 for most industrial "
         "controllers; each sample costs phase and bandwidth.", least=0, most=MAX_DELAY_SAMPLES)] = 0
+    reference: Annotated[ReferencePathSpec | None, Key("Path of the references into the controller (default: none, "
+        "torque is injected).", "give it with excitation.inject: position or velocity.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -115,6 +158,16 @@ class ControllerSpec:
             raise ValueError(
                 f"integral_time is {self.velocity_integral_time:g} s; the loop is stable above {max(0.0, least):.3g} s"
             )
+
+    def scaled(self, position: float, velocity: float) -> "ControllerSpec":
+        """Controller with K_p times `position` and K_v times `velocity`, the integral time unchanged."""
+        if (gains := self.gains) is not None:
+            K_p, K_v = gains.position_gain, gains.velocity_gain
+            K_p, K_v = (tuple((np.atleast_1d(K) * x).tolist()) for K, x in ((K_p, position), (K_v, velocity)))
+            return replace(self, gains=replace(gains, position_gain=K_p, velocity_gain=K_v))
+        bandwidth_hz, ratio = self.bandwidth_hz * math.sqrt(position * velocity), math.sqrt(velocity / position)
+        given = bandwidth_hz, self.damping_ratio * ratio, self.velocity_integral_time
+        return replace(self, bandwidth_hz=given[0], damping_ratio=given[1], integral_time=given[2])
 
     @property
     def velocity_integral_time(self) -> float | None:

@@ -11,14 +11,17 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
-from elastid.experiment.plan.movement import Reference
+from elastid.experiment.plan.movement import Reference, references
 from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.record import Record
 from elastid.response import Response, Responses
+from elastid.robot import Robot
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.files import once_per_version, text_file
 from elastid.store.reading import entry_names, read_dataclass, read_part, reader
+from elastid.store.trajectory import write_trajectory
 from elastid.store.values import write_artefact, writer
 
 if TYPE_CHECKING:
@@ -70,13 +73,43 @@ def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
     _write_csv(path, ["time_s", *columns], plan.torque(experiment), plan.rate_hz)
 
 
+def write_references(path: Path, plan: Plan, experiment: Experiment, simulated: SimulatedSpec, robot: Robot) -> None:
+    """Write all references of a run, one a cycle, in the unit and on the side of the section `controller.reference`.
+
+    The periods begin at time 0.  Positions also as a JointTrajectory, whose points have velocities (central
+    differences) for the interpolation `spline`.
+    """
+    spec = simulated.controller.reference
+    assert spec is not None  # references have a path
+    rows, counts = references(plan, simulated.carrier, experiment), simulated.noise.encoder_counts
+    rate_hz, first = plan.rate_hz / plan.cycle_samples, plan.first_sample // plan.cycle_samples
+    side = "motor" if spec.unit == "increments" else spec.side
+    slides = np.array([place in plan.sliding and side == "link" for place in plan.inputs])
+    scale = {"rad": 1.0, "deg": np.where(slides, 1.0, 180 / np.pi), "increments": counts / (2 * np.pi)}[spec.unit]
+    x = (rows if side == "link" else rows @ robot.eta.T) * np.asarray(scale, np.float64)
+    if spec.unit == "increments" and plan.inject == "position":
+        x = np.rint(x)
+    per_s = "/s" if plan.inject == "velocity" else ""
+    headings = [
+        f"{plan.inject} of {place} ({'m' if is_linear else spec.unit}{per_s}, {side} side)"
+        for place, is_linear in zip(plan.inputs, slides, strict=True)
+    ]
+    _write_csv(path, ["time_s", *headings], x, rate_hz, first, 12)
+    if plan.inject == "position":
+        more = {"velocities": np.gradient(rows, axis=0) * rate_hz} if spec.interpolation == "spline" else {}
+        time_s = np.arange(len(rows)) / rate_hz
+        write_trajectory(path.with_suffix(".yaml"), robot.driven_names, time_s, positions=rows, **more)
+
+
 def write_signals(path: Path, rate_hz: float, **signals: FloatArray) -> None:
     """Signals (n,) by name as CSV, such as a reference of a joint for a robot controller, SI, link side."""
     _write_csv(path, ["t_s", *signals], np.column_stack([*signals.values()]), rate_hz)
 
 
-def _write_csv(path: Path, headings: Sequence[str], rows: Any, rate_hz: float, first_sample: int = 0) -> None:
-    line = ",".join(["%.9g"] * len(headings)) + "\n"
+def _write_csv(
+    path: Path, headings: Sequence[str], rows: Any, rate_hz: float, first_sample: int = 0, digits: int = 9
+) -> None:
+    line = ",".join([f"%.{digits}g"] * len(headings)) + "\n"
     with text_file(path) as file:
         csv.writer(file, lineterminator="\n").writerow(map(csv_cell, headings))
         file.writelines(line % ((i - first_sample) / rate_hz, *row) for i, row in enumerate(rows.tolist()))

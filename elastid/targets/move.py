@@ -3,15 +3,14 @@
 All on the link side, in SI, over time from the first sample, at rest before and after.
 """
 
-import io
 from pathlib import Path
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.escape import c_comment, one_line
 from elastid.base.files import from_template
 from elastid.store.files import write_text
+from elastid.store.trajectory import write_trajectory
 from elastid.targets.matlab import write_mat
 from elastid.targets.numbers import c_row
 from elastid.use.tune import TunedMove
@@ -49,28 +48,9 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
 
 def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
     """A trajectory_msgs/msg/JointTrajectory in YAML, effort the torque, as `ros2 topic pub` takes it."""
-    from ruamel.yaml import YAML
-
-    def listed(values: FloatArray) -> list[float]:
-        return [float(value) for value in values]
-
-    nanoseconds = np.rint((tuned.time_s - tuned.time_s[0]) * 1e9).astype(np.int64).tolist()
-    points = [
-        {
-            "positions": listed(tuned.position[i]), "velocities": listed(tuned.velocity[i]),
-            "accelerations": listed(tuned.acceleration[i]), "effort": listed(tuned.torque[i]),
-            "time_from_start": {"sec": time // 10**9, "nanosec": time % 10**9},
-        }
-        for i, time in enumerate(nanoseconds)
-    ]  # fmt: skip
-    head = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
-    text = io.StringIO()
-    yaml = YAML(typ="safe")
-    yaml.default_flow_style = None
-    yaml.width = 4096
-    yaml.dump({"header": head, "joint_names": list(tuned.joints), "points": points}, text)
-    write_text(folder / "trajectory.yaml", text.getvalue())
-    return (folder / "trajectory.yaml",)
+    motion = {"positions": tuned.position, "velocities": tuned.velocity, "accelerations": tuned.acceleration}
+    path = folder / "trajectory.yaml"
+    return (write_trajectory(path, tuned.joints, tuned.time_s, **motion, effort=tuned.torque),)
 
 
 def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:

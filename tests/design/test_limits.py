@@ -38,7 +38,7 @@ def within(
 
 
 def largest(rig: SimulatedRig) -> np.ndarray:
-    """Peaks (5, n_u) over all experiments."""
+    """Peaks (8, n_u) over all experiments."""
     return np.max([peaks_of_run(rig, rig.rehearse(e)) for e in rig.experiments], axis=0)
 
 

@@ -19,23 +19,19 @@ from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp
-from elastid.store.measured import write_plan, write_run, write_torque
+from elastid.store.measured import write_plan, write_references, write_run, write_torque
 from elastid.study import Study
 
 
 def design(study: Study, work: Work) -> Artefacts:
     """plan.h5 with its forecast, and references/*.csv for a robot controller, within the robot's limits.
 
-    <configuration>-movement.csv: a whole run with its ramps.  <experiment>.csv: one period of torque to inject.
+    <experiment>.csv: one period of torque to inject, with <configuration>-movement.csv of a whole run with its ramps;
+    or the references of the whole run.
     Raises StudyError for a design without a solution.
     """
-    robot, excitation, spec = study.as_robot(), study.excitation, study.design
-    if excitation is None:
-        raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
-    problem = DesignProblem(
-        *(robot, excitation, study.experiment, study.fit, study.estimator.quantity, study.seed, spec),
-        left_out=study.validation.configurations, model=study.model, friction=study.estimator.friction,
-    )  # fmt: skip
+    problem = problem_of(study)
+    robot = problem.robot
     carrier = study.experiment.as_simulated().carrier
     with work.execution() as execution:
         designed = design_experiments(problem, execution)
@@ -52,10 +48,13 @@ def design(study: Study, work: Work) -> Artefacts:
             f"{len(plan.lines)} DFT lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, "
             f"{plan.robot_time_s:g} s of robot time"
         )
-        console.say(
-            f"design: references/*.csv: the trajectories, and one period of injected torque per experiment (play it "
-            f"{plan.periods + plan.transient_periods} times without a gap, on top of the controller's torque)"
-        )
+        played = "one complete run per experiment, one row per cycle"
+        if plan.inject == "torque":
+            played = (
+                "the trajectories, and one period of injected torque per experiment (play it "
+                f"{plan.periods + plan.transient_periods} times without a gap, on top of the controller's torque)"
+            )
+        console.say(f"design: references/*.csv: {played}; peaks relative to their limits: {limit_use.by_quantity}")
         if forecast.choice:
             console.say(f"design: {forecast.choice}")
         # Relative standard deviations below 1e-9 are those of rounding.
@@ -68,7 +67,19 @@ def design(study: Study, work: Work) -> Artefacts:
     def write(path: Path, stamp: Stamp) -> None:
         write_plan(path, plan, stamp, movements, limit_use, forecast)
 
-    return Artefacts({"references": partial(_write_references, plan, movements, work), "plan.h5": write}, report)
+    references = partial(_write_references, problem, plan, movements, work)
+    return Artefacts({"references": references, "plan.h5": write}, report)
+
+
+def problem_of(study: Study) -> DesignProblem:
+    """The problem of a study; StudyError for one without an excitation."""
+    if study.excitation is None:
+        raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
+    sections = study.excitation, study.experiment, study.fit, study.estimator.quantity, study.seed, study.design
+    return DesignProblem(
+        study.as_robot(), *sections, left_out=study.validation.configurations, model=study.model,
+        friction=study.estimator.friction,
+    )  # fmt: skip
 
 
 def movement_of(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
@@ -76,16 +87,21 @@ def movement_of(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configura
     return reference(plan, carrier, feed_forward_of(model_of(robot.carrying(configuration.has_payload))), configuration)
 
 
-def _write_references(plan: Plan, movements: Sequence[Reference], work: Work, folder: Path, stamp: Stamp) -> None:
+def _write_references(
+    problem: DesignProblem, plan: Plan, movements: Sequence[Reference], work: Work, folder: Path, stamp: Stamp
+) -> None:
     shutil.rmtree(folder, ignore_errors=True)
-    pairs = list(zip(plan.configurations, movements, strict=True))
     with work.execution() as execution:
-        execution.ordered(partial(_write_configuration, folder, plan), pairs)
+        execution.ordered(partial(_write_configuration, folder, problem, plan), movements)
 
 
-def _write_configuration(folder: Path, plan: Plan, pair: tuple[Configuration, Reference]) -> None:
-    configuration, movement = pair
-    write_run(folder / f"{configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
+def _write_configuration(folder: Path, problem: DesignProblem, plan: Plan, movement: Reference) -> None:
+    configuration, is_torque = movement.configuration.name, plan.inject == "torque"
+    if is_torque:
+        write_run(folder / f"{configuration}-movement.csv", movement, plan.inputs, plan.sliding)
     for experiment in plan.experiments:
-        if experiment.configuration.name == configuration.name:
-            write_torque(folder / f"{experiment.name}.csv", plan, experiment)
+        path = folder / f"{experiment.name}.csv"
+        if experiment.configuration.name == configuration and is_torque:
+            write_torque(path, plan, experiment)
+        elif experiment.configuration.name == configuration:
+            write_references(path, plan, experiment, problem.simulated, problem.robot)

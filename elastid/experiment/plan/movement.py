@@ -15,6 +15,7 @@ is the experiment's period, repeated, under the ramp s.
 
 import math
 from collections.abc import Callable
+from dataclasses import field
 from typing import TypeAlias
 
 import numpy as np
@@ -163,8 +164,25 @@ class Reference:
 
     def injected(self, period: FloatArray) -> FloatArray:
         """r (n, n_u) of a whole run from one period (N, n_u) of torque."""
-        sample = np.arange(-self.first_sample, len(self.scale) - self.first_sample)
-        return self.scale[:, None] * period[sample % len(period)]
+        return _repeated(period, self.scale, self.first_sample)
+
+
+def _repeated(period: FloatArray, scale: FloatArray, first_sample: int) -> FloatArray:
+    sample = np.arange(-first_sample, len(scale) - first_sample)
+    return np.asarray(scale[:, None] * period[sample % len(period)])
+
+
+def references(plan: Plan, carrier: CarrierSpec | None, experiment: Experiment, factor: float = 1.0) -> FloatArray:
+    """Compute all references (m, n_u) of a run, one a cycle: rad, or rad/s if velocities are injected, link side.
+
+    Movement and multisine (times factor) together, the first two and the last two rows at rest.  No rows for torques.
+    """
+    if plan.inject == "torque":
+        return np.zeros((0, len(plan.inputs)))
+    path = movement(carrier, plan)
+    moved = experiment.configuration.angles + path.position if plan.inject == "position" else path.velocity
+    period = factor * plan.reference(experiment)
+    return np.asarray((moved + _repeated(period, path.scale, plan.first_sample))[:: plan.cycle_samples])
 
 
 def reference(
@@ -194,13 +212,17 @@ def _first_of_its_kind(plan: Plan, carrier: CarrierSpec | None) -> IntArray:
 
 @frozen_value
 class Rehearsal:
-    """Motor angles and torques (n, n_u) of a whole run, rad and Nm, link side; its periods begin at first_sample."""
+    """Motor angles and torques (n, n_u) of a whole run, rad and Nm, link side; its periods begin at first_sample.
+
+    references (m, n_u): injected ones, as `references`.
+    """
 
     experiment: Experiment
     rate_hz: float
     first_sample: int
     position: FloatArray = labelled("angle of each motor, link side", "rad", "time_s inputs")
     torque: FloatArray = labelled("torque of each motor, link side", "N*m", "time_s inputs")
+    references: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def time_s(self) -> FloatArray:

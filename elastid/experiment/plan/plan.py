@@ -1,9 +1,10 @@
 """Plan: configurations x realisations x experiments x periods, and their torque spectra."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from elastid.base.errors import StudyError, index_of
 from elastid.base.names import at_amplitude
 from elastid.excitation.grids import line_count_refusal, line_frequencies
 from elastid.excitation.multisine import amplitudes, experiments, relative_amplitudes, synthesise
-from elastid.excitation.spec import MultisineSpec, Signal, planned_lines
+from elastid.excitation.spec import Injected, MultisineSpec, Signal, planned_lines
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
@@ -25,12 +26,17 @@ _NEARBY = np.linspace(0.9, 1.1, 9)
 
 @frozen_value
 class ClosedLoopResponse:
-    """Responses (F, n_u, n_u) to injected torques: torque, position, velocity and acceleration of the motors."""
+    """Responses (F, n_u, n_u) to planned torques: torque, position, velocity and acceleration of the motors.
+
+    Planned torques are those that are injected, or those that act if references are injected: reference is then
+    S_u^-1, from the acting torques to the references in rad or rad/s; otherwise the identity.
+    """
 
     torque: ComplexArray
     position: ComplexArray
     velocity: ComplexArray
     acceleration: ComplexArray
+    reference: ComplexArray
 
     def stacked(self, signals: tuple[Signal, ...]) -> ComplexArray:
         """The responses of several signals (F, n_signals n_u, n_u), one signal's motors after the other's."""
@@ -65,13 +71,14 @@ def torque_spectra(
     relative = relative_amplitudes(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
     responses = np.repeat(np.eye(len(inputs))[None], len(lines), axis=0).astype(np.complex128)
     is_found = excitation.flat in ("torque", "information")
-    if not is_found or excitation.compress != ("torque",):
+    if not is_found or excitation.compress != ("torque",) or excitation.inject != "torque":
         if closed_loop is None:
             raise StudyError(
                 "excitation/power",
-                f"flat: {excitation.flat} with compress: [{', '.join(excitation.compress)}] needs the closed-loop "
-                "response of the robot. Call make_plan with closed_loop=closed_loop_of(robot, "
-                "experiment.simulated.controller, excitation.rate_hz), or set flat and compress to torque",
+                f"flat: {excitation.flat}, compress: [{', '.join(excitation.compress)}] and inject: "
+                f"{excitation.inject} need the closed-loop response of the robot. Call make_plan with "
+                "closed_loop=closed_loop_of(robot, experiment.simulated.controller, excitation.rate_hz, "
+                "excitation.inject), or set all three to torque",
                 "excitation",
             )
         if not is_found:
@@ -132,7 +139,9 @@ class Plan:
     configuration has fewer realisations than M.  periods are measured after transient_periods that are run but not
     used.  detection (F_d,): lines of the band that were left free for the distortion to show.  A run holds still for
     hold_samples, begins within ramp_samples, repeats its periods, ends within ramp_samples and holds still again.
-    sliding: inputs that translate, in N and m instead of Nm and rad.
+    sliding: inputs that translate, in N and m instead of Nm and rad.  inject: the quantity that the robot takes every
+    cycle_samples.  If it takes references, R is that of the acting torques, and S_u^-1 R, with S_inverse
+    (Q, F, n_u, n_u) in rad/Nm (rad/s/Nm), that of the references.
     """
 
     configurations: tuple[Configuration, ...] = labelled(rows=True)
@@ -147,6 +156,12 @@ class Plan:
     ramp_samples: int = 0
     hold_samples: int = 0
     sliding: tuple[str, ...] = ()
+    inject: Injected = "torque"
+    cycle_samples: int = 1
+    S_inverse: ComplexArray = labelled(
+        "reference of a unit torque", "rad/(N*m)", "configurations freq_hz inputs inputs",
+        default_factory=lambda: np.zeros((0, 0, 0, 0), complex),
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         Q, _, _, F, n_u = self.R.shape
@@ -191,9 +206,27 @@ class Plan:
         return tuple(np.any(self.R != 0, axis=(2, 3, 4)).sum(axis=1).tolist())
 
     def torque(self, experiment: Experiment) -> FloatArray:
-        """One period of the torque to inject (period_samples, n_u), link-side Nm."""
+        """One period of the planned torque (period_samples, n_u), link-side Nm."""
+        return synthesise(self.lines, self._spectrum(experiment)[1], self.period_samples)
+
+    def reference(self, experiment: Experiment) -> FloatArray:
+        """One period of the reference by which this torque acts (period_samples, n_u), link-side rad or rad/s."""
+        q, R = self._spectrum(experiment)
+        return synthesise(self.lines, (self.S_inverse[q] @ R[:, :, None])[:, :, 0], self.period_samples)
+
+    def _spectrum(self, experiment: Experiment) -> tuple[int, ComplexArray]:
         q = index_of(experiment.configuration.name, [c.name for c in self.configurations], "configuration")
-        return synthesise(self.lines, self.R[q, experiment.realisation, experiment.experiment], self.period_samples)
+        return q, np.asarray(self.R[q, experiment.realisation, experiment.experiment])
+
+    def scaled(self, factor: FloatArray) -> "Plan":
+        """Plan with its torques times factor (Q, n_u)."""
+        return replace(self, R=self.R * factor[:, None, None, None, :])
+
+    def at(self, configuration: int, realisations: int | None = None) -> "Plan":
+        """Plan of one of the configurations, in as many of its realisations (default: all)."""
+        q = slice(configuration, configuration + 1)
+        R, S_inverse = self.R[q, :realisations], self.S_inverse[q]
+        return replace(self, configurations=self.configurations[q], R=R, S_inverse=S_inverse)
 
     @property
     def robot_time_s(self) -> float:
@@ -258,6 +291,15 @@ def make_plan(
         R[q, : len(draws)] = every[:, :E]
     configurations, inputs = tuple(choice.configuration for _, choice in everyone), robot.motor_locations
     timing = excitation.rate_hz, excitation.period_samples, experiment.periods, experiment.transient_periods
-    ramp, hold = (round(time_s * excitation.rate_hz) for time_s in (experiment.ramp, experiment.hold))
-    signal = lines.excited, R, lines.detection
-    return Plan(configurations, inputs, *timing, *signal, ramp, hold, robot.sliding(inputs))
+    cycle, references = 1, dict[str, Any]()
+    if closed_loop is not None and excitation.inject != "torque":
+        S_inverse = [closed_loop(c, lines.excited / excitation.period).reference for c in configurations]
+        path = experiment.as_simulated().controller.reference
+        cycle = 1 if path is None else path.cycle_samples(excitation.rate_hz)
+        references = {"inject": excitation.inject, "cycle_samples": cycle, "S_inverse": np.array(S_inverse)}
+    # Ramp and hold are whole cycles, and the first and the last two references are at rest.
+    ramp, hold = (cycle * math.ceil(round(t * excitation.rate_hz) / cycle) for t in (experiment.ramp, experiment.hold))
+    ends = ramp, max(hold, 2 * cycle) if references else hold
+    return Plan(
+        configurations, inputs, *timing, lines.excited, R, lines.detection, *ends, robot.sliding(inputs), **references
+    )

@@ -20,6 +20,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.units import Quantity, to_si
 from elastid.excitation.multisine import synthesise
+from elastid.excitation.spec import Injected
 from elastid.experiment.plan.movement import FeedForward, Movement
 from elastid.experiment.plan.plan import ClosedLoopResponse, PredictClosedLoop
 from elastid.experiment.simulated.hardware import drives
@@ -32,11 +33,11 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
-from elastid.record import Configuration, drive_unit
+from elastid.record import Configuration, drive_unit, zero_order_hold
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
-from elastid.simulation.controller import feed_forward, filters_of, gains_of
+from elastid.simulation.controller import feed_forward, filters_of, gains_of, sampled_responses
 from elastid.simulation.dynamics import MAX_SUBSTEPS, contacts, least_steps, poles
 from elastid.simulation.spec import ControllerSpec
 
@@ -168,32 +169,39 @@ def beyond(place: str, peak: float, limit: float, unit: str) -> Note:
 _LOWER = "lower excitation.torque_rms, or the highest speed of passes"
 
 
-def closed_loop_of(robot: Robot, controller: ControllerSpec, rate_hz: float) -> PredictClosedLoop:
+def closed_loop_of(
+    robot: Robot, controller: ControllerSpec, rate_hz: float, inject: Injected = "torque"
+) -> PredictClosedLoop:
     """The closed-loop response of the nominal robot under a controller sampled at rate_hz, as `make_plan` takes it.
 
-    It raises StudyError where a configuration has no equilibrium.
+    It raises StudyError where a configuration has no equilibrium, or references are injected without their path.
     """
-    return partial(_closed_loop_response, robot, controller, rate_hz)
+    return partial(_closed_loop_response, robot, controller, rate_hz, inject)
 
 
 def _closed_loop_response(
-    robot: Robot, controller: ControllerSpec, rate_hz: float, configuration: Configuration, freq_hz: FloatArray
+    robot: Robot,
+    controller: ControllerSpec,
+    rate_hz: float,
+    inject: Injected,
+    configuration: Configuration,
+    freq_hz: FloatArray,
 ) -> ClosedLoopResponse:
     linearisation = Linearisation.of_robot(robot)
     model = linearisation.model
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")
     # The controller reads motions without the errors of the log.
     linear = replace(linear, chain=torque_elements(robot.chain), channel_numbers=())
-    q0 = equilibrium(model, model.theta, configuration).q
+    loop = gains_of(model, equilibrium(model, model.theta, configuration).q, controller)
     s = 2j * np.pi * freq_hz[:, None, None]
-    hold = np.exp(-s / (2 * rate_hz)) * np.sinc(freq_hz / rate_hz)[:, None, None]
-    P = hold * frequency_response(linear, linear.theta_ref, freq_hz)
-    F = gains_of(model, q0, controller).response(freq_hz, rate_hz)
-    if (filters := filters_of(robot.driven_names, controller, rate_hz)) is not None:
-        F = F * filters.response(freq_hz, rate_hz)
-    torque = np.linalg.inv(np.eye(model.n_u) + F[:, :, None] * P)
-    position = P @ torque
-    return ClosedLoopResponse(torque, position, s * position, s**2 * position)
+    P = zero_order_hold(freq_hz / rate_hz)[:, None, None] * frequency_response(linear, linear.theta_ref, freq_hz)
+    F, entry = sampled_responses(robot.driven_names, loop, controller, freq_hz, rate_hz, inject)
+    difference, torque = np.eye(model.n_u) + F[:, :, None] * P, np.eye(model.n_u, dtype=np.complex128)
+    if inject == "torque":
+        torque = np.asarray(np.linalg.inv(difference), np.complex128)
+    position: ComplexArray = np.asarray(P @ torque, np.complex128)
+    reference = np.asarray(difference @ torque / entry[:, :, None], np.complex128)
+    return ClosedLoopResponse(np.broadcast_to(torque, P.shape), position, s * position, s**2 * position, reference)
 
 
 def feed_forward_of(model: ElasticModel) -> FeedForward:

@@ -5,13 +5,13 @@ friction, encoders and noise. Its records are treated like measured ones.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.experiment.plan.movement import Reference, Rehearsal, check_movement, reference
+from elastid.experiment.plan.movement import Reference, Rehearsal, check_movement, reference, references
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.hardware import (
     Noise,
@@ -28,7 +28,8 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.record import JointLoop, Motion, Record, motion_unit
 from elastid.robot import Robot, logged
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
-from elastid.simulation.controller import gains_of, rigid_path
+from elastid.simulation.controller import feedback_of, gains_of, rigid_path
+from elastid.simulation.reference_path import ReferencePath
 
 
 @dataclass(frozen=True)
@@ -153,29 +154,52 @@ class SimulatedRig:
         """
         run = self._prepared(experiment)
         trajectory = self._moved(run, factor, self.plan.run_samples)
-        position = trajectory.q @ run.plant.model.B
-        return Rehearsal(experiment, self.plan.rate_hz, self.plan.first_sample, position, trajectory.u)
+        position, plan = trajectory.q @ run.plant.model.B, self.plan
+        rows = references(plan, self.simulated.carrier, experiment, factor)
+        return Rehearsal(experiment, plan.rate_hz, plan.first_sample, position, trajectory.u, rows)
+
+    def with_gains(self, position: float, velocity: float) -> "SimulatedRig":
+        """Rig whose controller has K_p times `position` and K_v times `velocity`."""
+        simulated = replace(self.simulated, controller=self.simulated.controller.scaled(position, velocity))
+        return replace(self, spec=replace(self.spec, simulated=simulated))
 
     def _prepared(self, experiment: Experiment) -> _Run:
         plan, spec, configuration = self.plan, self.simulated, experiment.configuration
         samples, highest_hz = len(plan.experiments) * plan.run_samples, float(plan.freq_hz[-1])
         plant = true_plant(self.robot, spec, plan.rate_hz, configuration, highest_hz, samples)
         given = reference(plan, spec.carrier, feed_forward_of(plant.model), configuration)
-        gains = gains_of(plant.model, plant.point.q, spec.controller)
+        gains = feedback_of(gains_of(plant.model, plant.point.q, spec.controller), plan.inject)
         q = [c.name for c in plan.configurations].index(configuration.name)
         seed = (self.seed, q, experiment.realisation, experiment.experiment)
         noise = draw_noise(spec.noise, plan.run_samples, plan.rate_hz, len(plan.inputs), self.outputs, seed)
         return _Run(experiment, plant, given, gains, noise)
 
+    def _commanded(self, run: _Run, factor: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and torque (n, n_u) that enter the loop, the multisine times `factor`.
+
+        A controller that follows references has no other feed-forward than the torque that holds its start.
+        """
+        plan, given, experiment = self.plan, run.given, run.experiment
+        if plan.inject == "torque":
+            injected = given.injected(factor * plan.torque(experiment))
+            return given.position, given.velocity, given.feed_forward + injected
+        spec = self.simulated.controller.reference
+        assert spec is not None  # refused by the plan
+        rows = references(plan, self.simulated.carrier, experiment, factor)
+        x = ReferencePath(spec, plan.rate_hz).played(rows)
+        holding = np.broadcast_to(given.feed_forward[0], x.shape)
+        if plan.inject == "velocity":
+            return given.position[0] + np.cumsum(x, axis=0) / plan.rate_hz, x, holding
+        velocity = np.diff(x, axis=0, prepend=x[:1]) * plan.rate_hz
+        return x, spec.velocity_feedforward * velocity, holding
+
     def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:
         """The first n samples of a run, the multisine times `factor`, from rest where the reference begins."""
-        plant, given, noise, experiment = run.plant, run.given, run.noise, run.experiment
+        plant, noise, experiment = run.plant, run.noise, run.experiment
         curves = friction_at_rest(plant.loop.contacts, plant.model.robot, plant.point)
-        torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
-        commands = Commands(
-            given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]
-        )
-        (start,) = rigid_path(plant.model, plant.point.q, experiment.configuration.angles, given.position[:1])
+        position, velocity, torque = self._commanded(run, factor)
+        commands = Commands(position[:n], velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n])
+        (start,) = rigid_path(plant.model, plant.point.q, experiment.configuration.angles, run.given.position[:1])
         try:
             return simulate(plant.loop, run.gains, commands, start, curves)
         except DataError as error:

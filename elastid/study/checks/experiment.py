@@ -89,7 +89,17 @@ def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Proble
     if study.friction is not None and (controller.gains is not None or controller.delay_samples):
         key = "gains" if controller.gains is not None else "delay_samples"
         yield Problem((*path, key), "friction studies design their runs with bandwidth_hz. Remove this key")
-    elif controller.gains is not None and study.excitation is not None:
+    if (study.excitation is None or study.excitation.inject == "torque") != (controller.reference is None):
+        key = "excitation.inject: position or velocity"
+        yield Problem((*path, "reference"), f"{key} and the path of the references go together. Give both or neither")
+    elif (excitation := study.excitation) is not None and controller.reference is not None:
+        N, highest_hz = excitation.period_samples, excitation.band_hz[1]
+        if refused := controller.reference.cycle_refusal(excitation.rate_hz, N, highest_hz):
+            yield Problem((*path, "reference", "cycle"), refused)
+        if controller.reference.unit == "increments" and not simulated.noise.encoder_counts:
+            text = "increments need the counts of a motor turn. Give experiment.simulated.noise.encoder_counts"
+            yield Problem((*path, "reference", "unit"), text)
+    if study.friction is None and controller.gains is not None and study.excitation is not None:
         joints = study.as_robot().driven_names
         for keys, refused in controller.gains.refusals(joints, study.excitation.rate_hz):
             yield Problem((*path, "gains", *keys), refused)
