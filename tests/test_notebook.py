@@ -159,7 +159,7 @@ def test_every_public_function_takes_a_path_as_text(tmp_path, result) -> None:
     functions = [value for value in (getattr(elastid, name) for name in elastid.__all__) if inspect.isfunction(value)]
     paths = [p.annotation for f in functions for p in inspect.signature(f).parameters.values() if "Path" in str(p)]
     assert len(paths) >= 9
-    assert all("Path | str" in each for each in paths)
+    assert all("Path | str" in str(each) for each in paths)
     write_fit(f"{tmp_path}/fit.h5", result)
     assert read_fit(f"{tmp_path}/fit.h5").values == result.values
     assert load_robot(f"{CONFIGS}/robots/linkage_arm.yml").name == "linkage arm"

@@ -54,8 +54,8 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
     ("keys", "words"),
     [
         ({"constant": ""}, "experiment.recorded.channels[0].quantity: a current needs torque_constant (N*m/A)"),
-        ({"constant_velocity": "{count: 9}"}, "friction.constant_velocity: speeds, count and window are of"),
-        ({"thermometer": CONTROLLER}, "controller: no channel has role reference, so that the motion that"),
+        ({"constant_velocity": "{count: 9}"}, "friction.constant_velocity: speeds, count and window"),
+        ({"thermometer": CONTROLLER}, "controller: no channel has role reference"),
         (
             {"thermometer": REFERENCE + CONTROLLER.replace("30", "[30, 40]")},
             "controller.position_gain: 2 numbers for 1 driven joints",

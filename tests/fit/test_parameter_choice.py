@@ -44,7 +44,7 @@ def test_positive_quantities_are_logarithmic_the_others_linear():
     linear = {p.name for p in chosen.free if not p.log}
     assert linear == {"c_link_x", "I_link_xy", "I_link_xz", "delay"}
     assert (chosen["k_1"].lower, chosen["k_1"].upper) == pytest.approx((1e3, 1e7))
-    assert (chosen["delay"].lower, chosen["delay"].upper) == (0.0, 0.01)
+    assert (chosen["delay"].lower, chosen["delay"].upper) == (-0.05, 0.05)
     assert math.isinf(chosen["c_link_x"].upper)
 
 
