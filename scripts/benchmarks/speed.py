@@ -135,8 +135,8 @@ class Checkout:
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def prepare(folder: Path, revisions: Mapping[str, str]) -> dict[str, Checkout]:
-    """Checkouts with finished runs. All run the studies of the oldest commit if each of them accepts these."""
+def prepare(folder: Path, revisions: Mapping[str, str], needs_results: bool) -> dict[str, Checkout]:
+    """Checkouts, with finished runs if needed; all with the studies of the oldest commit if each accepts these."""
     sides = {role: Checkout(folder / role, commit) for role, commit in revisions.items()}
     oldest = [*sides.values()][-1]
     for template in TEMPLATES:
@@ -147,7 +147,7 @@ def prepare(folder: Path, revisions: Mapping[str, str]) -> dict[str, Checkout]:
             if is_common and side is not oldest:
                 shutil.copytree(study, side.folder / template, dirs_exist_ok=True)
     for side in sides.values():
-        for template in TEMPLATES:
+        for template in TEMPLATES if needs_results else ():
             side.run(stage(template))
     return sides
 
@@ -188,7 +188,8 @@ def main() -> int:
     revisions = commits(given.base, given.release)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            sides = prepare(Path(folder), revisions) if len(revisions) > 1 else {}
+            needs_results = not {*given.only} <= {"help", "check"}
+            sides = prepare(Path(folder), revisions, needs_results) if len(revisions) > 1 else {}
             failed = [each for name in given.only if sides for each in slower(sides, name)]
         finally:
             for role in revisions:
