@@ -96,7 +96,7 @@ def test_the_table_of_the_readme_is_of_this_run(folder: Path) -> None:
 def test_the_robot_that_was_found_moves_as_the_log(folder: Path) -> None:
     """Its file states the effects; under the torque of the log it is 4 % off in its motion."""
     first = load_robot(folder / "identified_robot.yml").driven[0]
-    assert first.gear.error[0].amplitude == pytest.approx(2e-5, rel=0.1)
+    assert first.gear.transmission_error[0].amplitude == pytest.approx(2e-5, rel=0.1)
     assert first.friction.coulomb == pytest.approx(12.0, rel=0.01)
     runs = json.loads((folder / "validation.json").read_text())["simulation"]
     (run,) = runs
