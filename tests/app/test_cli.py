@@ -226,7 +226,7 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
         assert done.returncode == code, done.stderr
         assert "Traceback" not in done.stderr
         if number == signal.SIGINT:
-            assert "resumes from there" in done.stderr
+            assert "`elastid run " in done.stderr
             assert not list(here.rglob(".*")), "a half-written file"
         kept = [leaves[before] for before in STAGES[:i]]
         assert all(f"{name} kept" in done.stdout for name in kept[:-1])
