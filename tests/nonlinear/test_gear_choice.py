@@ -53,7 +53,7 @@ def found(gear: Gear, substeps: int = 6) -> tuple[Levels, dict[str, float]]:
 def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expected: dict[str, float]) -> None:
     """Levels within 3 % or 3 std, k within 0.1 % and d within 2 %: a linear fit has d 27 % off."""
     # Steps over reversals of a coarser plant are as large as what an error of 2e-5 rad does.
-    levels, numbers = found(gear, 24 if gear.transmission_error or gear.load else 6)
+    levels, numbers = found(gear, 24 if gear.error or gear.load else 6)
     by_kind = {
         effect.kind: (f, std)
         for effect, f, std in zip(levels.effects, levels.levels.tolist(), levels.std.tolist(), strict=True)
