@@ -67,7 +67,7 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired
 def without_lone(signals: FloatArray, log: Log) -> Repaired:
     """Mask (NaN) the spikes of signals (n, c), finite and without a period, among their neighbours."""
     everywhere = np.ones(len(signals), dtype=np.bool_)
-    at = [np.flatnonzero(_spikes(x, x, everywhere, len(x), 0.0, MAX_BRIDGED)) for x in signals.T]
+    at = [np.flatnonzero(_spikes(x, x, everywhere, len(x), 0.0, MAX_BRIDGED, step(x))) for x in signals.T]
     return _masked(signals, at, "their neighbours", log)
 
 
@@ -88,15 +88,23 @@ def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log
 
 def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     """Samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
-    judged, full = np.isfinite(x), _interpolated(x, L, sign)
-    is_lost, may_be_lost = _lost_messages(x, step(x))
-    to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
-    full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign, to_nearest)
+    judged, full, q = np.isfinite(x), _interpolated(x, L, sign), step(x)
+    is_lost, may_be_lost = _lost_messages(x, q)
+    is_spike = np.zeros(len(x), dtype=np.bool_)
+    if is_lost.any():
+        to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
+        full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign, to_nearest)
     for _ in range(LIMITS.rounds):
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
         least = period_noise(full, L, sign)
-        of_all = [_spikes(x, e, judged & ~is_spike, L, least, LIMITS.max_run) for e in _differences(full, L, sign)]
-        candidates = np.all(of_all, axis=0) | (may_be_lost & np.any(of_all, axis=0))
+        of_all, of_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
+        for e in _differences(full, L, sign):
+            if of_all.any() or may_be_lost.any():
+                new_spikes = _spikes(x, e, judged & ~is_spike, L, least, LIMITS.max_run, q)
+                of_all, of_any = of_all & new_spikes, of_any | new_spikes
+        candidates = of_all | (may_be_lost & of_any)
+        if not candidates.any():
+            break
         new = runs(_roughest(full, candidates, judged & ~is_spike, L)).tolist()
         if not new:
             break
@@ -174,23 +182,29 @@ def _interpolated(x: FloatArray, L: int, sign: int) -> FloatArray:
     return result if good.all() else np.interp(rows, rows[good], result[good]) if good.any() else np.zeros(len(x))
 
 
-def _spikes(x: FloatArray, e: FloatArray, judged: BoolArray, L: int, smallest: float, max_run: int) -> BoolArray:
+def _spikes(
+    x: FloatArray, e: FloatArray, judged: BoolArray, L: int, smallest: float, max_run: int, q: float
+) -> BoolArray:
     """Flags (n,) of the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
 
     e (n,): its difference to a reference, finite, with a noise of its own in each period of L.  smallest: least d of
-    a spike.
+    a spike.  q: step of the converter.
     """
     from scipy.ndimage import maximum_filter
 
     n, d = LIMITS.neighbours, _lone_distance(e)
     noise = np.quantile(d.reshape(-1, L), 0.75, axis=1) / QUANTILE_75
-    sigma = np.hypot(noise, step(x) / np.sqrt(12)).repeat(L)
+    sigma = np.hypot(noise, q / np.sqrt(12)).repeat(L)
     least = np.maximum(LIMITS.min_sigmas * sigma, max(1e-9 * float(np.nanmax(x) - np.nanmin(x)), smallest))
+    if not np.any(d > least):
+        return np.zeros(len(e), dtype=np.bool_)
     # A spike moves the running median beside it, by little where e is smooth.
     beside = maximum_filter(d, LIMITS.median_window) / LIMITS.min_ratio
     short = [(a, b) for a, b in runs(d > np.maximum(least, beside)).tolist() if b - a <= max_run]
-    bridged = _bridged(e, short)
-    is_spike, usual = np.zeros(len(e), dtype=np.bool_), _usual(d)
+    is_spike = np.zeros(len(e), dtype=np.bool_)
+    if not short:
+        return is_spike
+    bridged, usual = _bridged(e, short), _usual(d)
     for first, end in short:
         # Near an end a spike cannot be distinguished from a bend.
         if not judged[first:end].any() or first <= n or end >= len(e) - n:
