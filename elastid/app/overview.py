@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from elastid.app.stage_table import stages_of_study
 from elastid.excitation.spec import MultisineSpec, planned_lines
 from elastid.fit.parameter_choice import choose, with_tolerances
+from elastid.recorded.headings import unit_of_heading
 from elastid.study import Study
 
 
@@ -18,7 +19,8 @@ def overview(study: Study) -> str:
         more = len(with_tolerances(parameters, study.robot, study.fit).free) - len(parameters.free)
         may_move = f"\n  {_plural(more, 'number')} of the robot's file may move within tolerances (robot.tolerances)"
         parts.append(parameters.display.text + may_move * bool(more))
-    parts += ["\n".join(_experiments(study)), f"stages: {', '.join(stages_of_study(study))}"]
+    parts += ["\n".join(_experiments(study)), "\n".join(_questions(study))]
+    parts.append(f"stages: {', '.join(stages_of_study(study))}")
     return "\n\n".join(filter(None, parts))
 
 
@@ -50,6 +52,17 @@ def _experiments(study: Study) -> Iterator[str]:
         )
         if excitation.inject != "torque" and "limits" not in excitation.amplitudes and experiment.configurations:
             yield _margin(study, excitation)
+
+
+def _questions(study: Study) -> Iterator[str]:
+    """Numbers of channels that their logs do not state: unknown units, and a torque constant of exactly 1."""
+    channels = () if study.experiment.recorded is None else study.experiment.recorded.channels
+    for i, channel in enumerate(channels):
+        heading, place = unit_of_heading(channel.channel), f"question: experiment.recorded.channels[{i}]"
+        if heading.unknown and channel.scale == 1 and channel.unit_factor(study.places.slides(channel.at)) == 1:
+            yield f"{place}.scale: {heading.question}"
+        if channel.torque_constant == 1:
+            yield f"{place}.torque_constant: is it 1 N*m/A? Friction and inertia are proportional to it"
 
 
 def _margin(study: Study, excitation: MultisineSpec) -> str:

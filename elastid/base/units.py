@@ -10,26 +10,28 @@ import re
 from collections.abc import Iterator
 from typing import Annotated, Any, TypeAlias
 
-# A row for each dimension: its SI unit, then further units with their factors to SI (deg = pi / 180 rad). Closed on
+# Rows of a dimension: its SI unit, then further units with their factors to SI (deg = pi / 180 rad). Closed on
 # purpose: any other unit is refused with the list of the fitting ones.
 _ROWS = """
 1 %=0.01
 rad mrad=0.001 deg=0.017453292519943295 arcmin=0.0002908882086657216 arcsec=4.84813681109536e-06 rev=6.283185307179586
+rad mdeg=1.7453292519943296e-05
 rad/s deg/s=0.017453292519943295 rpm=0.10471975511965977
+rad/s mrad/s=0.001 mdeg/s=1.7453292519943296e-05
 rad/s^2 deg/s^2=0.017453292519943295
 rad/s^3 deg/s^3=0.017453292519943295
-N kN=1000.0
+N mN=0.001 daN=10.0 kN=1000.0
 N/m kN/m=1000.0 N/mm=1000.0 kN/mm=1000000.0 MN/m=1000000.0
 N*s/m kN*s/m=1000.0
-N*m mN*m=0.001 kN*m=1000.0
-V mV=0.001
+N*m mN*m=0.001 N*mm=0.001 N*cm=0.01 daN*m=10.0 kN*m=1000.0
+V mV=0.001 kV=1000.0
 A mA=0.001
 N*m/rad kN*m/rad=1000.0 MN*m/rad=1000000.0 N*m/deg=57.29577951308232 N*m/arcmin=3437.7467707849396
 N*m*s/rad kN*m*s/rad=1000.0
 kg g=0.001
 kg*m^2 g*m^2=0.001 kg*cm^2=0.0001
 m mm=0.001 um=1e-06
-m/s mm/s=0.001
+m/s um/s=1e-06 mm/s=0.001
 m/s^2 mm/s^2=0.001
 s ms=0.001 us=1e-06 min=60.0 h=3600.0
 Hz kHz=1000.0
@@ -48,12 +50,13 @@ TABLE: dict[str, tuple[str, float]] = {
 
 
 def _spellings(unit: str) -> Iterator[str]:
-    """A unit as logs and data sheets write it: 'Nm/rad', 'kg m²', '°/s', '1/min'."""
+    """A unit as logs and data sheets write it: 'Nm/rad', 'kg m²', '°/s', '1/min', 'µs'."""
     for product in ("", " ", "·", "*"):
         plain = unit.replace("*", product)
         for power in ("^2", "²", "2"):
             raised = plain.replace("^2", power)
             yield from (raised, raised.replace("deg", "°"), raised.replace("rpm", "1/min"))
+            yield from (re.sub("^u", micro, raised) for micro in "µμ")
 
 
 # Spellings of units that are read, too; messages, schema and `units_of` have the first one alone.

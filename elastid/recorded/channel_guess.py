@@ -18,26 +18,16 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
-from elastid.base.units import TABLE, of_translation, units_of, usual_spelling
+from elastid.base.units import TABLE, of_translation, units_of
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
+from elastid.recorded.headings import unit_of_heading
 from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
 from elastid.recorded.repair.time_stamps import even_grid
 from elastid.robot import Joint, Robot
 
 DRIVES = ("torque", "force", "current", "voltage")
-# In the order in which they are tried: the spelling of a unit within a name, its quantity, and the unit of a study.
-_UNITS = (
-    (r"rad(/|_?per_?|_)s(ec)?(\^?2|²)", "acceleration", "rad/s^2"), (r"deg(/|_?per_?|_)s(ec)?(\^?2|²)", "acceleration",
-    "deg/s^2"), (r"m(/|_?per_?)s(\^?2|²)", "acceleration", "m/s^2"), (r"rad(/|_?per_?|_)s", "velocity", "rad/s"),
-    (r"deg(/|_?per_?|_)s", "velocity", "deg/s"), (r"rpm|1/min", "velocity", "rpm"), (r"mm(/|_?per_?)s", "velocity",
-    "mm/s"), (r"m(/|_?per_?)s", "velocity", "m/s"), (r"deg|°", "position", "deg"), (r"m?rad", "position", "rad"),
-    (r"mm", "position", "mm"), (r"[uµμ]m", "position", "um"), (r"n\*?m", "torque", "N*m"), (r"ma", "current", "mA"),
-    (r"amps?", "current", "A"),
-    (r"g[\])]?$", "acceleration", "g"), (r"kn[\])]?$", "force", "kN"), (r"n[\])]?$", "force", "N"),
-    (r"[\[(]a[\])]", "current", "A"), (r"[\[(]v[\])]", "voltage", "V"),
-)  # fmt: skip
 _WORDS = {
     "temperature": r"temp.*", "torque": r"\w*torques?|tau|\w*trq|tq|\w*moment|\w*efforts?",
     "force": r"\w*forces?|\w*kraft|f|hammer|shaker", "current": r"\w*currents?|(ma)?curr?|\w*strom|iq|i",
@@ -114,19 +104,16 @@ def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess
     lower = _split(name).lower()
     words = [w for w in re.split(r"[^a-z°]+", lower) if w]
     rank = sum(bool(re.fullmatch(_MEASURED, w)) - bool(re.fullmatch(_NOT_MEASURED, w)) for w in words)
-    spelt = [(q, u) for spelling, q, u in _UNITS if re.search(rf"(?<![a-z]){spelling}(?![a-z])", lower)]
-    if unit in TABLE:
-        fitting = [(q, u) for q, u in QUANTITY_UNIT.items() if TABLE[unit][0] in (u, of_translation(u))]
-        stated = [q for q, u in sorted(fitting, key=lambda pair: pair[1] != TABLE[unit][0])]  # N: a force first
-        spelt = [(q, usual_spelling(unit)) for q in stated] or spelt
-    if unit == "g" or (spelt and spelt[0][1] == "g"):
+    stated = unit_of_heading(name, unit)
+    if stated.unit == "g":
         return ChannelGuess(name, column, "acceleration", "m/s^2", rank, "in multiples of gravity", scale=9.80665)
-    if spelt:
-        return ChannelGuess(name, column, *spelt[0], rank, f"the unit {spelt[0][1]} is stated")
+    if stated.quantity:
+        return ChannelGuess(name, column, stated.quantity, stated.unit, rank, f"the unit {stated.unit} is stated")
+    question = f"? {stated.question}" if stated.unknown else ""
     for quantity, pattern in _WORDS.items():
         if any(re.fullmatch(pattern, word) for word in words):
-            return ChannelGuess(name, column, quantity, "", rank, "by its name")
-    return ChannelGuess(name, column, "", "", rank, "nothing in its name")
+            return ChannelGuess(name, column, quantity, "", rank, question or "by its name")
+    return ChannelGuess(name, column, "", "", rank, question or "nothing in its name")
 
 
 # Widths of the Gaussian in samples: the band up to a tenth of the rate, a fortieth, and a hundred-sixtieth.
@@ -392,13 +379,13 @@ def _with_unit(
     """Motion channel with its unit from its velocity or range, SI by default. slides: its drive is a force."""
     if motion.unit:
         return motion
-    x = values[motion.key]
-    if speed is not None and motion.quantity == "position":
+    x, is_counted = values[motion.key], motion.why.startswith("?")
+    if speed is not None and motion.quantity == "position" and not is_counted:
         relation = next(r for r in motion_relations(x, values[speed.key], rate_hz) if r.order == 1)
         size = abs(relation.gain) * (TABLE[speed.unit][1] if speed.unit else 1.0)
         if abs(relation.correlation) > MIN_CORRELATION and abs(np.log(max(size, 1e-300) * 180 / np.pi)) < 0.1:
             return replace(motion, unit="deg", why=f"deg by its derivative, {speed.name}")
-    if motion.quantity == "position" and not slides and travel(x) > 8 * np.pi:
+    if motion.quantity == "position" and not (slides or is_counted) and travel(x) > 8 * np.pi:
         return replace(motion, unit="deg", why=f"{motion.why}; deg since it covers {travel(x):.3g}")
     unit = QUANTITY_UNIT[motion.quantity]
     unit = of_translation(unit) if slides else unit
@@ -441,9 +428,10 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
             text = f"{guess.name} is a {guess.quantity} by its name, and {words[1]}, stated as a motion, a torque"
             yield Doubt(i, "channel", f"{text}: exchange them")
         unit = channel.unit or QUANTITY_UNIT[channel.quantity]
-        in_brackets = re.search(r"[\[(][^\])]+[\])]\s*$", channel.channel) is not None and guess.unit in TABLE
-        is_other = TABLE.get(unit) != TABLE.get(guess.unit) and channel.scale == 1 == guess.scale
-        if in_brackets and channel.role == "y" and guess.quantity in MOTIONS and is_other:
+        in_brackets = re.search(r"[\[(][^\])]+[\])]\s*$", channel.channel) is not None
+        is_same_kind = (guess.quantity in MOTIONS and channel.role == "y") or guess.quantity == channel.quantity
+        is_other = TABLE.get(unit) != TABLE.get(guess.unit, TABLE.get(unit)) and guess.scale == 1
+        if in_brackets and channel.scale == 1 and is_same_kind and is_other:
             key = "unit" if guess.quantity == channel.quantity else "quantity"
             text = f"the heading {guess.name} says {guess.quantity} in {guess.unit}"
             yield Doubt(i, key, f"{text}, and not {channel.quantity} in {unit}")

@@ -229,7 +229,7 @@ def _units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -
         fields = _fields(line, text)
         units = tuple(field.strip("[]()") for field in fields)
         if len(units) == len(headings) and fields != list(headings) and any(unit in TABLE for unit in units):
-            return tuple(unit if unit in TABLE else "" for unit in units)
+            return units
     return ()
 
 
