@@ -36,7 +36,7 @@ from elastid.recorded.repair.periodicity import find_period, repetition
 from elastid.recorded.repair.time_stamps import CLOCK, even_grid
 from elastid.recorded.responses.table import is_universal_file, uff_places
 from elastid.robot import Joint, Robot
-from elastid.study.checks.recorded import TIME_UNITS, is_time, time_of
+from elastid.study.checks.recorded import TIME_UNITS, is_time, stamps_of
 
 _MAX_SAMPLES = 1 << 18  # that are read of each log
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
@@ -169,7 +169,7 @@ def _clock(log: Log) -> Clock:
     shapes = log.shapes()
     unnamed = [name for name in shapes if not guess_by_name(name, None).quantity]
     for name in (*filter(is_time, shapes), *unnamed):
-        t = np.asarray(time_of(log, name))
+        t, wrong = stamps_of(log, name)
         if len(t) > 2 and (np.all(np.diff(t) > 0) if is_time(name) else is_clock(t) and np.any(np.diff(t) != 1)):
             steps = np.diff(t)  # gaps left out, their mean is that of a clock that jitters or is rounded
             usual = 1 / float(np.mean(steps[steps < CLOCK.min_gap * np.median(steps)]))
@@ -178,7 +178,9 @@ def _clock(log: Log) -> Clock:
             grid = even_grid(t)
             rate_hz = (usual if grid is None else grid[1]) / TIME_UNITS[unit]
             is_even = unit != "s" or (grid is not None and len(grid[0]) > grid[0][-1])
-            return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even)
+            why = f"steps of {name}, which seems to be in {unit}"
+            why += f"; {len(wrong)} of its values are wrong, the first is sample {wrong[0]}" if len(wrong) else ""
+            return Clock(float(f"{rate_hz:.6g}"), why, name, is_even)
     for name, array in log.arrays.items():
         if array.rate_hz:
             return Clock(array.rate_hz, "stated by the file")

@@ -24,6 +24,8 @@ from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
 from elastid.recorded.headings import unit_of_heading
 from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
+from elastid.recorded.repair import Log as RepairLog
+from elastid.recorded.repair.outliers import without_lone
 from elastid.recorded.repair.time_stamps import even_grid
 from elastid.robot import Joint, Robot
 
@@ -290,10 +292,16 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
                 x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
             except DataError:  # words, or two columns with one heading
                 continue
-            known = np.flatnonzero(np.isfinite(x))
+            known = np.flatnonzero(np.isfinite(_without_lone(x)))
             if len(known) > _MIN_KNOWN_SHARE * len(x) and np.ptp(x[known]) > 0:
                 result.append((guess_by_name(name, number, units), np.interp(np.arange(len(x)), known, x[known])))
     return result
+
+
+def _without_lone(x: FloatArray) -> FloatArray:
+    """Signal (n,) with NaN at single values far from their neighbours, such as a wrong cell."""
+    whole = np.isfinite(x).all() and len(x) > _MIN_SAMPLES
+    return without_lone(x[:, None], RepairLog("", ("",))).signals[:, 0] if whole else x
 
 
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:

@@ -1,6 +1,7 @@
 r"""Logs of a friction study as records of each moving joint, in SI, on the link side.
 
-Single missing samples and spikes of the torque are repaired by the samples beside them.
+Single missing samples and spikes of torque and position are repaired by the samples beside them. A longer gap divides
+a log of motions into parts, which become records of their own.
 
 Logs of a warm-up are heat: power and temperature in steps of seconds, and the test passes that the motion contains.
 
@@ -17,8 +18,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.statistics import runs
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
@@ -30,8 +32,9 @@ from elastid.record import Configuration, FrictionRecord, FrictionRecords, WarmU
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, in_joints, link_side
-from elastid.recorded.repair import Repaired
-from elastid.recorded.repair.masks import step
+from elastid.recorded.repair import Finding, Repaired
+from elastid.recorded.repair.interpolation import MAX_BRIDGED
+from elastid.recorded.repair.masks import step, without_zero_rows
 from elastid.recorded.repair.missing import bridged_gaps
 from elastid.recorded.repair.outliers import without_lone
 from elastid.recorded.rig import repaired_signals
@@ -57,6 +60,9 @@ class JointLimits:
     per_count: float = 2.0  # readings for each count of a coarse thermometer: within one they are no noise
     min_readings: int = 10
     start_std: float = 1.0  # K, of the temperature at the start, before readings are fitted
+    # Of logs with gaps: duration of a part, and share of single missing samples in it.
+    min_part_s: float = 2.0
+    max_missing_share: float = 0.25
 
 
 LIMITS = JointLimits()
@@ -114,6 +120,7 @@ class _LogReader:
     angles: FloatArray
     start_s: float
     payload: float
+    log_start_s: float = 0.0
 
     @property
     def path(self) -> str:
@@ -129,6 +136,31 @@ class _LogReader:
                 ("friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"),
                 self.path,
             )
+        empty = without_zero_rows(gathered.signals, gathered.log)
+        gathered = replace(gathered, signals=empty.signals, findings=(*gathered.findings, *empty.findings))
+        purpose, first = self.file.purpose, gathered.log.first
+        parts = (gathered,) if purpose in (*STILL, "warm_up") else _parts(gathered)
+        readers = [
+            replace(
+                self,
+                name=self.name if i == 0 else f"{self.name} part {i + 1}",
+                start_s=self.start_s + (part.log.first - first) / gathered.rate_hz,
+                log_start_s=self.start_s,
+            )
+            for i, part in enumerate(parts)
+        ]
+        of_parts = (reader._of_part(part, recorded) for reader, part in zip(readers, parts, strict=True))
+        if records := tuple(record for of_part in of_parts for record in of_part):
+            return records
+        raise DataError(
+            "records/channels",
+            "no moving joint has both torque and position in it. Log role u, and role y with quantity position, "
+            f"at one of {', '.join(self.robot.motor_locations)}",
+            self.path,
+        )
+
+    def _of_part(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[FrictionRecord, ...]:
+        """Records between two gaps; none where no joint moves."""
         repaired, N, rate_hz = self._repaired(gathered, recorded)
         values, known = in_joints(gathered.channels, repaired.signals, self.robot)
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
@@ -142,7 +174,8 @@ class _LogReader:
         by_place |= {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
         for channel in self._channels():
             if channel.role == "t":
-                by_place["t", channel.at, ""] = self._thermometer(channel, np.arange(len(values)) / rate_hz)
+                first_s = self.start_s - self.log_start_s
+                by_place["t", channel.at, ""] = self._thermometer(channel, first_s + np.arange(len(values)) / rate_hz)
         return self._of_joints(by_place, rate_hz, N, tuple(notes))
 
     def _repaired(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[Repaired, int | None, float]:
@@ -150,12 +183,13 @@ class _LogReader:
         if self.file.purpose == "presliding_test":
             return repaired_signals(gathered, recorded)
         log = gathered.log
-        bridged = bridged_gaps(gathered.signals, log)
-        torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
-        of_torques = replace(log, names=tuple(log.names[i] for i in torques))
-        clean = without_lone(bridged.signals[:, torques], of_torques)
+        bridged = bridged_gaps(gathered.signals, log, LIMITS.max_missing_share)
+        judged = [i for i, c in enumerate(gathered.channels) if c.role == "u" or c.quantity == "position"]
+        of_judged = replace(log, names=tuple(log.names[i] for i in judged))
+        are_motions = [gathered.channels[i].role != "u" for i in judged]
+        clean = without_lone(bridged.signals[:, judged], of_judged, are_motions)
         signals = bridged.signals.copy()
-        signals[:, torques] = bridged_gaps(clean.signals, of_torques).signals
+        signals[:, judged] = bridged_gaps(clean.signals, of_judged, LIMITS.max_missing_share).signals
         return Repaired(signals, (*bridged.findings, *clean.findings)), None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
@@ -182,6 +216,8 @@ class _LogReader:
             if (position := _signal(signals, "y", joint.name, "position")) is not None
         }
         moving = self._moving(positions, signals)
+        if not moving:
+            return ()
         at_rest = zip(self.robot.driven, self.angles, strict=True)
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
         posture = Configuration(self.file.configuration or self.name, np.array(angles))
@@ -228,13 +264,6 @@ class _LogReader:
 
     def _moving(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
         moving = [joint for joint in self.robot.driven if self._moves(joint, positions, signals)]
-        if not moving:
-            raise DataError(
-                "records/channels",
-                "no moving joint has both torque and position in it. Log role u, and role y with quantity position, "
-                f"at one of {', '.join(self.robot.motor_locations)}",
-                self.path,
-            )
         if self.file.purpose == "warm_up" and len(moving) > 1:
             raise DataError(
                 "friction/no-record",
@@ -265,6 +294,42 @@ class _LogReader:
                 self.path,
             )
         return degrees
+
+
+def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
+    """Return the parts of a log between gaps that are too long to interpolate, without short parts; else all of it.
+
+    The first part has the notes and findings, and one on the gaps.
+    """
+    lacking = ~np.isfinite(gathered.signals).all(axis=1)
+    gaps = runs(lacking, MAX_BRIDGED + 1)
+    bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(lacking)], strict=True)
+    least, log = LIMITS.min_part_s * gathered.rate_hz, gathered.log
+    inner = [_without_ends(lacking, first, end) for first, end in bounds]
+    long = [(first, end) for first, end in inner if end - first >= least]
+    if not long or (not len(gaps) and long == [(0, len(lacking))]):
+        return (gathered,)
+    text = (
+        f"{int(lacking.sum())} of {len(lacking)} samples are missing, {len(gaps)} gaps are longer than {MAX_BRIDGED} "
+        f"samples, the first is {log.time_of(int(np.argmax(lacking)))}: divided there into {len(long)} parts"
+    )
+    of_gaps = (Finding("logs divided at gaps", len(gaps), text),) if len(gaps) else ()
+    return tuple(
+        replace(
+            gathered,
+            signals=gathered.signals[first:end],
+            log=replace(log, first=log.first + first, rows=None if log.rows is None else log.rows[first:]),
+            notes=gathered.notes if i == 0 else (),
+            findings=(*gathered.findings, *of_gaps) if i == 0 else (),
+        )
+        for i, (first, end) in enumerate(long)
+    )
+
+
+def _without_ends(lacking: BoolArray, first: int, end: int) -> tuple[int, int]:
+    """Shrink a range until two samples at both ends are complete: an interpolation needs neighbours."""
+    complete = np.flatnonzero(~lacking[first : end - 1] & ~lacking[first + 1 : end])
+    return (first, first) if not len(complete) else (first + int(complete[0]), first + int(complete[-1]) + 2)
 
 
 def _joint_of(channel: ChannelSpec) -> str:

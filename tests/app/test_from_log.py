@@ -53,6 +53,18 @@ def test_a_motion_becomes_a_study_of_friction_that_runs(motion: Path, tmp_path: 
         assert numbers[f"f_m{k}"] == pytest.approx(5, rel=0.01)
 
 
+@pytest.mark.parametrize(("column", "cell"), [(0, "-999"), (0, "nan"), (0, "65535"), (1, "100"), (1, "-999")])
+def test_one_wrong_cell_changes_neither_kind_nor_rate(motion: Path, tmp_path: Path, column: int, cell: str) -> None:
+    lines = motion.read_text().splitlines()
+    cells = lines[2000].split(";")
+    cells[column] = cell
+    motion.write_text("\n".join([*lines[:2000], ";".join(cells), *lines[2001:]]) + "\n")
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(motion)]) == 0
+    recorded = load_with_logs(tmp_path / "new" / "study.yml").study
+    assert recorded.friction is not None
+    assert recorded.experiment.as_recorded().rate_hz == 200.0
+
+
 def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path) -> None:
     """Two accelerometers alone; with the hammer's column the same log becomes a study."""
     a = np.random.default_rng(0).normal(size=(400, 3))

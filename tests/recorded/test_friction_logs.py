@@ -50,6 +50,41 @@ def test_spikes_of_the_torque_are_taken_out(tmp_path: Path) -> None:
     assert read(tmp_path, FileSpec("clean.csv"))[0].notes == ()
 
 
+def test_a_spike_of_the_position_leaps(tmp_path: Path) -> None:
+    spoilt = Q.copy()
+    spoilt[[700, 1500]] = 0.0
+    write_log(tmp_path / "log.csv", spoilt, U)
+    (record,) = read(tmp_path, FileSpec("log.csv"))
+    assert np.abs(record.position - Q).max() < np.abs(np.diff(Q)).max()
+
+
+def test_rows_of_zeros_are_missing_and_interpolated(tmp_path: Path) -> None:
+    """One row in seven, as of a second publisher of a topic."""
+    q, u = Q + 1.0, U.copy()
+    q[::7] = u[::7] = 0.0
+    write_log(tmp_path / "log.csv", q, u)
+    (record,) = read(tmp_path, FileSpec("log.csv"))
+    at = np.setdiff1d(np.arange(len(q)), np.arange(0, len(q), 7))
+    inside = slice(at[0], at[-1] + 1)
+    assert np.abs(record.position - (Q + 1.0)[inside][: len(record.position)]).max() < np.abs(np.diff(Q)).max()
+    assert np.median(np.abs(record.torque - U[inside][: len(record.torque)])) < 1e-3 * np.ptp(U)
+
+
+def test_a_long_gap_divides_a_log_and_lost_messages_do_not(tmp_path: Path) -> None:
+    """Parts on both sides begin at their times and hold the samples of the log."""
+    q, u = Q.copy(), U.copy()
+    middle = len(q) // 2
+    lost = np.random.default_rng(0).choice(np.arange(5, middle - 50), middle // 100, replace=False)
+    for x in (q, u):
+        x[lost] = x[middle : middle + 40] = np.nan
+    write_log(tmp_path / "log.csv", q, u)
+    first, second = read(tmp_path, FileSpec("log.csv"))
+    assert (first.name, second.name) == ("log", "log part 2")
+    assert second.start_s * second.rate_hz == pytest.approx(middle + 40)
+    np.testing.assert_allclose(second.position, Q[middle + 40 :], atol=1e-5)
+    assert np.abs(first.position - Q[: len(first.position)]).max() < np.abs(np.diff(Q)).max()
+
+
 def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
     write_log(tmp_path / "log.csv", 1e-4 * Q, U)
     with refused("records/channels", place="log.csv"):

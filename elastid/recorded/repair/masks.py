@@ -40,6 +40,8 @@ class MaskLimits:
     # Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
     max_still: float = 0.1
 
+    leap_of_rows: float = 2.0  # of a row of zeros, over the step of a channel that 99 % of the rows stay below
+
     # Part of a channel that may be missing, single samples apart, without a period.
     max_share: float = 0.01
 
@@ -66,6 +68,26 @@ class MaskLimits:
 
 
 LIMITS = MaskLimits()
+
+
+def without_zero_rows(signals: FloatArray, log: Log) -> Repaired:
+    """Mask (NaN) the rows of signals (n, c), c > 1, in which all are exactly 0 and one leaps there: empty messages.
+
+    As for a channel that drops out, a leap is longer than the steps between 99 % of the other rows.
+    """
+    is_zero = np.all(signals == 0, axis=1)
+    others = np.flatnonzero(~is_zero)
+    if signals.shape[1] < 2 or not is_zero.any() or len(others) < (1 - LIMITS.max_missing_share) * len(signals):
+        return Repaired(signals)
+    steps = np.nanquantile(np.abs(np.diff(signals[others], axis=0)), 0.99, axis=0)
+    beside = signals[others[np.minimum(np.searchsorted(others, np.arange(len(signals))), len(others) - 1)]]
+    # Near zero of all signals nothing leaps; there a row counts as empty where most other rows of zeros are.
+    leaps = is_zero & np.any(np.abs(beside) > LIMITS.leap_of_rows * steps, axis=1)
+    if 2 * leaps.sum() < is_zero.sum():
+        return Repaired(signals)
+    text = f"{int(is_zero.sum())} rows of zeros, the first is {log.time_of(np.argmax(is_zero))}: taken as missing"
+    masked = np.where(is_zero[:, None], np.nan, signals)
+    return Repaired(masked, (Finding(MASKED, int(is_zero.sum()), text),))
 
 
 def rest_before(torques: FloatArray) -> int:

@@ -94,7 +94,7 @@ def _missing(missing: IntArray, good: BoolArray, log: Log, c: int) -> str:
     return f"{log.names[c]}: {missing.size} of {len(good)} samples are missing"
 
 
-def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
+def bridged_gaps(signals: FloatArray, log: Log, max_share: float = LIMITS.max_share) -> Repaired:
     """Signals (n, c) without NaN; DataError for long gaps, or too many, with the piece of the log that is complete."""
     result, findings = np.copy(signals), []
     for c in range(signals.shape[1]):
@@ -106,7 +106,7 @@ def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
         gaps = runs(~good)
         is_inside = missing[0] > 1 and missing[-1] < len(good) - 2
         is_short = np.ptp(gaps, axis=1).max() <= MAX_BRIDGED
-        if not (is_inside and is_short and missing.size <= LIMITS.max_share * len(good)):
+        if not (is_inside and is_short and missing.size <= max_share * len(good)):
             pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
             first, last = max(pieces, key=np.ptp, default=(0, 0))
             raise DataError(

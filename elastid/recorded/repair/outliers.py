@@ -64,10 +64,16 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired
     return _masked(signals, spikes, "the other periods", log)
 
 
-def without_lone(signals: FloatArray, log: Log) -> Repaired:
-    """Mask (NaN) the spikes of signals (n, c), finite and without a period, among their neighbours."""
+def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()) -> Repaired:
+    """Mask (NaN) the spikes of signals (n, c), finite and without a period, among their neighbours.
+
+    are_motions (c,): positions, whose spikes leap by more than three times the step that 99 % of the rows stay below.
+    """
     everywhere = np.ones(len(signals), dtype=np.bool_)
-    at = [np.flatnonzero(_spikes(x, x, everywhere, len(x), 0.0, MAX_BRIDGED, step(x))) for x in signals.T]
+    at = []
+    for x, is_motion in zip(signals.T, are_motions or [False] * signals.shape[1], strict=True):
+        least = LIMITS.min_over_usual * float(np.quantile(np.abs(np.diff(x)), 0.99)) if is_motion else 0.0
+        at.append(np.flatnonzero(_spikes(x, x, everywhere, len(x), least, MAX_BRIDGED, step(x))))
     return _masked(signals, at, "their neighbours", log)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import ElastidError, StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
@@ -307,9 +307,34 @@ def is_time(name: str) -> bool:
 
 
 def time_of(log: OpenLog, name: str) -> FloatArray:
-    """The stamps (n,) of a channel, at most as many as are read of each; empty where it is no time."""
+    """The stamps (n,) of a channel, wrong ones interpolated, no more than are read; empty where it is no time."""
+    return stamps_of(log, name)[0]
+
+
+def stamps_of(log: OpenLog, name: str) -> tuple[FloatArray, IntArray]:
+    """The stamps of `time_of`, and the samples of wrong ones: missing, or off the median of their neighbours."""
+    nothing = np.zeros(0), np.zeros(0, np.int64)
     try:
         t = log.values([ChannelSpec("y", "time", name, quantity="position")], slice(0, _MAX_SAMPLES))[:, 0]
     except ElastidError:
-        return np.zeros(0)
-    return t if len(t) > 2 and np.isfinite(t).all() else np.zeros(0)
+        return nothing
+    good = _good_stamps(t)
+    wrong, rows = np.flatnonzero(~good), np.arange(len(t))
+    if len(t) < 3 or len(wrong) > _MAX_WRONG_STAMPS * len(t):
+        return nothing if len(t) < 3 or not np.isfinite(t).all() else (t, nothing[1])
+    return np.asarray(np.interp(rows, rows[good], t[good])), wrong
+
+
+_MAX_WRONG_STAMPS = 0.01  # of a clock, single cells
+_WRONG_STAMP = 5.0  # steps of a clock, from which on a stamp off the median of its neighbours is wrong
+
+
+def _good_stamps(t: FloatArray) -> BoolArray:
+    """Flags (n,) of stamps that are finite and as far on as their neighbours."""
+    from scipy.ndimage import median_filter
+
+    if len(t) < 3:
+        return np.isfinite(t)
+    away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(away <= _WRONG_STAMP * float(np.nanmedian(np.abs(np.diff(t)))))
