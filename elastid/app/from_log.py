@@ -85,6 +85,11 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
             first,
         )
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
+    joint, frame = guess.joints[0], ""
+    is_hit = (joint.torque.quantity, joint.motion.quantity) == ("force", "acceleration")  # of a hammer or shaker
+    if robot is not None and is_hit and not robot.driven[0].slides:
+        frame = robot.frames[-1].name if robot.frames else "tool"
+        robot = None
     positions = {} if guess.is_motion and robot is None else positions_of(logs, form, guess)
     guess = guess if robot is None else in_order_of(robot, guess, positions)
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
@@ -99,7 +104,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     names, configurations = _configurations(len(logs), guess, robot, positions, [run[0] for run in runs])
     files = _files(paths, names, [run[1:] for run in runs])
     content = [*_head("responses" if robot is None else "elasticity", first)]
-    content += [*_study(guess, robot, clock, configurations, period), text, *files]
+    content += [*_study(guess, robot, clock, configurations, period, frame), text, *files]
     if robot is not None:
         content.append("# Inertias of motors are guesses too; leave Jm_* out where robot.yml has those of data sheets.")
         content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}")
@@ -132,25 +137,20 @@ def _runs_by_name(logs: Sequence[Path]) -> list[tuple[str, int, int]]:
 
 
 def _configurations(
-    n: int, guess: LogGuess, robot: Robot | None, positions: Positions, by_name: Sequence[str]
+    n: int, guess: LogGuess, robot: Robot | None, positions: Positions, by_name: list[str]
 ) -> tuple[list[str], list[str]]:
     """The configuration of each of n logs, by_name (n) or by the angles of joints, and their lines in a study."""
     motions = [*(joint.motion for joint in guess.joints), *guess.further]
     nothing = np.zeros((n, 4))  # of motions without a position
     moments = np.array([motion.to_si * positions.get(motion.key, nothing) for motion in motions])
-    means, scatter, states = moments[:, :, 2].T, np.abs(moments[:, :, 3]).max(axis=0), list[int]()
-    for mean, by in (
-        zip(means, scatter, strict=True) if not by_name else ()
-    ):  # the first log that stands where this one does
+    means, scatter = moments[:, :, 2].T, np.abs(moments[:, :, 3]).max(axis=0)
+    states = [by_name.index(name) for name in by_name]
+    for mean, by in zip(means[len(states) :], scatter[len(states) :], strict=True):
         there = (k for k in states if np.all(np.abs(mean - means[k]) < max(_MIN_TURN, 5 * by)))
-        states.append(next(there, len(states)))
-    states = [by_name.index(name) for name in by_name] or states
+        states.append(next(there, len(states)))  # the first log with equal angles
     firsts = list(dict.fromkeys(states))
-    names = (
-        {first: by_name[first] for first in firsts}
-        if by_name
-        else {first: f"state_{i}" if len(firsts) > 1 else "bench" for i, first in enumerate(firsts, start=1)}
-    )
+    numbered = [f"state_{firsts.index(k) + 1}" for k in states] if len(firsts) > 1 else ["bench"] * n
+    names = by_name or numbered
     why, angles = "the joints stand at other angles", dict.fromkeys(firsts, "")
     if robot is not None:
         why = "the means of the positions, or 0 where there are none"
@@ -158,7 +158,7 @@ def _configurations(
     elif len(firsts) == 1:
         why = "all logs are of one state of the structure"
     lines = (f"    {names[first]}: [{angles[first]}]" for first in firsts)
-    return [names[state] for state in states], [f"  configurations: # guessed: {why}", *lines]
+    return names, [f"  configurations: # guessed: {why}", *lines]
 
 
 def _joined(lines: Iterable[str]) -> str:
@@ -191,10 +191,8 @@ def _clock(log: Log) -> Clock:
 
 def _head(kind: str, first: Path) -> Iterator[str]:
     yield "# yaml-language-server: $schema=study.schema.json"
-    yield f"# Written by `elastid new --from` from {one_line(first.name)}. Lines that it could not know are marked"
-    yield "# `guessed`, with the reason: correct them where you know better. Then"
-    yield "#   elastid check study.yml"
-    yield "#   elastid run study.yml"
+    yield f"# Written by `elastid new --from` from {one_line(first.name)}. Check the lines marked `guessed`, then"
+    yield "# `elastid check study.yml` and `elastid run study.yml`"
     yield f"name: {kind}"
 
 
@@ -204,17 +202,23 @@ def _study(
     clock: Clock,
     configurations: Sequence[str] = (),
     period: Sequence[str] = (),
+    frame: str = "",
 ) -> Iterator[str]:
-    """A study down to its channels; configurations, period: its lines."""
+    """A study down to its channels; configurations, period: its lines; frame: of a robot, at which a hammer hits."""
     names = robot.driven_names if robot is not None else []
     if guess.is_motion and robot is None:
         names = [str(i + 1) for i in range(len(guess.joints))]
         yield "robot: robot.yml # guessed: geometry, ratios and inertias are not in the logs"
     elif robot is not None:
         yield "robot: robot.yml"
+    elif frame:
+        yield "# One study per direction of the hits. Add a frame to robot.yml whose x axis points along the force."
+        yield "# List the responses in the study of the robot:"
+        yield "# tool: {motors: locked, responses: {files: [{path: runs/responses/frf.h5, configuration: bench}]}}"
     else:
         yield "# Stiffness and damping of gears need a robot, too: `elastid new DIR --template recorded` shows how."
     if guess.is_motion:
+        yield "# Slow motions do not identify stiffness. Plan for it: `elastid new DIR --template position-reference`."
         yield "friction: {constant_velocity: detect} # guessed: slow motion of joints, whose friction can be found"
     yield from ("experiment:", *configurations, "  recorded:")
     rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
@@ -226,8 +230,8 @@ def _study(
     yield "    channels: # places are names of your choice; of a robot `side: motor` is for signals of the motor's side"
     if not names:
         motions = {joint.motion.place: joint.motion for joint in guess.joints}
-        yield from (_channel("u", joint.torque.place, joint.torque) for joint in guess.joints)
-        yield from (_channel("y", motion.place, motion) for motion in (*motions.values(), *guess.further))
+        yield from (_channel("u", _place(joint.torque, frame), joint.torque) for joint in guess.joints)
+        yield from (_channel("y", _place(motion, frame), motion) for motion in (*motions.values(), *guess.further))
         return
     for name, joint in zip(names, guess.joints, strict=True):
         yield _channel("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
@@ -238,6 +242,13 @@ def _study(
     for channel in () if guess.is_motion else guess.further:
         where = f"where it belongs to a joint or a frame, {{role: y, at: joint {names[0]}, ...}}"
         yield f"      # {one_line(channel.name)}: {where}"
+
+
+def _place(channel: ChannelGuess, frame: str) -> str:
+    """Name the location of a channel; at a frame by the axis in its name, else x."""
+    axes = re.findall(r"(?<![a-z])[xyz](?![a-z])", channel.name.lower())
+    kind = "force" if channel.quantity == "force" else "accelerometer"
+    return f"{kind} {frame} {(*axes, 'x')[0]}" if frame else channel.place
 
 
 def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
@@ -308,7 +319,7 @@ def _files(paths: Sequence[str], states: Sequence[str] = (), runs: Sequence[tupl
 
 
 def _robot(guess: LogGuess) -> Iterator[str]:
-    yield "# A robot to start from: each joint alone on the base. Give geometry, ratios and inertias where known."
+    yield "# Each joint is alone on the base; give geometry, ratios and inertias."
     yield "name: robot of the logs"
     yield "gravity: [0, 0, -9.81] # guessed: it acts on joints about y; about z it does not"
     yield "bodies:"
@@ -342,8 +353,8 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
             f"({', '.join(joint.torque.name for joint in joints)}), and robot {robot.name} drives {len(names)} "
             f"({', '.join(names)}); log all of them, or drive in the robot's file those that were logged",
         )
-    words = {name: re.compile(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", re.IGNORECASE) for name in names}
-    by_name = {name: joint for name in names for joint in joints if words[name].search(joint.torque.name)}
+    words = {name: rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in names}
+    by_name = {name: joint for name in names for joint in joints if re.search(words[name], joint.torque.name.lower())}
     labels = [joint.torque.parts[1].lower() for joint in joints]
     order = {label: [*map(int, label.split())] for label in labels if re.fullmatch(r"[\d ]+", label)}
     if len({joint.torque.key for joint in by_name.values()}) == len(names):
@@ -371,18 +382,25 @@ def _at(joint: Joint, guess: JointGuess, why: str) -> JointGuess:
 
 
 def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:
-    """The joints with one unit for all positions that state none, and all signals on one side of the gears."""
-    result = []
-    for joint, guess in zip(robot.driven, joints, strict=True):
-        motion, torque, ratio = guess.motion, guess.torque, 1.0 if joint.slides else robot.ratio(joint.name)
+    """The joints with one unit for all positions that state none, and all signals on one side of the gears.
+
+    Torques are motor-side if at the link one of them would be too small for the inertia of its rotor.
+    """
+    ratios = [1.0 if joint.slides else robot.ratio(joint.name) for joint in robot.driven]
+    result, is_before_gear = list(joints), on_motor
+    for i, (joint, guess, ratio) in enumerate(zip(robot.driven, joints, ratios, strict=True)):
+        motion = guess.motion
         if unit and motion.quantity == "position" and not joint.slides and "assumed" in motion.why:
-            open_side = "" if on_motor or ratio == 1 else "; # ? or rad with side: motor"
-            motion = replace(motion, unit=unit, why=f"rad leave the limits of the robot{open_side}")
+            or_motor = "" if on_motor or ratio == 1 else " or rad with side: motor"
+            motion = replace(motion, unit=unit, why=f"deg{or_motor}, as rad exceed the limits of the robot")
         if on_motor and ratio != 1:
-            motion = replace(motion, ratio=ratio, why=f"{motion.why}; the link's side leaves limits of the robot")
-        if (on_motor or torque.quantity == "current") and ratio != 1:
-            torque = replace(torque, ratio=ratio, why=f"{torque.why}; before the gear")
-        result.append(replace(guess, torque=torque, motion=motion))
+            motion = replace(motion, ratio=ratio, why=f"{motion.why}; motor-side, or it would exceed these limits")
+        is_before_gear |= guess.relation.is_before_gear(joint, ratio, motion.to_si / guess.motion.to_si)
+        result[i] = replace(guess, motion=motion)
+    for i, ratio in enumerate(ratios):
+        torque = result[i].torque
+        if (is_before_gear or torque.quantity == "current") and ratio != 1:
+            result[i] = replace(result[i], torque=replace(torque, ratio=ratio, why=f"{torque.why}; before the gear"))
     return tuple(result)
 
 

@@ -32,17 +32,17 @@ from elastid.robot import Joint, Robot
 DRIVES = ("torque", "force", "current", "voltage")
 _WORDS = {
     "temperature": r"temp.*", "torque": r"\w*torques?|tau|\w*trq|tq|\w*moment|\w*efforts?",
-    "force": r"\w*forces?|\w*kraft|f|hammer|shaker", "current": r"\w*currents?|(ma)?curr?|\w*strom|iq|i",
+    "force": r"\w*forces?|\w*kraft|f|hammer|shaker", "current": r"\w*currents?|(ma)?curr?|\w*strom|is?q|i",
     "voltage": r"volt.*|vir|vdc",
     "acceleration": r"\w*acc(el\w*)?|qdd|ddq|\w*beschl.*", "velocity":
     r"\w*vel(oc\w*)?|\w*speeds?|omega|qd|dq|w|v|\w*geschw.*|\w*drehzahl",
     "position": r"\w*pos(i\w*)?|\w*angles?|ang|theta|phi|\w*winkel|enc.*|q|qm|qg|\w*lage|axis|joints?|"
-    "[ar]korr",
+    "ak|[ar]korr",
 }  # fmt: skip
 _MEASURED = r"act.*|aipos|meas.*|mea|ist.*|adx?|fb|fdb|mot|motor|qm"
 _UNIT_WORDS = r"nm|rad|deg|mm|rpm|hz"
 _NOT_MEASURED = (
-    r"ref.*|cmd.*|command.*|aspos|[ar]korr|d|des|desired.*|soll.*|set.*|target.*|ff|err.*|rel|"
+    r"ref.*|cmd.*|command.*|aspos|ak|[ar]korr|d|des|desired.*|soll.*|set.*|target.*|ff|err.*|rel|"
     "model|init|kin|dyn|traj|qg|simple|follow.*"
 )
 
@@ -150,6 +150,11 @@ class TorqueRelation:
     inertia: float = 0.0
     largest_inertia: float = np.inf
     is_against_motion: bool = False
+
+    def is_before_gear(self, joint: Joint, ratio: float, scale: float = 1.0) -> bool:
+        """Test whether J / scale is less than half the rotor's inertia, link side, unless the torque is motor-side."""
+        rotor = 0.0 if joint.motor is None else joint.motor.inertia * ratio**2 * scale
+        return 2 * self.largest_inertia < rotor < 2 * self.inertia * ratio**2
 
 
 def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> FloatArray:
@@ -356,14 +361,8 @@ def _completed(
         return [], []
     quantity = "torque" if motions else "acceleration" if is_structure else "position"
     members = unknown if is_structure else max(alike, key=lambda family: family[0].rank)
-    guess = [
-        replace(
-            g,
-            quantity=quantity,
-            why=(f"its name identifies nothing; a {quantity} according to the channels next to it"),
-        )
-        for g in members
-    ]
+    why = f"its name identifies nothing; a {quantity} according to the channels next to it"
+    guess = [replace(g, quantity=quantity, why=why) for g in members]
     return (drives, guess) if drives else (guess, motions)
 
 
@@ -583,20 +582,13 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
             return
         is_consistent = True
     for i in joint.motions[:1]:
-        relation, motor = _by_torque(joint, i), joint.joint.motor
-        names = f"torque {joint.channels[joint.torque or 0].name_in_file} and {joint.named(i)}"
-        rotor, J = 0.0 if motor is None else motor.inertia * joint.ratio**2, relation.inertia
+        relation, names = _by_torque(joint, i), f"torque {joint.channels[joint.torque or 0].name_in_file}"
         if relation.is_against_motion:
-            text = (
-                f"{names} have opposite signs, so that inertia or friction would be negative. Give one of them sign: -1"
-            )
-            yield Doubt(joint.torque if is_consistent else i, "sign", text)
-        elif J > 0 and 2 * relation.largest_inertia < rotor < 2 * J * joint.ratio**2:
-            text = (
-                f"{names} give an inertia of {J:.3g}, below the rotor's own {rotor:.3g}. If they are logged before the "
-                "gear, set side: motor"
-            )
-            yield Doubt(joint.torque, "side", text)
+            text = f"{names} and {joint.named(i)} have opposite signs, so that inertia or friction would be negative"
+            yield Doubt(joint.torque if is_consistent else i, "sign", f"{text}. Give one of them sign: -1")
+        elif relation.is_before_gear(joint.joint, joint.ratio):
+            text = f"{names} and {joint.named(i)} give an inertia of {relation.inertia:.3g}, below the rotor's own"
+            yield Doubt(joint.torque, "side", f"{text}. If they are logged before the gear, set side: motor")
 
 
 def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:

@@ -11,7 +11,11 @@ from plants.mjcf_arm import ARM as CRANE
 from scipy.io import savemat
 
 from elastid.app import cli
-from elastid.study import load_with_logs
+from elastid.app.console import Console
+from elastid.app.run import Run, run_all
+from elastid.app.stages.estimate import imported_responses
+from elastid.store.measured import read_responses
+from elastid.study import load, load_with_logs
 from tests.app.test_scaffold import ARM
 
 REAL = {
@@ -197,6 +201,32 @@ def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path
     assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
     recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
     assert [file.realisation for file in recorded.files] == [0, 1]
+
+
+def test_a_hit_at_the_tool_is_a_study_of_responses_at_a_frame(tmp_path: Path) -> None:
+    """A force of zero between hits at a robot of three motors: not clipped; its response enters the robot's study."""
+    robot, rng, n = tmp_path / "arm.urdf", np.random.default_rng(0), 8000
+    robot.write_text(ARM)
+    force = np.zeros(n)
+    for start in (500, 2500, 4500, 6500):
+        force[start : start + 12] = 400 * np.sin(np.pi * np.arange(12) / 12) ** 2
+    ring = 0.02 * np.exp(-np.arange(2000) / 200) * np.sin(np.arange(2000) / 20)
+    a = np.stack([np.convolve(force, gain * ring)[:n] + 1e-3 * rng.standard_normal(n) for gain in (1.0, 0.5)], axis=1)
+    rows = np.column_stack([np.arange(n) / 2000, force.round(2), a])
+    log, head = tmp_path / "hit.csv", "time [s],hammer [N],acc_x [m/s^2],acc_z [m/s^2]"
+    np.savetxt(log, rows, "%.6g", ",", header=head, comments="")
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(robot), "--from", str(log)]) == 0
+    loaded = load(tmp_path / "new" / "study.yml")
+    places = [channel.at for channel in loaded.study.experiment.as_recorded().channels]
+    assert places == ["force base x", "accelerometer base x", "accelerometer base z"]
+    run_all(Run(loaded, tmp_path / "run", 1, Console(-1)))
+    (response,) = read_responses(tmp_path / "run" / "frf.h5")
+    assert "records/clipped" not in {note.code for note in response.notes}
+    listed = "{files: [{path: run/frf.h5, configuration: low, response: bench}]}"
+    experiment = f"{{configurations: {{low: [0.1, 0.2]}}, responses: {listed}}}"
+    (tmp_path / "study.yml").write_text(f"name: arm\nrobot: new/robot.yml\nexperiment: {experiment}\n")
+    (imported,) = imported_responses(load(tmp_path / "study.yml").study, tmp_path)
+    assert imported.configuration.angles.tolist() == [0.1, 0.2]
 
 
 MAKES = {

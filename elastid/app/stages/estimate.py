@@ -95,7 +95,7 @@ def _artefacts(
         counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
         console.say(f"estimate: {len(responses)} response{'s' * (len(responses) != 1)} (DFT lines: {counts})")
         for note in () if friction is None else friction.notes:
-            if note.code == "nonlinear/friction-compensated":
+            if note.severity == "information":  # warnings were printed before
                 console.say(f"estimate: {note.text}")
 
     frf: Write = lambda path, stamp: write_responses(path, responses, stamp, friction)  # noqa: E731
@@ -153,17 +153,17 @@ def _of_another_run(path: Path, file: ResponseFileSpec, configuration: Configura
         raise StudyError("responses/table", f"no response of configuration {name} in it; there are {known}", path)
     response = responses[name]
     angles, given = response.configuration.angles, configuration.angles
-    if robot is None:  # places are names, whatever they were measured on
+    if robot is not None:
+        for place in {*response.inputs, *response.outputs}.difference(robot.load_locations):
+            robot.check_location(place)
+    if robot is None or not angles.size:  # at least one of the two studies has no robot
         return replace(response, configuration=configuration)
     # Angles that differ by more than 1e-3 rad (positions: 1e-3 m) are another configuration.
     if angles.shape != given.shape or np.any(np.abs(angles - given) > 1e-3):
-        units = ", ".join(dict.fromkeys(joint.unit for joint in robot.driven))
         raise StudyError(
             "responses/table",
-            f"{name} was measured at {angles.tolist()} ({units}), the study's {configuration.name} is at "
+            f"{name} was measured at {angles.tolist()}, the study's {configuration.name} is at "
             f"{given.tolist()}; correct experiment.configurations",
             path,
         )
-    for place in (*response.inputs, *response.outputs):
-        robot.check_location(place)
     return replace(response, configuration=configuration)

@@ -319,7 +319,7 @@ def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, floa
     jitter_s = float(np.abs(time_s - start - step * rows).max())
     if not jitter_s < step:
         return None
-    some = slice(0, _KNOTS)
+    some = slice(0, _KNOTS // 4)  # each channel takes seconds
     knot_hz = CLOCK.min_rate_share / step
     at_stamps, on_rows = (_fitted(t[some], signals[some], t[:1], knot_hz)[1] for t in (time_s, step * rows))
     return (jitter_s, 1 / float(step)) if on_rows <= at_stamps else None

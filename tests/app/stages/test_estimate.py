@@ -4,10 +4,12 @@ import json
 from pathlib import Path
 
 import pytest
+from plants.taken_friction import LEFT, taken_friction
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import SLOPE
 from elastid.app.run import Run, run_all
+from elastid.app.stages.estimate import _artefacts
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.measured import read_friction
 from elastid.study import load, load_robot
@@ -38,3 +40,9 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path) -> None:
     numbers = friction_numbers(load_robot(run.folder / "identified_robot.yml"))
     assert numbers["Fc_m1"][0] == pytest.approx(level, rel=1e-9)
     assert numbers["f_m1"][0] == pytest.approx(viscous["value"], rel=1e-9)
+
+
+def test_estimate_prints_why_friction_was_not_compensated(capsys: pytest.CaptureFixture[str]) -> None:
+    """One line per motor, also of one whose friction stays."""
+    _artefacts([], [], taken_friction()).report(Console(0))
+    assert LEFT in capsys.readouterr().out
