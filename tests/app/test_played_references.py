@@ -6,6 +6,9 @@ import socket
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace as Message
+from typing import Any, cast
+from unittest.mock import Mock
 
 import numpy as np
 
@@ -24,13 +27,12 @@ K_P, K_V, T_I = 20.0, 600.0, 0.08
 TICKS, TICK_S = 4, 0.001  # of the drive, in a cycle of 4 ms
 
 
-def player() -> Callable[..., None]:
-    """The first player of the page."""
-    code = re.search(r"\n(   import csv.*?)\n\nThe trajectory", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert code is not None
-    variables: dict[str, Callable[..., None]] = {}
-    exec("\n".join(line[3:] for line in code[1].splitlines()), variables)
-    return variables["play"]
+def player(name: str = "play", **names: Any) -> Callable[..., None]:
+    """A player of the page; names: of the classes that it needs."""
+    page = PAGE.read_text(encoding="utf-8")
+    for code in re.findall(r"code-block:: python\n\n((?:   .*\n|\n)+)", page):
+        exec("\n".join(line[3:] for line in code.splitlines()), names)
+    return cast(Callable[..., None], names[name])
 
 
 class Emulator:
@@ -109,3 +111,21 @@ def test_the_player_of_the_page_gives_an_emulated_robot_the_planned_torque(tmp_p
     Q = np.fft.rfft(np.radians(log[first:][:500, 1]).reshape(2, 250).mean(axis=0))[plan.lines] / 125
     low = plan.freq_hz < 15
     np.testing.assert_allclose(np.abs(U / (2 * np.pi * plan.freq_hz) ** 2 / Q)[low], INERTIA, rtol=0.03)
+
+
+def test_players_of_egm_and_rtde_send_a_row_per_message_and_log_its_state() -> None:
+    """Stubs of the messages, without a robot: rows in order; time, positions and currents."""
+    rows, written = [[1.0, 2.0], [3.0, 4.0]], list[tuple[float, ...]]()
+    joints = Message(joints=[5.0, 6.0])
+    state = Message(header=Message(tm=4), feedBack=Message(joints=joints), timestamp=4, actual_q=[5, 6])
+    state.actual_current = [7, 8]
+    answers = [Message(header=Message(), planned=Message(joints=Message(joints=[]))) for _ in rows]
+    for answer in answers:
+        answer.SerializeToString = lambda answer=answer: answer.planned.joints.joints
+    link, connection = Mock(recvfrom=lambda _: (b"", "robot")), Mock(receive=lambda: state)
+    write = lambda *values: written.append(values)  # noqa: E731
+    player("play_egm", EgmRobot=Mock(FromString=lambda _: state), EgmSensor=iter(answers).__next__)(link, rows, write)
+    player("play_rtde")(connection, rows, write)
+    assert [call.args[0] for call in link.sendto.call_args_list] == rows
+    assert [call.args[0] for call in connection.send.call_args_list] == rows
+    assert written == [(4, 5, 6)] * 2 + [(4, 5, 6, 7, 8)] * 2

@@ -1,0 +1,105 @@
+"""Robots with a position interface: references of a plan in, logs of two makes out, and the study of the logs."""
+
+import ctypes
+import json
+import re
+import shutil
+import subprocess
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from elastid.app import cli
+
+RIG = Path(__file__).parents[3] / "shared" / "prototypes" / "controllers"
+# Cycle and filter of the references, delay of the logged torque in s, and the largest error of its estimate.
+MAKES = {
+    "egm": ("{cycle: 4 ms, unit: deg, filter_hz: 20, filter_order: 2}", 0.0, 1e-4),
+    "drive": ("{cycle: 1 ms, unit: deg, side: motor}", 2.5e-4, 5e-5),
+}
+
+
+@pytest.fixture(scope="module")
+def makes(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    """The simulator of an arm with drive cascades at 8 kHz, compiled into a folder of its own."""
+    engine = find_spec("mujoco")
+    if not RIG.is_dir() or engine is None or shutil.which("gcc") is None:
+        pytest.skip("needs the simulator ../shared/prototypes/controllers, mujoco and gcc")
+    folder, mujoco = tmp_path_factory.mktemp("rig"), Path(str(engine.origin)).parent
+    (library,) = mujoco.glob("libmujoco.so.*")
+    flags = ["-O2", "-shared", "-fPIC", "-I", str(mujoco / "include"), f"-Wl,-rpath,{mujoco}"]
+    source, out = str(RIG / "arm.c"), str(folder / "drives.so")
+    subprocess.run(["gcc", *flags, source, str(library), "-lm", "-o", out], check=True)
+    with pytest.MonkeyPatch.context() as patch:
+        load = ctypes.CDLL
+        patch.setattr(ctypes, "CDLL", lambda name, *args: load(out if "drives.so" in str(name) else name, *args))
+        patch.setattr("sys.dont_write_bytecode", True)
+        patch.syspath_prepend(str(RIG))
+        module, rig, arm = map(import_module, ("makes", "rig", "arm"))
+        (folder / "arm.xml").write_text(arm.xml())
+        rig._xml = folder / "arm.xml"  # type: ignore[attr-defined]
+        return module
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("make", MAKES)
+def test_logs_of_a_make_give_stiffness_delay_and_friction(
+    make: str, makes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From a model with default tolerances, by three edited lines: k to 3 std and 2 %, Coulomb torque to 5 %."""
+    path, late, limit = MAKES[make]
+    robot = re.sub(r"acceleration: \d+, ", "", import_module("arm").robot())
+    (tmp_path / "robot.yml").write_text(robot)
+    places = dict(list(makes.CONF.items())[:2])
+    (tmp_path / "plan.yml").write_text(f"""
+name: plan
+robot: robot.yml
+excitation: {{inject: position, rate_hz: 1000, period: 4 s, band_hz: [1.5, 60], torque_rms: [160, 160, 55]}}
+experiment:
+  configurations: {json.dumps(places)}
+  ramp: 1 s
+  simulated:
+    controller:
+      kind: cascade
+      gains: {{position_gain: [20, 20, 25], velocity_gain: [1500, 1500, 400], integral_time: 60 ms}}
+      reference: {path}
+    carrier: {{amplitude: 1 deg, cycles: 1}}
+    compiled: true
+fit: {{parameters: {{k_*: {{}}, d_*: {{}}}}}}
+""")
+    assert cli.run_command(["run", str(tmp_path / "plan.yml"), "design", "-q", "--run", str(tmp_path / "plan")]) == 0
+    runs = {}
+    for file in sorted((tmp_path / "plan" / "references").glob("*.csv")):
+        q = np.radians(np.genfromtxt(file, delimiter=",", skip_header=1)[:, 1:])
+        q = q / (np.array(makes.N) if make == "drive" else 1.0)
+        name, realisation, experiment = re.fullmatch(r"(\w+)-r(\d+)-e(\d+)", file.stem).groups()  # type: ignore[union-attr]
+        runs[file.stem] = name, int(realisation), int(experiment), q - np.array(places[name])
+    timing = {"first": 1.0, "period": 4.0, "whole": 16.0}
+    monkeypatch.setattr(makes, "references", lambda *_, **__: (runs, timing))
+    monkeypatch.setattr("sys.argv", ["makes.py", str(tmp_path), make])
+    makes.main()
+    logs = [str(log) for log in sorted((tmp_path / "logs").glob("*.csv"))]
+    study = tmp_path / "study" / "study.yml"
+    assert cli.run_command(["new", str(study.parent), "--from", str(tmp_path / "robot.yml"), "--from", *logs]) == 0
+    study.write_text(
+        re.sub("fit: .*", "fit: {starts: 2, parameters: {k_*: {}, d_*: {}, fm_*: {}, delay_u: {}}}", study.read_text())
+    )
+    assert cli.run_command(["check", str(study)]) == 0
+    assert cli.run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 0
+    summary, true = json.loads((tmp_path / "run" / "summary.json").read_text()), makes.TR
+    stiffness = {"k_1": true["k"][0], "k_2": true["k"][1], "k_3": true["k"][2], "k_2z": true["kz"]}
+    numbers = summary["parameters"]
+    for name, value in stiffness.items():
+        error, std = numbers[name]["value"] - value, numbers[name]["std"]
+        print(f"{make} {name}: {100 * error / value:+.2f} %, {error / std:+.2f} std")
+        assert abs(error) < min(3 * std, 0.02 * value)
+    print(f"{make} delay: {1e3 * (numbers['delay_u']['value'] - late):+.3f} ms")
+    assert abs(numbers["delay_u"]["value"] - late) < limit
+    for friction, value in zip(summary["friction"], true["fc"], strict=True):
+        print(f"{make} {friction['motor']}: Coulomb torque {100 * (friction['F_c'] / value - 1):+.1f} %")
+        assert friction["F_c"] == pytest.approx(value, rel=0.05)
