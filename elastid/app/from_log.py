@@ -204,7 +204,7 @@ def _study(
     period: Sequence[str] = (),
     frame: str = "",
 ) -> Iterator[str]:
-    """A study down to its channels; configurations, period: its lines; frame: of a robot, at which a hammer hits."""
+    """A study down to its channels, with its configurations and period. A hammer hits at the frame."""
     names = robot.driven_names if robot is not None else []
     if guess.is_motion and robot is None:
         names = [str(i + 1) for i in range(len(guess.joints))]
@@ -212,8 +212,7 @@ def _study(
     elif robot is not None:
         yield "robot: robot.yml"
     elif frame:
-        yield "# One study per direction of the hits. Add a frame to robot.yml whose x axis points along the force."
-        yield "# List the responses in the study of the robot:"
+        yield "# One study per direction of the hits: the x axis of a frame of the robot, whose study takes"
         yield "# tool: {motors: locked, responses: {files: [{path: runs/responses/frf.h5, configuration: bench}]}}"
     else:
         yield "# Stiffness and damping of gears need a robot, too: `elastid new DIR --template recorded` shows how."
@@ -357,28 +356,27 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
     by_name = {name: joint for name in names for joint in joints if re.search(words[name], joint.torque.name.lower())}
     labels = [joint.torque.parts[1].lower() for joint in joints]
     order = {label: [*map(int, label.split())] for label in labels if re.fullmatch(r"[\d ]+", label)}
+    ordered = joints
     if len({joint.torque.key for joint in by_name.values()}) == len(names):
-        ordered, why = [by_name[name] for name in names], "name"
+        ordered = tuple(by_name.values())
     elif len(order) == len(names):
-        ordered, why = [joints[i] for i in sorted(range(len(names)), key=lambda i: order[labels[i]])], "number"
-    else:
-        ordered, why = list(joints), "place in the robot's file"
-    at = tuple(_at(*pair, why) for pair in zip(robot.driven, ordered, strict=True))
+        ordered = tuple(
+            joint for _, joint in sorted(zip(order.values(), joints, strict=True), key=lambda pair: pair[0])
+        )
+    at = tuple(map(_at, robot.driven, ordered))
     readings = [_read_as(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
     fitting = [reading for reading in readings if all(map(partial(_is_in_limits, positions), robot.driven, reading))]
     return replace(guess, joints=(fitting or readings)[0])
 
 
-def _at(joint: Joint, guess: JointGuess, why: str) -> JointGuess:
+def _at(joint: Joint, guess: JointGuess) -> JointGuess:
     """The guess at a joint of the robot, in units of a translation where that slides."""
-    torque, motion = (
-        replace(channel, why=f"{channel.why}; of {joint.name} by its {why}") for channel in (guess.torque, guess.motion)
-    )
+    motion = guess.motion
     if joint.slides and TABLE[motion.unit][0].startswith("rad"):
         motion = replace(motion, unit=of_translation(TABLE[motion.unit][0]))
     elif not joint.slides and "assumed" in motion.why:
         motion = replace(motion, unit=QUANTITY_UNIT[motion.quantity])
-    return replace(guess, torque=torque, motion=motion)
+    return replace(guess, motion=motion)
 
 
 def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:
@@ -386,22 +384,18 @@ def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bo
 
     Torques are motor-side if at the link one of them would be too small for the inertia of its rotor.
     """
-    ratios = [1.0 if joint.slides else robot.ratio(joint.name) for joint in robot.driven]
-    result, is_before_gear = list(joints), on_motor
-    for i, (joint, guess, ratio) in enumerate(zip(robot.driven, joints, ratios, strict=True)):
-        motion = guess.motion
+    result, is_before = [], on_motor
+    for joint, guess in zip(robot.driven, joints, strict=True):
+        motion, ratio = guess.motion, 1.0 if joint.slides else robot.ratio(joint.name)
         if unit and motion.quantity == "position" and not joint.slides and "assumed" in motion.why:
             or_motor = "" if on_motor or ratio == 1 else " or rad with side: motor"
             motion = replace(motion, unit=unit, why=f"deg{or_motor}, as rad exceed the limits of the robot")
         if on_motor and ratio != 1:
             motion = replace(motion, ratio=ratio, why=f"{motion.why}; motor-side, or it would exceed these limits")
-        is_before_gear |= guess.relation.is_before_gear(joint, ratio, motion.to_si / guess.motion.to_si)
-        result[i] = replace(guess, motion=motion)
-    for i, ratio in enumerate(ratios):
-        torque = result[i].torque
-        if (is_before_gear or torque.quantity == "current") and ratio != 1:
-            result[i] = replace(result[i], torque=replace(torque, ratio=ratio, why=f"{torque.why}; before the gear"))
-    return tuple(result)
+        is_before |= guess.relation.is_before_gear(joint, ratio, motion.to_si / guess.motion.to_si)
+        torque = replace(guess.torque, ratio=ratio, why=guess.torque.why + "; before the gear" * (ratio != 1))
+        result.append((guess.torque, replace(guess, torque=torque, motion=motion)))
+    return tuple(g if is_before or g.torque.quantity == "current" else replace(g, torque=t) for t, g in result)
 
 
 def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool:

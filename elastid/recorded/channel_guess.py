@@ -582,13 +582,14 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
             return
         is_consistent = True
     for i in joint.motions[:1]:
-        relation, names = _by_torque(joint, i), f"torque {joint.channels[joint.torque or 0].name_in_file}"
+        relation = _by_torque(joint, i)
+        names = f"torque {joint.channels[joint.torque or 0].name_in_file} and {joint.named(i)}"
         if relation.is_against_motion:
-            text = f"{names} and {joint.named(i)} have opposite signs, so that inertia or friction would be negative"
-            yield Doubt(joint.torque if is_consistent else i, "sign", f"{text}. Give one of them sign: -1")
+            text = f"{names} give a negative inertia or friction. Give one of them sign: -1"
+            yield Doubt(joint.torque if is_consistent else i, "sign", text)
         elif relation.is_before_gear(joint.joint, joint.ratio):
-            text = f"{names} and {joint.named(i)} give an inertia of {relation.inertia:.3g}, below the rotor's own"
-            yield Doubt(joint.torque, "side", f"{text}. If they are logged before the gear, set side: motor")
+            text = f"{names} give an inertia below the rotor's own. If they are logged before the gear, set side: motor"
+            yield Doubt(joint.torque, "side", text)
 
 
 def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:
