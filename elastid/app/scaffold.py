@@ -40,6 +40,7 @@ _RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
 # Acceleration of the excitation in rad/s^2 (m/s^2), rms, and the part of a limit of torque that it takes at most.
 _ACCELERATION, _PART_OF_LIMIT = 4.0, 0.2
 _NO_ROTOR = 1e-250  # kg m^2, of a rotor that is not known
+_LEAST_INERTIA = 1e-12  # kg m^2, of links that a motor moves: less is rounding
 _POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
 
 
@@ -66,23 +67,28 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
     if is_own:
         rotors = [joint.motor.inertia * joint.motor.ratio**2 for joint in robot.driven if joint.motor is not None]
         return robot, {"study.yml": _study(robot, postures, np.array(rotors)), "robot.yml": yaml_text(robot)}
-    inertia, driven, comments = _with_guessed_drives(robot, postures, path.name)
+    inertia, driven, comments = _with_guessed_drives(robot, postures, path)
     return robot, {"study.yml": _study(robot, postures, inertia), "robot.yml": yaml_text(driven, comments)}
 
 
-def _with_guessed_drives(robot: Robot, postures: FloatArray, name: str) -> tuple[FloatArray, Robot, tuple[str, ...]]:
+def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tuple[FloatArray, Robot, tuple[str, ...]]:
     """Inertia (n_u,) of the links of each drive, the robot with guessed gears and rotors, and comments on them."""
     # The links alone: rotors without inertia, and no joint that only a spring holds.
     links = with_joints(robot, lambda joint: replace(joint, motor=Motor(_NO_ROTOR)) if joint.motor else None)
     model, theta = formulate(links), [value for value, _ in links.parameters().values()]
     # Inertia that each motor accelerates, others held, mean over postures: kg m^2, kg of one that slides.
     inertia = np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
+    if lacking := [joint.name for joint, value in zip(robot.driven, inertia, strict=True) if value <= _LEAST_INERTIA]:
+        joints = read_elements(path).all("joint") if path.suffix.lower() == ".urdf" else ()
+        line = next((f":{joint.line}" for joint in joints if joint.name == lacking[0]), "")
+        text = "its links have no inertia about its axis. State their inertia, or make the joint fixed"
+        raise StudyError("robot/file", f"joint {lacking[0]}: {text}", f"{path}{line}")
     of_driven = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
     driven = with_joints(robot, lambda joint: _with_drive(joint, of_driven.get(joint.name, 0.0)))
     guessed = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
     rotors = f"; motors of {', '.join(guessed)}, with as much inertia as the links behind them" if guessed else ""
     comments = (
-        f"The rigid part is from {name}. Replace guessed numbers with those of data sheets:",
+        f"The rigid part is from {path.name}. Replace guessed numbers with those of data sheets:",
         f"the springs of gears, with a mode at {_HELD_HZ:g} Hz while the motor is locked{rotors};",
         "if the file has none, viscous friction that stops a motor's rotor within a second.",
         "Constraints, tendons, dry friction, and springs of driven joints are not read from the file.",

@@ -301,7 +301,7 @@ def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
 
     The first part has the notes and findings, and one on the gaps.
     """
-    lacking = ~np.isfinite(gathered.signals).all(axis=1)
+    lacking = np.asarray(~np.isfinite(gathered.signals).all(axis=1))
     gaps = runs(lacking, MAX_BRIDGED + 1)
     bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(lacking)], strict=True)
     least, log = LIMITS.min_part_s * gathered.rate_hz, gathered.log

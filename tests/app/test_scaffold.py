@@ -4,8 +4,10 @@ import math
 from pathlib import Path
 
 import pytest
+from plants.refusals import refused
 
 from elastid.app.cli import run_command
+from elastid.app.scaffold import from_robot
 from elastid.study import load
 from tests.robot.test_urdf import written
 
@@ -52,3 +54,15 @@ def test_a_study_of_any_tree_checks(seed: int, tmp_path: Path) -> None:
 def test_a_file_that_is_no_robot_leaves_no_study(tmp_path: Path) -> None:
     assert made(ARM.replace('type="continuous"', 'type="floating"'), tmp_path) == 2
     assert not (tmp_path / "new").exists()
+
+
+def test_a_joint_whose_links_have_no_inertia_is_refused_at_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    inertia = '<inertia ixx="{0}" iyy="{0}" izz="{0}"/>'
+    link = '<link name="{1}"><inertial><mass value="0.2"/>' + inertia + "</inertial></link>\n"
+    joint = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 0 1"/></joint>\n'
+    links = '<link name="base"/>\n' + link.format(0.1, "arm") + link.format(0, "flange")
+    joints = joint.format(1, "base", "arm") + joint.format(2, "arm", "flange")
+    path.write_text('<robot name="two">\n' + links + joints + "</robot>")
+    with refused("robot/file", place="arm.urdf:6"):
+        from_robot(path)

@@ -1,6 +1,6 @@
 """Logs in formats of which libraries know the layout: HDF5, MATLAB, Parquet, and TDMS."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -98,24 +98,61 @@ def _values(table: Any, name: str) -> NDArray[Any]:
 
 @contextmanager
 def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first."""
+    """LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first.
+
+    Waveforms of one rate whose start times differ are cut to the samples that all of them have.
+    """
     nptdms = installed("nptdms", "tdms", path)
     with nptdms.TdmsFile.open(path) as file:
-        channels = [channel for group in file.groups() for channel in group.channels()]
-        yield ArrayLog(path, {f"{c.group_name}/{c.name}": _channel(c) for c in channels if len(c) > 0})
+        channels = [c for group in file.groups() for c in group.channels() if len(c) > 0]
+        common = _common_samples([(c.properties, len(c)) for c in channels])
+        yield ArrayLog(
+            path, {f"{c.group_name}/{c.name}": _channel(c, part) for c, part in zip(channels, common, strict=True)}
+        )
 
 
-def _channel(channel: Any) -> StoredArray:
+def _common_samples(waveforms: Sequence[tuple[Mapping[str, Any], int]]) -> list[slice]:
+    """Samples of each waveform, by its properties and length, from the latest start to the first end at its rate."""
+    steps = [float(properties.get("wf_increment", 0.0)) for properties, _ in waveforms]
+    starts = [_start_s(properties) for properties, _ in waveforms]
+    parts = []
+    for (_, n), step, start in zip(waveforms, steps, starts, strict=True):
+        alike = [i for i, other in enumerate(steps) if other == step > 0 and starts[i] is not None]
+        if start is None or len(alike) < 2 or len({starts[i] for i in alike}) == 1:
+            parts.append(slice(0, n))
+            continue
+        latest = max(starts[i] or 0.0 for i in alike)
+        ends = [waveforms[i][1] - round((latest - (starts[i] or 0.0)) / step) for i in alike]
+        first = round((latest - start) / step)
+        parts.append(slice(first, first + max(min(ends), 0)))
+    return parts
+
+
+def _start_s(properties: Mapping[str, Any]) -> float | None:
+    """Time of the first sample of a waveform in s, None where it is not stated."""
+    start = properties.get("wf_start_time")
+    if start is None:
+        return None
+    return float((np.datetime64(start) - _EPOCH) / np.timedelta64(1, "us")) * 1e-6 + float(
+        properties.get("wf_start_offset", 0.0)
+    )
+
+
+_EPOCH = np.datetime64("2000-01-01T00:00:00", "us")
+
+
+def _channel(channel: Any, part: slice) -> StoredArray:
     step = channel.properties.get("wf_increment", 0.0)
     is_time = channel.dtype.kind == "M"
     dtype = np.dtype(np.float64) if is_time else channel.dtype
     units = "s" if is_time else str(channel.properties.get("unit_string", ""))
-    read = partial(_read_channel, channel)
-    return StoredArray((len(channel),), dtype, read, units, 1 / step if step > 0 else None, rows=read)
+    read = partial(_read_channel, channel, part)
+    return StoredArray((part.stop - part.start,), dtype, read, units, 1 / step if step > 0 else None, rows=read)
 
 
-def _read_channel(channel: Any, part: slice = slice(None)) -> NDArray[Any]:
-    values = np.asarray(channel[part])
+def _read_channel(channel: Any, whole: slice, part: slice = slice(None)) -> NDArray[Any]:
+    first, end, step = part.indices(whole.stop - whole.start)
+    values = np.asarray(channel[whole.start + first : whole.start + end : step])
     return seconds(values, channel[0]) if values.dtype.kind == "M" else values
 
 

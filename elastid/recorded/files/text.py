@@ -146,7 +146,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
             path,
         )
     lines = _decoded(raw).splitlines()
-    numbers = tuple(line.replace(",", ".") for line in lines) if text.decimal == "," else tuple(lines)
+    numbers = tuple(plain_numbers(line, text) for line in lines)
     first = text.header_lines
     while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
         first += 1
@@ -165,6 +165,26 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     yield TextLog(path, text, numbers, headings, first, n_columns, units)
 
 
+# Groups of three digits: 1.512,5 and 1'512,5 with a decimal comma; 1'512.5 and, between other delimiters, 1,512.5.
+_FIRST = r"([-+]?[1-9]\d{0,2})"
+_DECIMAL_COMMA = re.compile(rf"(?<![\w.,'’]){_FIRST}((?:[.'’]\d{{3}})+)(?![\d.'’])")
+_APOSTROPHES = re.compile(rf"(?<![\w.'’]){_FIRST}((?:['’]\d{{3}})+)(?![\d'’])")
+_COMMAS = re.compile(rf"(?<![\w.,]){_FIRST}((?:,\d{{3}})+)(?=\.\d)")
+
+
+def plain_numbers(line: str, text: TextFormatSpec) -> str:
+    """Return a line with points as decimals, and without the separators of thousands that its format can have.
+
+    >>> plain_numbers("1.512;-4,55043", TextFormatSpec(";", ","))
+    '1512;-4.55043'
+    """
+    comma = text.decimal == ","
+    patterns = (_DECIMAL_COMMA,) if comma else (_APOSTROPHES,) if text.delimiter == "," else (_APOSTROPHES, _COMMAS)
+    for pattern in patterns if any(separator in line for separator in ".,'’") else ():
+        line = pattern.sub(lambda m: m[1] + re.sub(r"\D", "", m[2]), line)
+    return line.replace(",", ".") if text.decimal == "," else line
+
+
 def guess_format(path: Path) -> TextFormatSpec:
     """The format of a text log: the delimiter and decimal with which most of its fields are numbers."""
     return _best_format(path)[1]
@@ -177,8 +197,8 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
         lines = _decoded(file.read(65536)).splitlines()[-21:-1]
 
     def numbers_less_words(text: TextFormatSpec) -> int:
-        decimal = [line.replace(",", ".") if text.decimal == "," else line for line in lines]
-        return sum(1 if _is_number(field) else -1 for line in decimal for field in _fields(line, text))
+        plain = [plain_numbers(line, text) for line in lines]
+        return sum(1 if _is_number(field) else -1 for line in plain for field in _fields(line, text))
 
     scored = [(numbers_less_words(text), text) for text in (TextFormatSpec(*spec) for spec in _FORMATS)]
     return max(scored, key=lambda pair: pair[0])

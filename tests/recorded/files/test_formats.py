@@ -315,3 +315,22 @@ def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(
     y = ChannelSpec("y", "motor 1", name, column or (None if name else 1), "position")
     with refused("records/channels", holds=message):
         measured(tmp_path, study_of("log.mat", (u, y)))
+
+
+def test_waveforms_of_tdms_begin_at_the_latest_start(tmp_path: Path) -> None:
+    """Of two channels at 500 Hz the second begins 20 samples later, and both have 200."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    x, start = np.arange(220.0), np.datetime64("2024-05-01T10:00:00.000000")
+    with TdmsWriter(tmp_path / "log.tdms") as writer:
+        channels = (("a", x[:200], start), ("b", x[20:], start + np.timedelta64(40, "ms")))
+        objects = [
+            ChannelObject("g", name, values, {"wf_start_time": begin, "wf_start_offset": 0.0, "wf_increment": 0.002})
+            for name, values, begin in channels
+        ]
+        writer.write_segment(objects)
+    with foreign.opened_tdms(tmp_path / "log.tdms", TextFormatSpec()) as log:
+        names = [ChannelSpec("y", "any", f"g/{name}", quantity="position") for name in "ab"]
+        values = log.values(names, slice(None))
+    assert np.array_equal(values[:, 0], x[20:200])
+    assert np.array_equal(values[:, 1], x[20:200])

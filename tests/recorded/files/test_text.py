@@ -112,3 +112,22 @@ def test_units_are_read_below_the_headings(units: str, tmp_path: Path) -> None:
         assert log.headings == ("Zeit", "Moment", "Winkel")
         assert log.units[1] in ("Nm", "N*m")
         assert log.units[0] == units.split(";")[0].strip("[]")
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "decimal", "cells", "values"),
+    [
+        (";", ",", "1.512;-4,55043;12.345.678,5", (1512, -4.55043, 12345678.5)),
+        (";", ",", "0.002;1'512,5;01.02", (0.002, 1512.5, 1.02)),
+        ("tab", ".", "1,512.5\t1'512\t3.25", (1512.5, 1512, 3.25)),
+        (",", ".", "1,512.5,1’512.25", (1, 512.5, 1512.25)),
+    ],
+)
+def test_separators_of_thousands_are_no_decimals(
+    delimiter: str, decimal: str, cells: str, values: tuple[float, ...], tmp_path: Path
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([cells] * 3) + "\n", encoding="utf-8")
+    with opened(path, TextFormatSpec(delimiter, decimal)) as log:
+        names = [ChannelSpec("y", "any", column=i + 1, quantity="position") for i in range(len(values))]
+        assert log.values(names, slice(None))[0].tolist() == list(values)
