@@ -32,9 +32,10 @@ from elastid.recorded.channel_guess import (
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
+from elastid.recorded.files.universal import is_universal_file, time_histories
 from elastid.recorded.repair.periodicity import find_period, repetition
 from elastid.recorded.repair.time_stamps import CLOCK, even_grid
-from elastid.recorded.responses.table import is_universal_file, uff_places
+from elastid.recorded.responses.table import uff_places
 from elastid.robot import Joint, Robot
 from elastid.study.checks.recorded import TIME_UNITS, is_time, stamps_of
 
@@ -67,7 +68,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     first = logs[0]
     if lost := [path for path in logs if not path.exists()]:
         raise DataError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
-    if first.is_file() and is_universal_file(first):
+    if first.is_file() and is_universal_file(first) and not time_histories(first):
         return {"study.yml": _joined([*_head("responses", first), *_universal(logs, folder)])}
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:

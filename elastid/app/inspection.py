@@ -16,9 +16,10 @@ from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import is_clock
 from elastid.recorded.files.formats import is_log, naming, opened_log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
+from elastid.recorded.files.universal import is_universal_file
 from elastid.recorded.repair.time_stamps import even_grid, steps_in_words
 from elastid.recorded.responses.reading import contents_of
-from elastid.recorded.responses.table import HOW_TO_SAVE, is_universal_file
+from elastid.recorded.responses.table import HOW_TO_SAVE
 from elastid.store.artefacts import kind_of
 from elastid.store.files import is_as_written, is_intact
 from elastid.store.reading import described as described_artefact
@@ -99,7 +100,7 @@ def _lines(path: Path) -> list[str]:
     if responses:
         lines = [f"{path}: {len(responses)} frequency responses; list the file under experiment.responses.files"]
         lines += [f"  {response}" for response in responses]
-    if not is_universal_file(path):
+    if not (responses and is_universal_file(path)):
         lines += _log_lines(path)
     return lines
 

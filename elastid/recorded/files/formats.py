@@ -19,7 +19,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files import foreign, ros_bag, text
+from elastid.recorded.files import foreign, ros_bag, text, universal
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.reader_process import guarded
 
@@ -74,6 +74,7 @@ FORMATS = (
     ),
     Format("HDF5", is_hdf5, foreign.opened_hdf5, "copy it or export it again"),
     Format("MATLAB", is_matlab, guarded(foreign.opened_matlab), "copy it or save it again with -v7"),
+    Format("universal", universal.is_universal_file, guarded(universal.opened), "copy it or export it again"),
     Format("text", lambda path, head: True, text.opened, "copy it or export it again"),
 )
 

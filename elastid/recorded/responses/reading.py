@@ -19,11 +19,11 @@ from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, zero_order_hold
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.text import TextLog, guess_format
+from elastid.recorded.files.universal import is_universal_file, time_histories
 from elastid.recorded.link_side import MAX_COMPUTABLE, link_side_factor, to_joints
 from elastid.recorded.responses.table import (
     ResponseTable,
     dataset_table,
-    is_universal_file,
     struct_table,
     structs_in,
     text_table,
@@ -49,7 +49,7 @@ def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
 def contents_of(path: Path) -> tuple[str, ...]:
     """A line for each frequency response in a file."""
     if is_universal_file(path):
-        return uff_contents(path)
+        return () if time_histories(path) else uff_contents(path)
     with opened_log(path, guess_format(path)) as log:
         tables = [(name, struct_table(path, log.arrays, name)) for name in structs_in(log.arrays)]
     return tuple(

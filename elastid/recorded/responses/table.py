@@ -19,13 +19,14 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.base.errors import DataError, Note, StudyError, installed
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.units import TABLE
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.modal.spec import GeometrySpec
 from elastid.recorded.files.log import StoredArray
 from elastid.recorded.files.text import TextLog
+from elastid.recorded.files.universal import UFF_QUANTITIES, is_universal_file, place_of, sets_of
 
 # Hz in one of the file's unit; MATLAB's time unit is the second unless the file states another.
 _IN_HZ = {
@@ -245,10 +246,6 @@ def _names(leaves: Mapping[str, StoredArray], name: str) -> tuple[str, ...]:
     return tuple(cells) if any(cells) else ()
 
 
-# A universal file starts with the mark of a data set, in fixed columns, and the number of the set.
-_START = re.compile(rb"    -1 *\r?\n {1,5}\d{1,5}b?\s")
-_DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
-_QUANTITY = {8: "position", 11: "velocity", 12: "acceleration"}
 # Length in m and force in N of the unit codes of data set 164.
 _FOOT, _POUND, _KILOGRAM = 0.3048, 4.4482216152605, 9.80665
 _UNITS = {
@@ -257,22 +254,14 @@ _UNITS = {
 }  # fmt: skip
 
 
-def is_universal_file(path: Path) -> bool:
-    """True by the first lines, or by the suffix."""
-    if path.suffix.lower() in (".uff", ".unv"):
-        return True
-    with path.open("rb") as file:
-        return _START.match(file.read(200)) is not None
-
-
 def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
     """All responses as one matrix; StudyError without pyuff or for other quantities, DataError for other lines."""
     sets = _responses(path)
-    outputs, inputs = (tuple(dict.fromkeys(_place(data_set, side) for data_set in sets)) for side in ("rsp", "ref"))
+    outputs, inputs = (tuple(dict.fromkeys(place_of(data_set, side) for data_set in sets)) for side in ("rsp", "ref"))
     freq = np.asarray(sets[0]["x"], dtype=np.float64)
     G = np.full((len(freq), len(outputs), len(inputs)), np.nan, dtype=np.complex128)
     for data_set in sets:
-        output, input_ = _place(data_set, "rsp"), _place(data_set, "ref")
+        output, input_ = place_of(data_set, "rsp"), place_of(data_set, "ref")
         if not np.array_equal(np.asarray(data_set["x"]), freq):
             raise DataError(
                 "responses/table",
@@ -290,8 +279,8 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
 def uff_contents(path: Path) -> tuple[str, ...]:
     """One line for each response of a universal file."""
     return tuple(
-        f"response of {_place(data_set, 'rsp')} ({_quantity(data_set) or 'unknown quantity'}) "
-        f"to {_place(data_set, 'ref')}: {len(data_set['x'])} lines, {data_set['x'][0]:g} to {data_set['x'][-1]:g} Hz"
+        f"response of {place_of(data_set, 'rsp')} ({_quantity(data_set) or 'unknown quantity'}) "
+        f"to {place_of(data_set, 'ref')}: {len(data_set['x'])} lines, {data_set['x'][0]:g} to {data_set['x'][-1]:g} Hz"
         for data_set in _responses(path)
     )
 
@@ -299,8 +288,8 @@ def uff_contents(path: Path) -> tuple[str, ...]:
 def uff_places(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     """Outputs of a universal file with their quantities (acceleration where it is not stated), and its inputs."""
     sets = _responses(path)
-    outputs = {_place(data_set, "rsp"): _quantity(data_set) or "acceleration" for data_set in sets}
-    return outputs, tuple(dict.fromkeys(_place(data_set, "ref") for data_set in sets))
+    outputs = {place_of(data_set, "rsp"): _quantity(data_set) or "acceleration" for data_set in sets}
+    return outputs, tuple(dict.fromkeys(place_of(data_set, "ref") for data_set in sets))
 
 
 def geometry_of_files(spec: ResponsesSpec | None, folder: Path) -> GeometrySpec | None:
@@ -318,7 +307,7 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | 
     metre = _length_and_force(path)[0]
     points = {
         str(int(node)): (metre * x, metre * y, metre * z)
-        for nodes in _sets(path, 15, 2411)
+        for nodes in sets_of(path, 15, 2411)
         for node, x, y, z in zip(nodes["node_nums"], nodes["x"], nodes["y"], nodes["z"], strict=True)
     }
     motion = {}
@@ -328,14 +317,14 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | 
             motion[channel.at] = match[1], f"{'-' if channel.sign < 0 else ''}{match[2]}"
     if not motion:
         return None
-    traces = [[str(int(node)) for node in line["nodes"]] for line in _sets(path, 82)]
+    traces = [[str(int(node)) for node in line["nodes"]] for line in sets_of(path, 82)]
     lines = [pair for trace in traces for pair in pairwise(trace) if points.keys() >= set(pair)]
     return GeometrySpec(points=points, lines=tuple(lines), motion=motion)
 
 
 def _length_and_force(path: Path) -> tuple[float, float]:
     """Units of length in m and force in N from data set 164, by default SI."""
-    units = _sets(path, 164)
+    units = sets_of(path, 164)
     if not units:
         return 1.0, 1.0
     code = int(units[0]["units_code"])
@@ -361,38 +350,21 @@ def _in_si(
     return of_outputs[:, None] / of_inputs, (Note("responses/units", text, path.name, severity="information"),)
 
 
-def _sets(path: Path, *types: int) -> list[dict[str, Any]]:
-    """The data sets of some types; StudyError without pyuff, DataError for a damaged file."""
-    pyuff = installed("pyuff", "uff", path)
-    try:
-        file = pyuff.UFF(str(path))
-        return [file.read_sets(int(i)) for i in np.flatnonzero(np.isin(file.get_set_types(), types))]
-    except Exception as error:  # a damaged file makes pyuff raise anything
-        text = f"{path}: damaged, truncated or not a universal file ({error}). Copy or export it again"
-        raise DataError("responses/table", text) from error
-
-
 def _responses(path: Path) -> list[dict[str, Any]]:
-    sets = _sets(path, 58)
+    sets = sets_of(path, 58)
     responses = [data_set for data_set in sets if int(data_set["func_type"]) == 4]
     if not responses:
         raise DataError(
             "responses/table",
             f"none of its {len(sets)} data sets 58 is a frequency response (function type 4). Export frequency "
-            "responses",
+            "responses, or read time histories (type 1) as logs: experiment.recorded",
             path,
         )
     return responses
 
 
 def _quantity(data_set: dict[str, Any]) -> str | None:
-    return _QUANTITY.get(int(data_set["ordinate_spec_data_type"]))
-
-
-def _place(data_set: dict[str, Any], side: str) -> str:
-    direction = abs(int(data_set[f"{side}_dir"]))
-    name = _DIRECTIONS[direction] if direction < len(_DIRECTIONS) else f"?{direction}"
-    return f"{int(data_set[f'{side}_node'])}{name}"
+    return UFF_QUANTITIES.get(int(data_set["ordinate_spec_data_type"]))
 
 
 def _check_quantity(path: Path, data_set: dict[str, Any], output: str, channels: tuple[ChannelSpec, ...]) -> None:
