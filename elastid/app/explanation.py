@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from elastid.base.display import capital
-from elastid.nonlinear.effects import KINDS
+from elastid.nonlinear.effects import SHEET
 from elastid.store.friction_study import read_friction_result
 from elastid.store.results import read_fit, read_gears
 from elastid.study import load
@@ -16,8 +16,7 @@ def explained(asked: str, study: Path | None = None, folder: Path | None = None)
     fit, gears, friction = (Path(folder or "") / f"{stage}.h5" for stage in ("fit", "gears", "friction"))
     result = read_fit(fit) if folder is not None and not friction.is_file() else None
     robot = result.robot if result is not None else None if study is None else load(study).study.robot
-    effects = {row.number for row in KINDS.values()}  # of gears: h_1, e2_1 with an order
-    named = [e.meaning for e in effects if re.fullmatch(rf"{e.prefix}([\d.]+_)?(?<=[_m])\w+", asked)]
+    named = [e.meaning for e in SHEET if re.fullmatch(rf"{e.prefix}([\d.]+_)?(?<=[_m])\w+", asked)]  # e2_1 has an order
     rows = [explain_parameter(asked, robot) or "".join(f"{capital(meaning)}. Link side." for meaning in named)]
     if result is not None and asked in result.values:
         verdict = dict(zip(result, result.verdicts, strict=False)).get(asked, "nuisance parameter")

@@ -32,9 +32,9 @@ from elastid.fit.problem.least_squares import (
 )
 from elastid.fit.problem.shared_bias import errors_of, find_factors, next_factors, shares_of, with_modelled_bias
 from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
-from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor
+from elastid.fit.problem.weights import Weights, weigh, with_floor
 from elastid.fit.solve.solvers import FINE, solve
-from elastid.fit.spec import FitSpec
+from elastid.fit.spec import USUAL_FLOOR, FitSpec
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.linear.equilibrium import equilibrium, spring_notes
 from elastid.linear.linear_model import is_load

@@ -44,10 +44,10 @@ from elastid.fit.problem.elastic import ElasticFit, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh, with_floor
+from elastid.fit.problem.weights import check_factors, weigh, with_floor
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, NEAR, multistart, solve, spread
-from elastid.fit.spec import FitSpec
+from elastid.fit.spec import USUAL_FLOOR, FitSpec
 from elastid.linear.linear_model import is_load
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -440,9 +440,9 @@ def _contradicted_priors(result: Result) -> tuple[Note, ...]:
         alone = mean + (float(x) - mean) * S / (S - P)
         value = math.exp(alone) if parameter.log else alone
         text = (
-            f"without its prior of {parameter.prior.mean:.6g} {parameter.unit} the data would have it at {value:.6g}, "
-            f"{sigmas:.3g} standard deviations of both together away; the estimate lies between them, and its interval "
-            "holds neither: correct the prior, or the records if they are in doubt"
+            f"the data contradict the prior: {parameter.name} = {value:.6g} {parameter.unit} without it, instead of "
+            f"{parameter.prior.mean:.6g} {parameter.unit} ({sigmas:.3g} std apart); the estimate is between the two. "
+            "Correct the prior, or check the records"
         )
-        notes.append(Note("fit/prior-contradicted", text, parameter.name))
+        notes.append(Note("fit/prior-contradicted", text))
     return tuple(notes)

@@ -16,6 +16,7 @@ from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_o
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.spec import USUAL_FLOOR
 from elastid.linear.fitted_model import Axes, Doubt, FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.model.spec import ModelSpec
@@ -98,6 +99,9 @@ class ModificationIndex:
 Status: TypeAlias = Literal[
     "converged", "noise_unknown", "at_bound", "misfit", "not_converged", "ill_conditioned", "model_error"
 ]
+
+# Residuals over the noise of a large model error; over noise and declared model error, the limit of the residual test.
+LARGE = 1.5
 
 # The meaning for the parameters; after the full stop the next action.
 MEANING: dict[Status, str] = {
@@ -308,9 +312,13 @@ class Result:
         """Verdict of the residual test, the residuals over the noise, and the limit."""
         if not self.noise_is_known:
             return "no residual test, because the noise is unknown"
-        verdict, limit = "failed" if self.exceeds_noise else "passed", math.sqrt(largest_by_chance(self.cost_dof))
-        text = f"residual test {verdict}: rms residual / noise {self.residual_ratio:.3g} (limit {limit:.3g},"
-        return f"{text} false-alarm rate 0.14 %)"
+        limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), f"rms residual / noise {self.residual_ratio:.3g}"
+        if self.exceeds_noise and self.model_error > USUAL_FLOOR:
+            error = f"rms residual / (noise and declared model error of {percent(self.model_error)})"
+            verdict = "passed" if self.is_declared else "failed"
+            return f"residual test {verdict}: {error} {self.error_ratio:.3g} (limit {LARGE:g}), {ratio}"
+        verdict = "failed" if self.exceeds_noise else "passed"
+        return f"residual test {verdict}: {ratio} (limit {limit:.3g}, false-alarm rate 0.14 %)"
 
     @property
     def base_remarks(self) -> dict[str, str]:
@@ -330,7 +338,7 @@ class Result:
     def cause(self) -> tuple[str, str, str]:
         """The first cause of a model error, the full stop, and its remedy; empty texts if no cause is known."""
         notes = [str(note) for note in self.notes if note.code in CAUSES]
-        if self.exceeds_noise:
+        if self.exceeds_noise and not self.is_declared:
             notes.append(f"{NO_CAUSE}. {self.test_of_causes}")
         return min(notes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
 
@@ -348,6 +356,16 @@ class Result:
     def exceeds_noise(self) -> bool:
         """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
         return self.noise_is_known and is_in_error(self.cost, self.cost_expected, self.cost_dof)
+
+    @property
+    def is_declared(self) -> bool:
+        """True if the residuals exceed the noise, but not noise and declared model error (above 1 %) together."""
+        return self.exceeds_noise and self.model_error > USUAL_FLOOR and self.error_ratio < LARGE
+
+    @property
+    def error_ratio(self) -> float:
+        """Ratio of residuals to noise and model error, root mean square."""
+        return math.sqrt(self.cost / max(self.dof, 1))
 
     @property
     def residual_ratio(self) -> float:

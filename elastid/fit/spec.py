@@ -45,6 +45,11 @@ def misnamed(
             yield (key,), key, name
 
 
+# Model error of a search, and of responses without measured noise, if the study declares none; the residuals alone
+# never set a larger one.
+USUAL_FLOOR = 0.01
+
+
 @section
 class WeightSpec:
     """Weights are inverse variances: var = smoothed variance of G + (model_error |G|)^2, times the factors."""

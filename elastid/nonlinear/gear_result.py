@@ -150,6 +150,11 @@ class GearResult:
         return tuple(number for sheet in self.sheets for number in sheet.numbers)
 
 
+def notes_before_gears(notes: Iterable[Note], is_next: bool) -> tuple[Note, ...]:
+    """Notes of a fit and its responses, without those that the stage gears answers or repeats if it is next."""
+    return tuple(note for note in notes if not (is_next and note.code in ANSWERED))
+
+
 def with_gears(result: Result, gears: GearResult | None) -> Result:
     """Fit with the gearbox characteristics, without status misfit if the effects explain the misfit.
 

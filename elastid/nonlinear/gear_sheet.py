@@ -29,8 +29,10 @@ from elastid.nonlinear.effects import (
     HYSTERESIS,
     LOOPS,
     LOST_MOTION,
+    SECANTS,
     SPRINGS,
     STIFFENING,
+    WIDTH,
     GearEffect,
     SheetNumber,
     implicit_law,
@@ -303,7 +305,6 @@ def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -
 
 # Letters of names in the order of a sheet.
 _ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
-_WIDTH = SheetNumber("Hw_", "hysteresis, width of the loop", "angle", "rad")
 
 
 def _named(what: SheetNumber, joint: str, order: float = 0.0, **further: float) -> GearNumber:
@@ -331,11 +332,11 @@ def _springs(gear: JointLevels, result: Result, reach: float) -> list[GearNumber
     delta = np.linspace(0, reach, 601)
     tau, rows = gear.torque(delta, hysteresis=False)
     ends = np.searchsorted(tau, gear.peak * np.arange(4) / 3).clip(0, 600)
-    for i, (low, high) in enumerate(pairwise(ends.tolist()), start=1):
+    for what, (low, high) in zip(SECANTS, pairwise(ends.tolist()), strict=True):
         if high > low:
             meaning = f"stiffness from {tau[low]:.3g} to {tau[high]:.3g} Nm"
             secant, row = ((x[high] - x[low]) / (delta[high] - delta[low]) for x in (tau, rows))
-            numbers.append(gear.number(SheetNumber(f"K{i}_", meaning, "stiffness", "N*m/rad"), float(secant), row))
+            numbers.append(gear.number(replace(what, meaning=meaning), float(secant), row))
     if not has_gap:  # a secant is softer than k, beyond the gap
         share, row = gear.over_k(float(tau[600]) / reach, rows[600] / reach)
         meaning = f"hardening of the secant stiffness up to {gear.peak:.3g} Nm"
@@ -369,7 +370,7 @@ def _levels(gear: JointLevels, reach: float) -> list[GearNumber]:
         else:
             numbers.append(gear.number(what, value, row))
         if what == HYSTERESIS:
-            numbers.append(gear.number(_WIDTH, *gear.over_k(2 * value, 2 * row)))
+            numbers.append(gear.number(WIDTH, *gear.over_k(2 * value, 2 * row)))
     return numbers
 
 
@@ -409,4 +410,4 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
         return [_named(what, joint, effect.order, bound=bound)]
     # Within the records it does not reach its level where it bends over more than they bend the gear.
     bound *= min(1.0, reach / effect.scale)
-    return [_named(what, joint, bound=bound), _named(_WIDTH, joint, bound=2 * bound / k)]
+    return [_named(what, joint, bound=bound), _named(WIDTH, joint, bound=2 * bound / k)]

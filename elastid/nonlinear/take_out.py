@@ -101,10 +101,10 @@ def _unexplained(
     if ratio < LIMITS.unexplained or np.median((total / (noise + arm()))[known]) < LIMITS.unexplained:
         return ()
     text = (
-        f"distortion leaves {np.sqrt(ratio):.2g} times the scatter of the noise, and no friction of "
-        f"{', '.join(friction.places)} explains it: are all its records of one time, unit and load? If they are: by "
-        "hysteresis of a gear, or dry friction behind it, damping is off by far more than its interval, and by a "
-        "spring that is not straight stiffness is that of this amplitude alone; `gears: {}` in the study finds which"
+        f"nonlinear distortion is {np.sqrt(ratio):.2g} times the noise, and friction of {', '.join(friction.places)} "
+        "does not explain it. Damping is biased if gears have hysteresis or link-side friction, and stiffness applies "
+        "to this amplitude only if a spring is nonlinear. Check that unit, load and time of all records agree, then "
+        "add `gears: {}` to the study"
     )
     return (Note(UNEXPLAINED, text, f"configuration {response.configuration.name}"),)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.display import capital, number, percent
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import BIASED, DISTORTED, HELD_AS_EXACT, MEANING, NO_CAUSE, UNCERTAIN, Result
+from elastid.fit.result import BIASED, DISTORTED, HELD_AS_EXACT, MEANING, NO_CAUSE, OTHER_AMPLITUDE, UNCERTAIN, Result
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
@@ -110,6 +110,8 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
         return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning)}."
     if most is None:
         return "No parameter was identified."
+    if result.is_declared:
+        return f"With reserve: the intervals include the declared model error of {percent(result.model_error)}."
     if result.exceeds_noise:
         return "With reserve: the residuals exceed the noise, which widens the intervals."
     if result.cause[0]:
@@ -150,7 +152,7 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
 def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
     if result.status != "converged":
         return result.message.rstrip(".")
-    if result.exceeds_noise:
+    if result.exceeds_noise and not result.is_declared:
         return f"residuals {result.residual_ratio:.3g} times the noise, which the intervals include"
     return f"residuals consistent with noise{' and declared model error' if needs_floor(agreements) else ''}"
 
@@ -237,6 +239,8 @@ def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ..
         candidates.reverse()
     if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
         candidates.append(None if result.exceeds_noise else _of_experiments(result, poor))
+    if result.is_declared:
+        candidates.append(Action(f"{OTHER_AMPLITUDE}.", ""))
     actions = [action for action in candidates if action is not None]
     return tuple(actions[:MOST_ACTIONS] or [USE])
 

@@ -65,7 +65,10 @@ def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(
     assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 1
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["status"] == "model_error"
-    assert any(word.startswith("y at joint 1 with the other sign") for word in summary["warnings"])
+    (note,) = (note for note in summary["notes"] if note["code"] == "fit/likely-cause")
+    first = summary["modification_indices"][0]
+    assert (first["place"], first["group"]) == (1, "sign")
+    assert "y at joint 1" in note["text"]
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """The recorded rig: any file format, faults of a log in one message, held torques and known disturbances."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -47,8 +48,9 @@ def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(
 ) -> None:
     """One motor at a time is a lawful experiment; the estimator judges all of them together."""
     save_csv(tmp_path / "log.csv", log | {"i2": np.full(800, 0.5)})
-    notes = said(measured(tmp_path, study_of("log.csv")).notes)
-    assert "record home-r0-e0: channel i2 (u at motor 2) is constant at 0.5" in notes[0]
+    (note,) = measured(tmp_path, study_of("log.csv")).notes
+    assert (note.code, note.place) == ("records/input-not-excited", "record home-r0-e0")
+    assert "channel i2 (u at motor 2) is constant at 0.5" in note.text
 
 
 def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
@@ -56,7 +58,8 @@ def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path,
     save_csv(tmp_path / "log.csv", {k: v[:780] for k, v in log.items()})
     record = measured(tmp_path, study_of("log.csv"))
     assert record.n_samples == 600
-    assert "the last 180 of 780 samples" in said(record.notes)[0]
+    assert (record.notes[0].code, record.notes[0].place) == ("records/corrected", "record home-r0-e0")
+    assert re.findall(r"\d+", record.notes[0].text) == ["180", "780", "200"]
     window = study_of("log.csv", files=(FileSpec("log.csv", "home", samples=(30, 450)),))
     record = measured(tmp_path, window)
     assert record.n_samples == 400
@@ -154,13 +157,14 @@ def test_feedback_that_turns_the_phase_mirrors_nothing(step: int, sign: int) -> 
 def _same_signal_notes(tmp_path: Path, log: dict[str, np.ndarray], second_current: str) -> list[str]:
     save_csv(tmp_path / "log.csv", log)
     channels = with_names({"i1": "i1", "i2": second_current, "phi": "phi", "w2": "w2"})
-    notes = said(measured(tmp_path, study_of("log.csv", channels)).notes)
-    return [note for note in notes if "samples" in note]
+    notes = measured(tmp_path, study_of("log.csv", channels)).notes
+    return [str(note) for note in notes if note.code == "records/same-signal"]
 
 
 def test_a_signal_that_was_logged_twice_is_named(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """A factor and an offset do not hide it; a part in a thousand of its own makes it another signal."""
-    assert len(_same_signal_notes(tmp_path, log | {"i2": 7.0 - 2.5 * log["i1"]}, "i2")) == 1
+    (note,) = _same_signal_notes(tmp_path, log | {"i2": 7.0 - 2.5 * log["i1"]}, "i2")
+    assert "record home-r0-e0: channel i1 (u at motor 1) and channel i2 (u at motor 2)" in note
     own = log["i1"] + 1e-3 * log["i2"]
     assert _same_signal_notes(tmp_path, log | {"i2": own}, "i2") == []
     # Two dead currents are equal, and no copy of each other.

@@ -142,9 +142,9 @@ def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(ti
         (b"name: tiny\n\x00\n", "study.yml:2:1: not a YAML text"),
         (b"name: [tiny\n", "broken YAML"),
         (b"fit:\n\tstarts: 2\n", "study.yml:2:1: broken YAML"),
-        (b"name: tiny\nname: tiny\n", "study.yml:2:1: key 'name'"),
+        (b"name: tiny\nname: tiny\n", "study.yml:2:1: key 'name' occurs twice (first in row 1)"),
         (b"name: !!python/object/apply:os.system ['false']\n", "study.yml:1:7: the tag"),
-        (b"name: &a [*a]\n", "aliases"),
+        (b"name: &a [*a]\n", "study.yml:1:7: aliases are recursive"),
         (b"- " * 3000 + b"1\n", "nested too deeply"),
         (b"? [1, 2]\n: 3\n", "study.yml:1:3: a key must be a name"),
     ],
@@ -160,7 +160,7 @@ def test_what_is_no_study_is_refused_by_place(tiny: Path, content: bytes, messag
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("fit.starts", "--set"),
+        ("fit.starts", " key.path=value"),
         ("fit.starts=0", "fit.starts: it must be at least 1"),
         ("fit.strats=1", "fit.strats: unknown key; did you mean 'starts'?"),
         ("excitation.band_hz.7=1", "'7' must be a number from 0 to 1"),
@@ -264,4 +264,4 @@ def test_a_posture_is_left_out_at_all_its_amplitudes(tiny: Path) -> None:
     assert load(tiny, two).study.validation.configurations == ("b", "b amplitude 2")
     assert load(tiny, two[1:]).study.validation.configurations == ("b",)
     (line,) = errors(tiny, "experiment.configurations={a: [0], b amplitude 2: [0.1]}")
-    assert "b amplitude 2" in line
+    assert ": experiment.configurations.b amplitude 2: " in line

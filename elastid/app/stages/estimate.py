@@ -18,6 +18,7 @@ from elastid.experiment.specs.recorded import ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.gear_result import notes_before_gears
 from elastid.nonlinear.take_out import estimate_without_friction, on_shafts, shaft_couplings
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming
@@ -44,7 +45,7 @@ def estimate(study: Study, work: Work) -> Artefacts:
     responses = [response for response, _ in estimates]
     reported = {note for _, notes in estimates for note in notes}  # when the records were measured
     notes = [note for response in responses for note in response.notes if note not in reported]
-    return _artefacts(responses, notes, friction)
+    return _artefacts(responses, notes_before_gears(notes, study.gears is not None), friction)
 
 
 def import_responses(study: Study, work: Work) -> Artefacts:

@@ -15,7 +15,7 @@ from elastid.fit.parameter_choice import AT_TOOL
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.result import Result
 from elastid.nonlinear.friction import FrictionTakenOut
-from elastid.nonlinear.gear_result import GearResult, with_gears
+from elastid.nonlinear.gear_result import GearResult, notes_before_gears, with_gears
 from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
 from elastid.report.overview import (
     OPEN_GEARS,
@@ -70,11 +70,11 @@ def fit(study: Study, work: Work) -> Artefacts:
     content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
     def report(console: Console) -> None:
-        console.notes(result.notes, on_page=True)
+        console.notes(notes_before_gears(result.notes, study.gears is not None), on_page=True)
         seconds = (second.words for second in (result.static, result.tool) if second is not None)
         # The warning has the first cause.
         for words in (result.message.removeprefix(f"{result.cause[0]}. "), *seconds):
-            console.say(f"fit: {words}")
+            console.say(f"fit: {'linear model: ' * (study.gears is not None)}{words}")
 
     files = robot_files(study.name, robot, result, friction, responses.names)
     robots = {file: text(robot_file) for file, robot_file in files}

@@ -55,6 +55,8 @@ def gears(study: Study, work: Work) -> Artefacts:
     files["gears.h5"] = lambda path, stamp: write_gears(path, opened, stamp)
 
     def report(console: Console) -> None:
+        linear = [*result.notes, *(note for response in responses for note in response.notes)]
+        console.notes(opened.left_open(note for note in linear if note.code in ANSWERED))
         console.notes(opened.notes)
         (console.warn if opened.refused else console.say)(f"gears: {gear_line(opened)}")
 

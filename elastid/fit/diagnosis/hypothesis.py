@@ -59,7 +59,6 @@ class Limits:
     effect_on_damping: float = 0.05  # likewise of a damping or a friction
     # An estimate.
     interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
-    model_error: float = 1.5  # residuals over the noise, for a model that explains less than half of the responses
     residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
     factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
     stiffness_std: float = 0.5  # the largest, of ln k, of a stiffness that counts there
@@ -275,6 +274,8 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """Notes on the causes in the order of the ranking, or one that no cause explains enough."""
     result, sequence = evidence.result, [index for index in evidence.result.indices if index.place]
     stated = [index for index in sequence if index.explained_fraction >= LIMITS.stated_share]
+    if result.is_declared and not any(index.explained_fraction >= LIMITS.reason_share for index in sequence):
+        return ()
     is_without = not (sequence or evidence.apart) and result.status == "misfit" and result.exceeds_noise
     if sequence and exceeded_tolerance(sequence[0], result):
         stated = stated or sequence[:1]

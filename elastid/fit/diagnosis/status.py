@@ -36,6 +36,7 @@ from elastid.fit.result import (
     BY_PRIOR,
     DISTORTED,
     GOOD,
+    LARGE,
     UNCERTAIN,
     ModificationIndex,
     Result,
@@ -45,6 +46,7 @@ from elastid.fit.result import (
     largest_by_chance,
 )
 from elastid.fit.solve.solvers import DAMPING_UNITS
+from elastid.fit.spec import USUAL_FLOOR
 from elastid.parameters import Parameters
 from elastid.response import UNEXPLAINED
 
@@ -89,7 +91,7 @@ def with_status(evidence: Evidence) -> Result:
     readings = [index for index in result.indices if index.place and index.group in misread]
     if evidence.is_suspect and readings:
         return ended("model_error", f"{explained}. {capital(fault(readings[0], evidence))}")
-    too_large = result.inflation_factor > LIMITS.model_error or not result.noise_is_known
+    too_large = result.inflation_factor > LARGE or not result.noise_is_known
     if too_large and evidence.explained < LIMITS.half:
         return ended("model_error", f"{explained}. Check channels, gear ratios, bounds and the robot model")
     if not end.converged:
@@ -100,7 +102,8 @@ def with_status(evidence: Evidence) -> Result:
     by_blocks, cause = _by_blocks(evidence), evidence.cause
     if by_blocks and cause is not None and cause.explained_fraction >= LIMITS.reason_share:
         by_blocks = f"{fault(cause, evidence)}. {capital(by_blocks)}"
-    if misfit := by_blocks or _by_held_number(evidence) or next((note.text for note in contradictions(result)), ""):
+    misfit = by_blocks or _by_held_number(evidence) or _beyond_declared(evidence)
+    if misfit := misfit or next((note.text for note in contradictions(result)), ""):
         return ended("misfit", f"{misfit}{held and f'. The fit ended{held}'}")
     biased = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(BIASED)]
     but = f", but {', '.join(biased)} biased" if biased else ""
@@ -231,6 +234,15 @@ def _by_held_number(evidence: Evidence) -> str:
         f"{fault(index, evidence)}. Freeing it lowers rms residual / noise from {result.residual_ratio:.3g} to "
         f"{math.sqrt(left):.3g} and moves {result.parameters.free_names[worst]} by {moved[worst]:.1f} std"
     )
+
+
+def _beyond_declared(evidence: Evidence) -> str:
+    """A misfit beyond the model error that the study declares; a smaller one that moves no parameter is none."""
+    result = evidence.result
+    if result.model_error <= USUAL_FLOOR or result.error_ratio < LARGE or not _blocks_disagree(evidence):
+        return ""
+    needed = f"fit.weights.model_error={result.model_error * result.error_ratio:.2g}"
+    return f"the residuals exceed the declared model error. Find their cause, or set {needed}"
 
 
 def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:

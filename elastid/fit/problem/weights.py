@@ -13,7 +13,7 @@ from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.base.names import posture_of
 from elastid.base.workers import Kept
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
-from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec, misnamed
+from elastid.fit.spec import USUAL_FLOOR, FactorSpec, FitSpec, WeightSpec, misnamed
 from elastid.response import Covariance, Response
 
 
@@ -52,11 +52,6 @@ class Whitening(Kept):
         noise = self.noise.lines(mask)
         self.noise.release()
         return Whitening(noise, self.floor, self.G[keep], self.sigma[keep])
-
-
-# The floor of a search, and of responses whose noise was not measured, where the study leaves it to the data: the
-# most that the residuals may then show.
-USUAL_FLOOR = 0.01
 
 
 def floor_of(response: Response, spec: WeightSpec) -> float:
