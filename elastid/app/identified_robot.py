@@ -51,13 +51,18 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut |
 
 
 def contents(
-    robot: Robot, is_simulated: bool, friction: FrictionTakenOut | None, parameters: Iterable[Parameter]
+    robot: Robot,
+    is_simulated: bool,
+    friction: FrictionTakenOut | None,
+    parameters: Iterable[Parameter],
+    gears: GearResult | None = None,
 ) -> dict[str, str]:
     """Parameter name to the friction in it, for motors' viscous coefficients and others that contain dry friction."""
     mixed = mixed_numbers(robot, is_simulated, friction)
     of_motors = {place.replace("motor ", "fm_") for place in robot.motor_locations}
     taken = () if friction is None else friction.taken_places()
     words = {place.replace("motor ", "fm_"): SLOPE for place in taken} | dict.fromkeys(mixed, WITH_COULOMB)
+    words |= {f"fm_{effect.joint}": SLOPE for effect in (gears.effects if gears else ()) if effect.kind == "friction"}
     return {
         parameter.name: words.get(parameter.stands_for, VISCOUS)
         for parameter in parameters

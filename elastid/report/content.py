@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.modal.spec import GeometrySpec
     from elastid.nonlinear.friction import FrictionTakenOut
     from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
-    from elastid.validation.agreement import Validation
+    from elastid.validation.agreement import Agreement, Validation
     from elastid.validation.comparison import Comparison
     from elastid.validation.measured_modes import MeasuredModes
 
@@ -65,6 +65,11 @@ class ReportContent:
     twin: TwinFindings = NO_TWIN
     gears: GearResult | None = None
     measured_modes: tuple[MeasuredModes, ...] = ()
+
+    @property
+    def agreements(self) -> tuple[Agreement, ...]:
+        """Errors of the linear model by configuration; none if effects of the gears explain its misfit."""
+        return () if self.gears is not None and self.gears.explains_misfit else tuple(self.validation.configurations)
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:

@@ -131,9 +131,10 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     return f"Yes{base}{exact}."
 
 
-def needs_floor(agreements: Sequence[Agreement]) -> bool:
-    """True where the residuals of the fitted configurations exceed the noise alone, without the floor of the fit."""
-    return noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
+def _noise_and_error(result: Result, agreements: Sequence[Agreement]) -> str:
+    """`noise`, and the model error if the residuals of the fitted configurations exceed the noise alone."""
+    exceeds = noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
+    return f"noise and a model error of {percent(result.model_error)}" if exceeds or result.is_declared else "noise"
 
 
 def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
@@ -142,8 +143,8 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
         return "Unknown: without a measured noise no residual test is possible."
     if result.cause[0]:
         return f"{capital(result.cause[0])}. {capital(result.residual_test)}."
-    if needs_floor(agreements):
-        return "Nowhere beyond the declared model error; the noise alone does not explain the residuals."
+    if "error" in (noise := _noise_and_error(result, agreements)):
+        return f"Nowhere beyond {noise}; the noise alone does not explain the residuals."
     if DISTORTED in result.verdicts:
         return "Not in the residuals, but motor friction does not explain the nonlinear distortion (see the warning)."
     return f"Nowhere: {result.residual_test}."
@@ -154,7 +155,7 @@ def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
         return result.message.rstrip(".")
     if result.exceeds_noise and not result.is_declared:
         return f"residuals {result.residual_ratio:.3g} times the noise, which the intervals include"
-    return f"residuals consistent with noise{' and declared model error' if needs_floor(agreements) else ''}"
+    return f"residuals consistent with {_noise_and_error(result, agreements)}"
 
 
 def _of_widths(rows: Sequence[ParameterRow]) -> str:

@@ -82,11 +82,13 @@ def fit(study: Study, work: Work) -> Artefacts:
     return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
 
 
-def fitted_rows(study: Study, result: Result, friction: FrictionTakenOut | None) -> tuple[ParameterRow, ...]:
+def fitted_rows(
+    study: Study, result: Result, friction: FrictionTakenOut | None, gears: GearResult | None = None
+) -> tuple[ParameterRow, ...]:
     """A row for each parameter, with its truth where the rig is simulated."""
     robot, simulated = study.as_robot(), study.experiment.simulated
     true = truth(robot, simulated, study.fit.parameters, friction)
-    contained = contents(robot, simulated is not None, friction, result.parameters.free)
+    contained = contents(robot, simulated is not None, friction, result.parameters.free, gears)
     return parameter_rows(result, true, contained)
 
 
@@ -114,7 +116,7 @@ def conclude(run: Run) -> None:
     result = linear if opened is None else with_gears(linear, opened)
     estimated = run.path("estimate").exists()  # a kept fit does not need it
     friction = read_friction(run.path("estimate")) if estimated else None
-    rows = fitted_rows(run.study, result, friction)
+    rows = fitted_rows(run.study, result, friction, opened)
     run.console.table(result_table(result.display, rows))
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
@@ -144,7 +146,8 @@ def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult 
 
 def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
     """How good the numbers are, where the model fails, what to do next; a page has the details."""
-    judged = read_validation(run.path("validate")).configurations if run.is_current("validate") else ()
+    is_linear = gears is None or not gears.explains_misfit  # the responses of a validation are of a linear model
+    judged = read_validation(run.path("validate")).configurations if is_linear and run.is_current("validate") else ()
     # Of other fits the line `fit` has the message.
     detail = verdict_sentence(result, rows, judged) if result.status == "converged" else accuracy(result, rows)
     yield f"Are the numbers good? {numbers_answer(result, rows, gears)}{detail and f' {capital(detail)}.'}"

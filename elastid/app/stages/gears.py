@@ -49,7 +49,7 @@ def gears(study: Study, work: Work) -> Artefacts:
         spec = study.gears or GearsSpec()
         opened = open_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
     final, summary = with_gears(result, opened), _summary(files_of["fit"].with_name("summary.json"))
-    content = with_gear_section(summary, result, fitted_rows(study, final, friction), opened)
+    content = with_gear_section(summary, result, fitted_rows(study, final, friction, opened), opened)
     files: dict[str, Write] = {"summary.json": as_json(content)}
     files |= {file: text(spec) for file, spec in robot_files(study.name, robot, final, friction, every.names, opened)}
     files["gears.h5"] = lambda path, stamp: write_gears(path, opened, stamp)

@@ -115,7 +115,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
     drawing = next((row.drawing for row in content.modes if row.drawing is not None), None)
     classes = [overview.width_class(row) for row in rows]
     return {
-        "sentence": overview.verdict_sentence(content.result, rows, content.validation.configurations),
+        "sentence": overview.verdict_sentence(content.result, rows, content.agreements),
         "numbers_answer": overview.numbers_answer(content.result, rows, content.gears),
         "summary": overview.summary_line(content),
         "sketch": robot_sketch(content.robot, drawing, rows) if content.robot is not None and drawing else "",
@@ -124,7 +124,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
         "width_class": overview.width_class,
         "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(overview.WIDTH_WORDS)],
         "strip": overview.strip(content.validation.configurations),
-        "residuals": overview.residual_sentence(content.result, content.validation.configurations),
+        "residuals": overview.residual_sentence(content.result, content.agreements),
         "actions": overview.next_steps(content.result, rows),
         "commands": overview.COMMANDS,
         "meanings": meanings(content),
