@@ -47,7 +47,7 @@ JOINT = re.compile(r";|: |, (?:which|whose|of which|where|so that)\b")
 FIRST = re.compile(r"[A-Z`*:\"(\[_]|elastid\b")
 ITEM = re.compile(r"\s*(?:[-*] (?:- )?|\d+\. |#+ )")
 LITERAL = re.compile(r"``[^`]*``|:\w+:`[^`]*`|`[^`]*`|\$[^$]*\$")
-NOT_PROSE = re.compile(r"\s*(\.\. (?:code-block|math|image|toctree|literalinclude|plot|figure|raw)::)|(?!\s*\.\. ).*::$")
+NOT_PROSE = re.compile(r"\s*(\.\. (?:code-block|math|image|toctree|literalinclude|figure|raw)::)|(?!\s*\.\. ).*::$")
 MARKUP = re.compile(r"\s*(?::[\w-]+:(?!`)|\.\. [\w-]+::|[=~^-]{4,}$)")
 
 
@@ -79,7 +79,13 @@ def of_page(text: str) -> Iterator[tuple[int, str]]:
         in_code ^= is_fence
         if line.strip() and depth <= indent:
             indent = -1
-        is_skipped = line.lstrip().startswith((">>> ", "... ")) or in_code or is_fence or indent >= 0 or line.startswith(("!", "|"))
+        is_skipped = (
+            line.lstrip().startswith((">>> ", "... "))
+            or in_code
+            or is_fence
+            or indent >= 0
+            or line.startswith(("!", "|"))
+        )
         if not is_skipped and (opens := NOT_PROSE.match(line)):
             indent, is_skipped = depth, opens[1] is not None
         if not MARKUP.match(line):

@@ -26,7 +26,7 @@ MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 VISCOUS = "viscous friction alone"
 SLOPE = "viscous friction at the velocities of the records, with Coulomb friction compensated"
 # Of sgn(v) the best linear approximation is 2 p_v(0) v, p_v the density of the velocity.
-WITH_COULOMB = "includes 2 F_c p_v(0) of Coulomb friction, which is not compensated"
+WITH_COULOMB = "includes Coulomb friction, which is not compensated and adds 2 F_c p_v(0)"
 
 
 def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut | None) -> frozenset[str]:

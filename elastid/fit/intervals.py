@@ -197,10 +197,10 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
         names, left = choose_profiles(problem.parameters, variance)
-        further = f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile"
+        further = f"; {', '.join(left)} also, but with the symmetric interval: name them in fit.profile"
         text = (
-            f"{', '.join(names)}: known to 10 % or worse, over which the cost is not quadratic; the interval is by "
-            f"profile likelihood{further * bool(left)}"
+            f"{', '.join(names)}: interval by profile likelihood, because the std is above 10 % and the cost is not "
+            f"quadratic{further * bool(left)}"
         )
         notes += [Note("fit/profile", text, severity="information")] if names else []
     else:

@@ -130,7 +130,7 @@ OTHER_JOINTS = (
     "Add the joints that may be elastic to the robot model, and search among them: `elastid compare STUDY --search`"
 )
 OTHER_AMPLITUDE = (
-    "Measure at half the torque, too: the residuals change with it for a nonlinear effect, not for a missing joint"
+    "Measure again at half the torque: if the residuals change, the cause is nonlinear; if not, a joint is missing"
 )
 
 
@@ -328,8 +328,8 @@ class Result:
             for p, change, limit in zip(self.parameters.asked, part.changes.tolist(), limits.tolist(), strict=False):
                 if p.name.startswith("k") and -change > limit:
                     remarks[p.name] = (
-                        f"{percent(-math.expm1(change))} below the stiffness of the gear alone with a typical base "
-                        f"({part.name}, {part.stiffness:.2g} N*m/rad); negligible above "
+                        f"{percent(-math.expm1(change))} below the stiffness of the gear alone if the {part.name} has "
+                        f"the typical stiffness of {part.stiffness:.2g} N*m/rad; negligible above "
                         f"{-part.stiffness * change / limit:.2g} N*m/rad"
                     )
         return remarks

@@ -148,7 +148,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     if len(settled) >= LIMITS.periods and not compared.agree:
         measured = distances(compared, settled)
         far = settled[measured.far[settled]]
-        more = (_note(spectra, far, measured, "no repetition of the others"),) if len(far) else ()
+        more = (_note(spectra, far, measured, "different from the others"),) if len(far) else ()
     used = spectra.only(np.setdiff1d(settled, far) if len(far) else settled)
     return replace(used, notes=(*spectra.notes, *notes, *more))
 

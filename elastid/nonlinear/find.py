@@ -121,8 +121,8 @@ def _gathered(
         )
     if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
         raise _Unsuited(
-            f"{len(records)} experiments of {len(inputs)} inputs without lines that are not excited agree with one "
-            "response whatever friction is; measure a further realisation with other phases"
+            f"friction is not identifiable from {len(records)} experiments with {len(inputs)} inputs, because all "
+            "lines are excited. Measure a second realisation"
         )
     return data
 
@@ -221,7 +221,7 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
             level, std = result.sliding_level(place)
             text = (
                 f"{place}: Coulomb friction {level:.4g} +- {std:.2g} {unit} (link side) estimated and compensated; "
-                f"residual power reduced to {share:.2g} %"
+                f"power of distortion and noise reduced to {share:.2g} %"
             )
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
         else:

@@ -283,9 +283,9 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
     error = f"error {db:.2g} dB and {deg:.2g} deg rms"
     if not left_out:  # the residual test of the fit has the ratio of these residuals to the noise
         residuals = "" if math.isnan(p) else f"; residuals {color}"
-        advice = "Name validation.configurations to measure the prediction error"
+        advice = "To test the prediction, exclude a configuration from the fit: validation.configurations"
         return f"Fitted configurations: {error}{residuals}. {advice}."
-    compared, is_larger = f"{error} in {', '.join(a.configuration for a in left_out)}", False
+    compared, is_larger = f"{error} in the validation of {', '.join(a.configuration for a in left_out)}", False
     if fitted:
         fitted_db, fitted_deg = _over(fitted)
         compared += f", {fitted_db:.2g} dB and {fitted_deg:.2g} deg in the fitted configurations"

@@ -92,11 +92,11 @@ class TwinRun:
         if self.lost:
             return f"Simulation on {self.log}, {driven}: diverged, {self.lost}."
         held_hz = self.tracking_bandwidth_hz
-        held = f", tracking loop of {held_hz:.2g} Hz" if held_hz else ""
+        held = f" and a tracking loop of {held_hz:.2g} Hz" if held_hz else ""
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
         parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
         return (
-            f"Simulation over {self.seconds:.3g} s of {self.log}, {driven}{held}: rms error / rms signal "
+            f"Simulation over {self.seconds:.3g} s of {self.log}, {driven}{held}. Rms error / rms signal: "
             f"{'; '.join(parts)}."
         )
 

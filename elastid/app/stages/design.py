@@ -48,13 +48,13 @@ def design(study: Study, work: Work) -> Artefacts:
             f"{len(plan.lines)} DFT lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, "
             f"{plan.robot_time_s:g} s of robot time"
         )
-        played = "one complete run per experiment, one row per cycle"
+        played = "one trajectory per experiment, one row per cycle"
         if plan.inject == "torque":
             played = (
-                "the trajectories, and one period of injected torque per experiment (play it "
-                f"{plan.periods + plan.transient_periods} times without a gap, on top of the controller's torque)"
+                "one period of injected torque per experiment. Add it to the controller's torque and repeat it "
+                f"{plan.periods + plan.transient_periods} times without a gap"
             )
-        console.say(f"design: references/*.csv: {played}; peaks relative to their limits: {limit_use.by_quantity}")
+        console.say(f"design: references/*.csv: {played}. Peaks in percent of the limits: {limit_use.by_quantity}")
         if forecast.choice:
             console.say(f"design: {forecast.choice}")
         # Relative standard deviations below 1e-9 are those of rounding.

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.display import capital
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import LIMITS, Scores
@@ -88,11 +87,10 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     if not named:
         return ()
     free = result.parameters.free_names
-    moves = ", ".join(f"{error.amount(error.per_std)} moves {free[error.parameter]}" for error in named)
+    moves = ", or of ".join(f"{error.amount(error.per_std)} moves {free[error.parameter]}" for error in named)
     text = (
         f"an error of {named[0].amount(named[0].error)} is not detectable from the residuals. The intervals assume "
-        f"that the fixed values are exact, but {moves} by one standard deviation. Measure these values as accurately, "
-        "or free them with a prior"
+        f"exact fixed values: an error of {moves} by one std. Measure these values, or free them with a prior"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 
@@ -145,6 +143,6 @@ def find_elastic_base(result: Result) -> tuple[Note, ...]:
     remarks = result.base_remarks
     if not remarks:
         return ()
-    text = "; ".join(f"{name} is {remark}" for name, remark in remarks.items())
-    text = f"the base stiffness is not identifiable. {capital(text)}. Add a measured base stiffness to the robot model"
+    text = "; ".join(f"{name}: {remark}" for name, remark in remarks.items())
+    text = f"the base stiffness is not identifiable. {text}. Add a measured base stiffness to the robot model"
     return (Note("fit/assumed-rigid", text, severity="information"),)

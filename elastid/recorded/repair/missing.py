@@ -55,7 +55,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
             )
         result[:, c], of_channel = _interpolated(periodic[:, c], L, sign, log, text)
         poor |= of_channel
-        findings.append(Finding(FILLED, missing.size, f"{text}: interpolated from other periods and neighbours"))
+        findings.append(Finding(FILLED, missing.size, f"{text}: interpolated from other periods and adjacent samples"))
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
     left_out = sorted(poor | set(np.flatnonzero(lacking > LIMITS.max_still).tolist()))
     if not left_out:

@@ -87,7 +87,7 @@ def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log
             findings.append(Finding("spikes left", at.size, f"{text}: too many for spikes, left unchanged"))
             continue
         result[at, c] = np.nan
-        text += f", the first is {log.time_of(at[0])}: spikes, taken as missing"
+        text += f", the first is {log.time_of(at[0])}: spikes, declared missing"
         findings.append(Finding(MASKED, at.size, text))
     return Repaired(result, tuple(findings))
 

@@ -55,8 +55,8 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     yield from friction_drawings(content.friction, content.robot)
     if content.gears is not None and content.gears.sheets:
         caption = (
-            "Torsion of each gear over its torque, loaded to and fro up to the largest torque of the records, with its "
-            "95 % band, and the stiffness at zero torque alone."
+            "Torsion of each gear over one load cycle up to the largest torque of the records, with its 95 % band; "
+            "straight line: stiffness at zero torque."
         )
         yield Drawing("gears", "gears", caption, partial(fit.hysteresis, content.gears, content.robot))
     yield from _configurations(content)
@@ -67,7 +67,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         caption = "Expected information: by configuration and frequency, and by configuration and parameter."
         yield Drawing("information", "plan", caption, partial(fit.information, content.forecast))
     if content.limit_use is not None and np.isfinite(content.limit_use.limit).any():
-        caption = "Largest value of any run, rehearsed or far from the limit expected, in % of that of the motor."
+        caption = "Predicted or simulated peaks of each experiment, in % of the limits of the motor."
         yield Drawing("peaks", "plan", caption, partial(fit.limit_use, content.limit_use))
 
 
@@ -75,9 +75,8 @@ def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = 
     """Drawings of friction that was searched for in records, with that of the robot's file; none without a search."""
     if taken_out is not None and taken_out.configurations:
         caption = (
-            "Friction over the distance from a reversal out of steady sliding, or over velocity where it depends on "
-            "that alone (link side), with F_c of the robot's file where it has one; amplitude of the torque that no "
-            "response explains, with friction and without."
+            "Identified friction (link side) over the distance from a velocity reversal, or over velocity; F_c of the "
+            "robot model, if given; residual torque amplitude before and after compensation."
         )
         yield Drawing("friction", "friction", caption, partial(friction.friction_taken_out, taken_out, robot))
 
@@ -113,16 +112,15 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
         if len(modes.at_hz):
             caption = (
                 "poles over the order of the estimator, and singular values of the response (mode indicator "
-                "functions). Poles of noise wander from order to order; vertical lines are those that were taken for "
-                "modes."
+                "functions). Poles of noise change with the order; vertical lines mark the accepted modes."
             )
             draw = partial(fit.stabilisation_diagram, modes, title)
             yield of_configuration(name, f"{file}-stabilisation", caption, draw)
         yield response_drawing(file, response, model)
         if quality is not None:
             caption = (
-                "levels of the outputs, of their nonlinear distortion and of noise; share of each output that no input "
-                "explains; singular values of responses and inputs."
+                "spectra of the outputs, of their nonlinear distortion and of noise; unexplained fraction of each "
+                "output; singular values of responses and inputs."
             )
             draw = partial(fit.quality_figure, response, quality, title)
             yield of_configuration(name, f"{file}-quality", caption, draw)
@@ -149,7 +147,7 @@ def friction_study_drawings(
 ) -> Iterator[Drawing]:
     """The figures of all joints, and of logs that were left out, to be drawn."""
     if left_out.balances:
-        caption = "torque that is left of logs that were left out, as a part of its rms in each octave."
+        caption = "unexplained torque of the validation logs, relative to the rms torque, in each octave."
         octaves = partial(fit.octaves_figure, left_out.balances)
         yield Drawing("left-out", "left-out", caption, octaves)
     for joint in result.joints:
@@ -165,14 +163,14 @@ def friction_study_drawings(
 def _of_joint(joint: JointFriction) -> Iterator[Named]:
     if joint.static is not None:
         caption = (
-            "friction over speed, levels and law with 95 % intervals; shaded: the speeds that were measured, beyond "
-            "which the law (dashed) is not to be relied on. Below: what the law leaves of each level."
+            "friction over speed: torques of the constant-velocity runs and the friction model, with 95 % intervals. "
+            "Shaded: measured speeds; dashed: extrapolation, not reliable. Below: residual of each run."
         )
         yield "curve", caption, partial(friction.friction_curve, joint.static)
     if joint.motion is not None:
         from elastid.report.figures import friction_records
 
-        caption = "torque of the whole motion without inertia and gravity over velocity, and over time."
+        caption = "torque minus inertia and gravity torques, over velocity and over time."
         yield "motion", caption, partial(friction_records.friction_motion, joint.motion)
 
 
@@ -181,10 +179,10 @@ def _of_filter(followed: FollowedFriction) -> Named:
 
     joint = followed.filtered
     held = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.held]
-    with_errors = f", which have the errors of {', '.join(held)}" if held else ""
+    with_errors = f", which include the tolerances of {', '.join(held)}" if held else ""
     caption = (
-        f"friction followed by a Kalman filter over the motions, with 95 % bands{with_errors}. "
-        "Below: innovations squared over the variance that the filter expects (NIS), and their autocorrelation. "
+        f"friction tracked by a Kalman filter, with 95 % bands{with_errors}. "
+        "Below: normalised innovations squared (NIS), and their autocorrelation. "
         f"{followed.verdict.capitalize()}."
     )
     return "filter", caption, partial(friction_records.friction_filter, followed)
