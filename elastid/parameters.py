@@ -29,8 +29,8 @@ class Tie:
     """
 
     # fmt: off
-    to: Annotated[str, Key("Name of the other parameter; a * stands for the match of the * in the key, as in d_*: "
-        "{tie: {to: k_*}}.", "choose the parameter with the smaller interval.")]
+    to: Annotated[str, Key("Name of the other parameter. A * is replaced as in the key: `d_*: {tie: {to: k_*}}` "
+        "ties d_1 to k_1.", "choose the parameter with the smaller interval.")]
     factor: Annotated[float, Key("Factor of the other parameter.", "other than 1 for a known ratio, such as the "
         "squared ratio of two lengths.")] = 1.0
     by: Annotated[str, Key("Name of a ratio under fit.ratios that multiplies the factor (default: no further factor).",
@@ -153,7 +153,7 @@ class Parameters:
         places = [(p.stands_for, configuration) for p in self.parameters for configuration in p.only]
         for name, configuration in places:
             if name not in self.names:
-                raise ValueError(f"{name}@ in configuration {configuration} stands for no parameter: {self.names}")
+                raise ValueError(f"{name}@ in configuration {configuration} is no parameter; parameters: {self.names}")
             if places.count((name, configuration)) > 1:
                 raise ValueError(f"{name} has two values in configuration {configuration}")
         for parameter in self.parameters:
@@ -250,7 +250,6 @@ class Parameters:
         return np.array([p.log for p in self.free], dtype=np.bool_)
 
     def _chain(self, configuration: str) -> "_Chain":
-        """How theta follows from the free parameters in a configuration."""
         if (local := self.configuration_of_its_own(configuration)) not in self._chains:
             standing = {p.stands_for: p for p in self.parameters if local in p.only}
             self._chains[local] = _chain([standing.get(name, self[name]) for name in self.names], self)
@@ -265,7 +264,6 @@ class Parameters:
 
     @cached_property
     def _with_their_own(self) -> frozenset[str]:
-        """Configurations for which a parameter has a stand-in."""
         return frozenset(name for p in self.parameters for name in p.only)
 
     @cached_property
@@ -332,7 +330,6 @@ class _Chain:
 
 
 def _chain(model: list[Parameter], parameters: Parameters) -> _Chain:
-    """The chain of these parameters, one for each of theta."""
     columns = {name: i for i, name in enumerate(parameters.free_names)}
     n, n_x = len(model), len(columns)
     constant, gain = np.zeros(n), np.zeros((n, n_x))

@@ -141,7 +141,6 @@ def _bar(title: str) -> Iterator[Progress]:
 
 
 def _lines(title: str) -> Progress:
-    """A line every ten seconds at most."""
     started = last = time.monotonic()
 
     def progress(done: int, total: int) -> None:

@@ -156,7 +156,6 @@ def _export_friction(run: Run, target: str, folder: Path) -> Iterable[Path]:
 
 
 def _export_observers(run: Run, target: str, folder: Path) -> Iterable[Path]:
-    """The filter of each joint that was followed, in C."""
     return write_observers(folder, {row.joint: row for row in read_filter(run.path("follow"))})
 
 
@@ -166,7 +165,6 @@ def _written(folder: Path, text: str) -> tuple[Path]:
 
 
 def _export_responses(run: Run, target: str, folder: Path) -> Iterable[Path]:
-    """The measured responses, of a study without a robot with their modes."""
     write, responses = RESPONSE_TARGETS[target], read_responses(run.path("estimate"))
     if target in WITH_MODES and run.study.robot is None:
         from elastid.modal.estimate import modes_of_responses  # SciPy's linear algebra

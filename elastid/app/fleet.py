@@ -166,7 +166,6 @@ def _numbers_of(number: Mapping[str, Any]) -> Row:
 
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
-    """Numbers that were identified and can be relied on, their dates as days."""
     seen = {row["parameter"] for row in rows if row["value"]}
     known = [
         row for row in rows if row["std_noise"] is not None and row["status"] in COMPARED and row["parameter"] in seen

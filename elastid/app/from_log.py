@@ -80,9 +80,9 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         named = ", ".join(f"{signal.name} ({signal.quantity or 'unknown'})" for signal, _ in signals[:8]) or "none"
         raise DataError(
             "records/channels",
-            "no names and units say which signals are torques (of motors, hammer or shaker) and which motions; log "
-            "both, under headings such as tau_1 and q_1, or list a file of each under `also` in "
-            f"experiment.recorded.files. Those that change in it: {named}",
+            "names and units of the channels show no torques (motor, hammer, shaker) or no positions. Name them tau_1, "
+            "q_1, ..., or list the second file under `also` in experiment.recorded.files. Varying channels: "
+            f"{named}",
             first,
         )
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
@@ -252,7 +252,6 @@ def _place(channel: ChannelGuess, frame: str) -> str:
 
 
 def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
-    """Responses of universal files, a configuration for each, with the places of the first."""
     outputs, inputs = uff_places(paths[0])
     names = ["bench"] if len(paths) == 1 else [f"bench_{i}" for i in range(1, len(paths) + 1)]
     yield "experiment:"
@@ -349,9 +348,8 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
     if len(joints) != len(names):
         raise DataError(
             "records/channels",
-            f"the logs have torque and motion of {len(joints)} joint{'s' if len(joints) != 1 else ''} "
-            f"({', '.join(joint.torque.name for joint in joints)}), and robot {robot.name} drives {len(names)} "
-            f"({', '.join(names)}); log all of them, or drive in the robot's file those that were logged",
+            f"the logs have torques and positions of {', '.join(joint.torque.name for joint in joints)}, but the robot "
+            f"model has motors {', '.join(names)}. Log all of them, or remove the other motors",
         )
     words = {name: rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in names}
     by_name = {name: joint for name in names for joint in joints if re.search(words[name], joint.torque.name.lower())}

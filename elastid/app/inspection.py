@@ -45,7 +45,6 @@ def _signal_row(
 
 
 def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
-    """Rows of all columns of a text log, those with words among them as well."""
     named = log.named_columns()
     try:
         signals: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]

@@ -159,12 +159,10 @@ class Session:
 
     @contextmanager
     def _execution(self, title: str) -> Iterator[Execution]:
-        """Processes, and progress under a title."""
         with self.run.console.progress(f"live: {title}") as progress:
             yield Execution(self.run.jobs, progress)
 
     def _at(self, result: Result | None) -> DesignProblem:
-        """The problem at the values of a fit."""
         if result is None:
             return self.problem
         values = tuple((p.name, result.values[p.name]) for p in result.parameters.asked)
@@ -226,7 +224,6 @@ class Session:
         return plan
 
     def _seed(self, step: int) -> int:
-        """Seed of the phases and the noise of one experiment."""
         return int(np.random.SeedSequence([self.problem.seed, step]).generate_state(1)[0])
 
     def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
@@ -260,7 +257,6 @@ class Session:
         )
 
     def _measured(self, plan: Plan, step: int) -> None:
-        """Wait for the logs of a plan, or simulate them."""
         logs = self.path / "logs"
         logs.mkdir(exist_ok=True)
         missing = [run for run in plan.experiments if self.log(run) is None]
@@ -294,7 +290,6 @@ class Session:
                 )
 
     def _wait(self, run: Experiment) -> None:
-        """Return when the log of a run is there and no longer grows."""
         last = -1
         while last != (size := self._size(run)) or size < 0:
             last = size
@@ -306,7 +301,6 @@ class Session:
         return -1 if path is None else sum(part.stat().st_size for part in (path, *path.rglob("*")))
 
     def _run(self, plans: Sequence[Plan]) -> Run:
-        """The run of all logs so far."""
         study = self.write_study(plans)
         loaded = load(study, ("fit.profile=[]", "fit.bootstrap=0"))
         return replace(self.run, loaded=loaded, folder=self.plan(len(plans)).with_suffix(""))

@@ -65,13 +65,11 @@ def _joint(model: Any, i: int) -> Joint:
 
 
 def _gears(model: Any, i: int) -> dict[int, float]:
-    """The gear of each actuator of a joint."""
     at = zip(model.actuator_trntype.tolist(), model.actuator_trnid[:, 0].tolist(), strict=True)
     return {a: float(model.actuator_gear[a, 0]) for a, (kind, j) in enumerate(at) if kind in (0, 1) and j == i}
 
 
 def _largest(is_limited: bool, ends: Any) -> float:
-    """The largest size within a range that holds, else infinity."""
     return float(abs(ends).max()) if is_limited else math.inf
 
 

@@ -66,7 +66,6 @@ def _questions(study: Study) -> Iterator[str]:
 
 
 def _margin(study: Study, excitation: MultisineSpec) -> str:
-    """Part of the limits that references leave free, by linear prediction."""
     from elastid.app.stages.design import problem_of  # brings the model
     from elastid.design.limits import expected_use
 

@@ -108,7 +108,6 @@ def _of_urdf(path: Path) -> Robot:
 
 
 def _with_drive(joint: Joint, of_links: float) -> Joint:
-    """A driven joint with a guessed gear, and a rotor where its file has none."""
     if joint.motor is None:
         return joint
     spring = Spring(*_gear(of_links)) if joint.spring is None else joint.spring
@@ -235,7 +234,6 @@ def _schema() -> dict[str, str]:
 
 
 def _template(name: str) -> dict[str, str]:
-    """The texts of a template by file."""
     sources = (files("elastid.app") / "templates" / name).iterdir()
     return {source.name: source.read_text(encoding="utf-8") for source in sources}
 

@@ -56,7 +56,6 @@ class Stage:
 
 
 def _seen(section: Any, keys: Iterable[str]) -> Any:
-    """A section with these of its keys, and those below them."""
     seen = {}
     for name in [field.name for field in fields(section)]:
         value = getattr(section, name)

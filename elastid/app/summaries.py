@@ -202,7 +202,6 @@ def predicted(prediction: TwinFindings) -> dict[str, Any]:
 
 
 def _rigid_body(body: "RigidBody") -> dict[str, Any]:
-    """Base parameters by least squares with std, and those that predict other logs."""
     columns = (json_value(getattr(body, name)) for name in ("names", "units", "values", "std", "predicting"))
     rows = zip(*columns, strict=True)
     return {

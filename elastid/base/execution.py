@@ -199,8 +199,8 @@ def _refuse_unguarded() -> None:
         if file is not None and "__main__" not in Path(file).read_text(encoding="utf-8"):
             raise ElastidError(
                 "workers/died",
-                "a script that works in several processes is read by each of them: put what it does under if "
-                "__name__ == '__main__':, or take jobs=1",
+                "worker processes import the script again. Protect its main part by `if __name__ == '__main__':`, or "
+                "use jobs=1",
             )
 
 

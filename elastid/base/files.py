@@ -123,8 +123,8 @@ def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Itera
         if group.links.get_info(key).type == h5l.TYPE_EXTERNAL:
             raise DataError(
                 "files/unsafe",
-                f"{name} is a link into another file ({group.links.get_val(key)[0].decode(errors='replace')}), "
-                "which is not opened; copy what it points to into one file",
+                f"{name} is a link to another file ({group.links.get_val(key)[0].decode(errors='replace')}), which is "
+                "not opened. Copy the data into this file",
                 path,
             )
         try:
@@ -164,7 +164,6 @@ def _require_own_values(path: str, name: str, dataset: Any) -> None:
 
 
 def _address(group: Any) -> int:
-    """Address of a group in its file, whatever link leads to it."""
     import h5py
 
     return int(h5py.h5o.get_info(group).addr)

@@ -46,7 +46,7 @@ class Key:
             twice = next(entry for entry in value if value.count(entry) > 1)
             raise ValueError(f"{twice} is given twice; leave one out")
         if self.rising and value is not None and any(not low < high for low, high in pairwise(value)):
-            raise ValueError("each number must exceed the one before, as [lowest, highest]")
+            raise ValueError("the numbers must increase, as [lowest, highest]")
         for number in _numbers(value):
             if self.above is not None and not number > self.above:
                 raise ValueError(f"it must be above {self.above:g}")
@@ -66,7 +66,6 @@ class Key:
 
 
 def _numbers(value: Any) -> Iterator[float]:
-    """Numbers of a value, or of tuples of them."""
     if isinstance(value, tuple):
         for entry in value:
             yield from _numbers(entry)

@@ -185,9 +185,8 @@ class Axis:
             if self.sticks_at(speed) or self.peak_torque(speed) > largest:
                 raise StudyError(
                     "friction/plan",
-                    f"{place} would stick and slip at {speed:.4g} {unit}, or saturate ({self.peak_torque(speed):.4g} "
-                    f"of {largest:.4g} {drive_unit(self.joint.slides)}); its loop and torque allow {self.slowest:.3g} "
-                    f"to {self.fastest:.3g} {unit}. Measure there, raise "
+                    f"{place} would stick and slip at {speed:.4g} {unit}, or saturate. Choose speeds from "
+                    f"{self.slowest:.3g} to {self.fastest:.3g} {unit}, raise "
                     "experiment.simulated.controller.bandwidth_hz, or choose a posture with less gravity torque",
                     "friction.constant_velocity.speeds",
                 )
@@ -396,9 +395,8 @@ def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, Float
     if not 0 < lowest < highest / (4 if is_optimal else 1):
         raise StudyError(
             "friction/plan",
-            f"{axis.limits.place}: constant-velocity runs from {lowest:.3g} to {highest:.3g} {unit}/s are too narrow; "
-            f"a friction curve needs a factor of four. Its window of {np.ptp(axis.limits.window):.3g} {unit}, loop "
-            f"and torque allow {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
+            f"{axis.limits.place}: the range of speeds, {lowest:.3g} to {highest:.3g} {unit}/s, must cover a factor of "
+            f"four. Choose speeds from {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
             "friction.constant_velocity.speeds",
         )
     if is_optimal:
@@ -411,8 +409,7 @@ def _known(axis: Axis, design: JointPassDesign) -> str:
     certificate = "" if np.isnan(design.efficiency) else f", {design.efficiency:.0%} of the best information"
     slides = axis.limits.unit == "m"
     return (
-        f"{axis.limits.place}: {design.passes.sum():.0f} passes at {len(design.speed)} speeds from "
-        f"{design.speed[0]:.3g} to {design.speed[-1]:.3g} {axis.limits.unit}/s{certificate} for friction as that of "
-        f"{source} (F_c {printed(axis.guess.coulomb, 3)} {drive_unit(slides)}, nu_s "
-        f"{printed(axis.guess.stribeck_velocity, 3)} {axis.limits.unit}/s)"
+        f"{axis.limits.place}: {design.passes.sum():.0f} constant-velocity runs from {design.speed[0]:.3g} to "
+        f"{design.speed[-1]:.3g} {axis.limits.unit}/s{certificate} for the friction of {source} (F_c "
+        f"{printed(axis.guess.coulomb, 3)} {drive_unit(slides)}, nu_s {printed(axis.guess.stribeck_velocity, 3)})"
     )

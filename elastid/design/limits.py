@@ -234,10 +234,9 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
     unit = unit_of(int(kind), rig.robot.driven[i].slides)
     raise StudyError(
         "design/limits",
-        f"no excitation is possible within the limits of joint {rig.robot.driven[i].name}: without excitation its "
-        f"motor reaches {base[q, kind, i]:.4g} of {limit[q, kind, i]:.4g} {unit} ({QUANTITIES[kind]}), and "
-        f"excitation.margin reserves {margin:.0%}. Move the configuration, or change velocity, amplitude or ramp of "
-        "the carrier",
+        f"no excitation is possible within the limits of joint {rig.robot.driven[i].name}: without it, the "
+        f"{QUANTITIES[kind]} is {base[q, kind, i]:.4g} of {limit[q, kind, i]:.4g} {unit}, and excitation.margin is "
+        f"{margin:.0%}. Change the configuration, or velocity, amplitude or ramp of the slow motion",
         f"configuration {plan.configurations[q].name}",
     )
 
@@ -272,8 +271,8 @@ def _check_ends(plan: Plan, room: FloatArray) -> None:
     if endless:
         raise StudyError(
             "design/limits",
-            f"limits needs a limit of every motor, and {', '.join(endless)} has none; give "
-            "limits: {torque: ..., velocity: ...} in the robot's file, or numbers for torque_rms",
+            f"torque_rms: limits needs limits of every motor; missing for {', '.join(endless)}. Add "
+            "`limits: {torque: ..., velocity: ...}` to the robot model, or give numbers",
             "excitation.torque_rms",
         )
 

@@ -91,7 +91,6 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
 
 
 def _share(width: str) -> float:
-    """The number of a text in percent, NaN of any other."""
     try:
         return to_si(width, "1") if width.endswith("%") else math.nan
     except ValueError:
@@ -268,4 +267,4 @@ def _check_obstacles(problem: DesignProblem, configuration: Configuration, use: 
     corners = np.array([np.zeros(len(swing)), *product((-1, 1), repeat=len(swing))])
     for reason, bad in obstacles(problem.design.candidates, problem.robot, configuration.angles + swing * corners):
         if bad.any():
-            raise StudyError("design/candidates", f"while it is shaken, parts of it {reason}")
+            raise StudyError("design/candidates", f"during the excitation, parts of the robot {reason}")

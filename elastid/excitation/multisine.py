@@ -41,7 +41,6 @@ def sweep_spectrum(kind: Sweep, lines: IntArray) -> ComplexArray:
 
 
 def _sweep(kind: Sweep, n: int, lines: IntArray, odd: bool) -> FloatArray:
-    """Constant amplitude, frequency from the first line to the last."""
     t = np.arange(n) / n
     first, last = lines[[0, -1]] / (2 if odd else 1)  # cycles in the sweep's length
     if kind == "linear-sweep":

@@ -115,7 +115,7 @@ class MultisineSpec:
         if (self.grid == "lines") != bool(self.lines):
             raise ValueError("grid: lines and a list under lines go together; give both or neither")
         if self.phases in _SWEEPS and self.grid not in ("full", "odd"):
-            raise ValueError(f"phases: {self.phases} needs all lines or all odd lines of a band; set grid: full or odd")
+            raise ValueError(f"{self.phases} needs all lines or all odd lines of a band. Set grid to full or odd")
         if not self.compress:
             raise ValueError("compress is empty; name the signals whose peaks matter, for example [torque, velocity]")
 

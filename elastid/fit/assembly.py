@@ -112,7 +112,6 @@ class Assembly:
 
     @property
     def _moved(self) -> set[str]:
-        """Names of the parameters that x moves in any configuration."""
         return {name for G in self.responses for name in self.parameters.moved(G.configuration.name)}
 
     @property
@@ -202,7 +201,6 @@ def _part(
     criterion: ResidualKind,
     pair: tuple[Response, Weights],
 ) -> Part:
-    """The part of one configuration linearised at x."""
     response, weights = pair
     model = linear_model(linearisation, response, parameters.expand(x, response.configuration.name))
     return part_of(response, model, weights, parameters, criterion)

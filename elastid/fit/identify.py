@@ -141,7 +141,6 @@ def _search(
     parameters: Parameters | None = None,
     loads: Sequence[PlacedTest] = (),
 ) -> "tuple[Assembly, _Ends]":
-    """The assembled fit, where all starts ended, best first, and how many reached the best."""
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_kind(parameters, Parameters | None, "parameters", "elastid.choose(robot, 'k_*') makes them")
     check_responses(responses, robot)
@@ -184,8 +183,8 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
     if twice := sorted(name for name, count in names.items() if count > 1):
         raise DataError(
             "fit/responses",
-            f"configuration {', '.join(twice)} is given by two responses; its lines would count twice: leave one out, "
-            "or give each its own name where they are separate measurements",
+            f"two responses for configuration {', '.join(twice)}: its lines would count twice. Remove one, or give "
+            "separate measurements different names",
         )
     for response in responses:
         _check_robot(response, robot)
@@ -245,8 +244,8 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
         hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start" * places
         raise FitError(
             "fit/not-identifiable",
-            f"{names}: without effect on any of the {len(fit.parts)} frequency responses, so that no fit can find it; "
-            f"fix it (fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure what it moves{hint}",
+            f"{names}: not identifiable, without effect on the {len(fit.parts)} frequency responses. Fix it "
+            f"(fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure a signal that it changes{hint}",
         )
 
 
@@ -380,7 +379,6 @@ def _disagree(agreement: StaticAgreement | ToolAgreement | None) -> bool:
 
 
 def _estimate(assembly: Assembly, ends: _Ends, execution: Execution) -> tuple[RelinearisedOptimum, Uncertainty, Result]:
-    """The best start relinearised, its uncertainty, and both as a result without a status."""
     starts, hits = ends
     optimum = relinearise(assembly, starts[0], assembly.spec.criterion)
     fit, end = optimum.fit, optimum.end

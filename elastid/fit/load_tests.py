@@ -98,9 +98,9 @@ class LoadsSpec:
     """Static load tests, listed or in a file, whose deflections are fitted together with the responses."""
 
     # fmt: off
-    file: Annotated[str | None, Key("CSV file with a row per test, relative to the study: columns configuration or "
-        "joint names, frame, measured_at, fx fy fz, tx ty tz, mass, along_x along_y along_z with deflection and std, "
-        "or x y z with std or std_x std_y std_z; units in brackets, `deflection [mm]` (default: no file).",
+    file: Annotated[str | None, Key("CSV file with a row per test, relative to the study (default: no file). Columns: "
+        "configuration or joint names, frame, measured_at, fx fy fz, tx ty tz, mass. Deflection: along_x along_y "
+        "along_z, deflection, std; or x y z and std, or std_x std_y std_z. Units in brackets: `deflection [mm]`.",
         "for tests in a spreadsheet; omit columns that are not needed.")] = None
     tests: Annotated[tuple[LoadTest, ...], Key("Load tests in addition to the file.", "20 tests in several directions "
         "and configurations halve the intervals of springs that the motors barely "
@@ -158,7 +158,6 @@ class Agreement:
         return bool(self.cause)
 
     def _compared(self, count: int, what: str) -> str:
-        """The comparison in a sentence."""
         if not self.dof:
             return f"no line of the {what} counts: none is more than noise"
         text = f"{count} {what}: {math.sqrt(self.chi_square / self.dof):.3g} times their std from the motors', rms"

@@ -190,7 +190,6 @@ def _default(robot: Robot) -> dict[str, ParameterSpec]:
 
 
 def _linear_names(robot: Robot) -> set[str]:
-    """Names of the parameters that may be zero or negative."""
     bodies = robot.all_bodies
     names = {DELAY, *(f"c_{body.name}_{axis}" for body in bodies for axis in "xyz")}
     products = {"_xy", "_xz", "_yz"}

@@ -137,7 +137,6 @@ class Family:
         return FittedModel(whole, self.estimated, self.model.coordinates, self.frame, self.asked.axes)
 
     def _ports(self, configuration: Configuration) -> Ports:
-        """Ports with the motion of the frame behind the outputs."""
         model, theta = self.model, self.theta
         rows, turned = {place: i for i, place in enumerate(self.places)}, {}
         if self.asked.axes == "world":

@@ -236,7 +236,6 @@ def _with_covariances(
     lines: IntArray,
     spectra: Sequence[Sequence[RecordSpectra]],
 ) -> Response:
-    """Noise, total and bias of G, and the nonlinear levels in the outputs."""
     C_V = equation_error(data, fitted.G)
     noise = noise_covariance(data, fitted, C_V)
     of_noise = C_V * np.mean(1 / data.periods)

@@ -193,8 +193,8 @@ def wide_windows(
     worst = beyond[np.argmax(load[beyond])]
     text = (
         f"windows are too wide for {beyond.size} of {len(span)} modes: {span[worst]:.3g} Hz at {f_0[worst]:.4g} Hz, "
-        f"for a mode width of {width[worst]:.3g} Hz with {inside[worst]} in a window and poles for {poles}. Use a "
-        "longer period or record, more experiments, or method local_rational with a higher local_order"
+        f"for a mode width of {width[worst]:.3g} Hz. Use a longer period or record, more experiments, or method "
+        "local_rational with a higher local_order"
     )
     return [Note("frf/window", text)]
 

@@ -275,7 +275,6 @@ def _shares(parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArra
 
 
 def _repeats(records: Sequence[Record]) -> list[list[Record]]:
-    """Group records with identical inputs, which have identical leakage."""
     groups: list[list[Record]] = []
     for record in records:
         alike = next((group for group in groups if _are_repeats(group[0], record)), None)
@@ -284,7 +283,6 @@ def _repeats(records: Sequence[Record]) -> list[list[Record]]:
 
 
 def _are_repeats(first: Record, other: Record) -> bool:
-    """True if the inputs differ little, sample by sample, some of long ones."""
     n = min(first.n_samples, other.n_samples)
     if max(first.n_samples, other.n_samples) > 1.1 * n:
         return False

@@ -484,7 +484,6 @@ def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> Followed
 
 
 def _notes(place: str, track: Track, judged: Consistency) -> Iterator[Note]:
-    """Warnings on states that the motion does not identify, and on unreliable confidence bands."""
     names, P = track.joint.followed, track.followed_covariance[-1]
     never = np.all(unknown(track), axis=0).tolist()
     std = np.sqrt(np.diag(P))

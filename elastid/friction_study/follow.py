@@ -87,7 +87,6 @@ def _joint(
     law: PlacedLaw,
     viscous: float,
 ) -> FollowedJoint:
-    """Elastic where the robot's file has a spring, else with the inertia that was identified."""
     F_c, F_s, inverse_nu_s = law.curve()[:3].tolist()
     bristle_stiffness, bristle_damping = law.at_rest()
     if law.law.n_states == 0:

@@ -144,7 +144,6 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
 
 
 def _regressed(robot: Robot, joint: Joint, records: Sequence[FrictionRecord], against: bool) -> MotionFriction:
-    """The regression of motions of one joint under their payloads."""
     motions = [_motion(record, against, _turn(joint)) for record in records]
     if len({record.payload for record in records}) > 1:
         # The torque that a mass at the last frame adds, by the robot's geometry.
@@ -175,7 +174,6 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
 
 
 def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
-    """Constant-velocity runs that add to the regression: with a stated speed, or under enough conditions."""
     temperatures = [float(np.nan_to_num(part.mean_temperature)) for part in passes]
     conditions = {
         (round(np.log(part.speed or 1.0) / PASSES.steady_share), part.load, round(degc / TEMPERATURE_STEP_K))

@@ -213,8 +213,8 @@ class Levels:
         if len(self.torque) and np.all(self.torque < 0):
             raise DataError(
                 "friction/constant-velocity",
-                f"friction drives at every speed (torque {self.torque.min():.4g} to "
-                f"{self.torque.max():.4g}): torque and velocity have opposite signs; turn one channel (sign: -1)",
+                f"negative friction at every speed (torque {self.torque.min():.4g} to {self.torque.max():.4g}): torque "
+                "and velocity have opposite signs. Set sign: -1 for one channel",
                 f"levels of {self.place}",
             )
 

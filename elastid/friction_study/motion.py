@@ -146,8 +146,8 @@ class MotionFriction:
         if chosen["coulomb"] < 0 and chosen["viscous"] <= 0:
             raise DataError(
                 "friction/motion",
-                f"friction drives (Coulomb {chosen['coulomb']:.4g}): torque and velocity have "
-                "opposite signs; turn one channel (sign: -1)",
+                f"negative friction (Coulomb {chosen['coulomb']:.4g}): torque and velocity have opposite signs. Set "
+                "sign: -1 for one channel",
                 f"motion of {first.motion.place}",
             )
         plateaus = tuple(plateau for signal in signals for plateau in signal.plateaus)
@@ -190,9 +190,8 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
             if not signal.moves(direction) and not signal.motion.is_run_down:
                 raise DataError(
                     "friction/motion",
-                    f"it barely moves {word}, so that friction cannot be distinguished from "
-                    "an offset or gravity; record a motion there and back, or give files[].purpose: coast_down if it "
-                    "coasts and its inertia is known",
+                    f"too little motion {word} to separate friction from an offset or gravity. Record motion in both "
+                    "directions. If the joint coasts and its inertia is known, set files[].purpose: coast_down",
                     f"motion of {signal.motion.place}",
                 )
     terms = shown_terms(signals)
@@ -213,7 +212,6 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
 
 
 def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:
-    """Notes on position-dependent dry friction, and on the residual of rigid body and friction."""
     place, F_c = f"motion of {fit.motion.place}", max(abs(fit.chosen["coulomb"]), 1e-300)
     if fit.terms.angles:
         change = legval(np.linspace(-1, 1, 101), [0.0, *(fit.chosen[name] for name in ANGLE)]) / F_c
@@ -431,8 +429,8 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
         first = ", ".join(body.columns[i] for i in np.flatnonzero(lacking)[:3])
         raise DataError(
             "friction/rigid-body",
-            f"its motion takes numbers of the rigid body that those behind the result have not identified ({first}"
-            f"{', ...' if lacking.sum() > 3 else ''}); identify from a log in which the same joints move",
+            f"the motion needs rigid-body parameters that are not identified ({first}"
+            f"{', ...' if lacking.sum() > 3 else ''}). Identify friction from a log in which the same joints move",
         )
     torques = _columns(robot, body.joints, rows, log, body.chosen) @ body.predicting
     return {joint: torques[:, i] for i, joint in enumerate(rows)}

@@ -356,7 +356,6 @@ def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...
 
 
 def _motion(records: Sequence[Record], band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Rms position and velocity in a band, without mean and drift."""
     band = butter(4, band_hz, "bandpass", fs=records[0].rate_hz, output="sos")
     q = [sosfiltfilt(band, record.y[:, 0])[record.period_samples * (record.n_periods > 1) :] for record in records]
     v = [np.gradient(x) * records[0].rate_hz for x in q]

@@ -356,7 +356,6 @@ def _first_numbers(joint: JointFriction) -> str:
 
 
 def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: FrictionSpec) -> Elements | None:
-    """Elements from the loops of one joint."""
     if not loops or spec.law.presliding == "no" or (spec.law.presliding == "lugre" and at_rest is not None):
         return None
     if spec.law.presliding == "lugre":
@@ -370,7 +369,6 @@ def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: F
 
 
 def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None) -> AtRest | None:
-    """Presliding from responses of one joint at zero velocity. static: friction from its constant-velocity runs."""
     if not records:
         return None
     viscous = (0.0, 0.0)

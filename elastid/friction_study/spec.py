@@ -94,9 +94,9 @@ class PreslidingTestSpec:
     """Multisine of the joint torque at zero velocity; its response gives the presliding stiffness and damping."""
 
     # fmt: off
-    torque: Annotated[tuple[Ratio, ...], Key("Amplitudes as parts of the Coulomb torque; two and more extrapolate to "
-        "none.", "at 0.1 of the Coulomb torque stiffness reads 0.4 % low, at 0.3 already 3 %; smaller where the "
-        "encoder resolves it. Two amplitudes are the least that extrapolate to none.", above=0, below=1,
+    torque: Annotated[tuple[Ratio, ...], Key("Amplitudes relative to the Coulomb torque; from two amplitudes, elastid "
+        "extrapolates to zero.", "at 0.1 the stiffness is 0.4 % too low, at 0.3 by 3 %. Lower it if the encoder "
+        "resolves the motion.", above=0, below=1,
         filled=True)] = (0.05, 0.1)
     band_hz: Annotated[tuple[Frequency, Frequency], Key("Lowest and highest excited frequency.", "upwards until "
         "inertia outweighs the bristles, downwards until drift does; damping needs the high lines.",
@@ -153,7 +153,7 @@ class FrictionSpec:
     def __post_init__(self) -> None:
         check_different("joints:", self.joints)
         if not all(load.name for load in self.loads):
-            raise ValueError("loads: a load has an empty name; give it one, which logs name too")
+            raise ValueError("loads: the name of a load is empty. Give the name that the logs use")
         check_different("loads:", [load.name for load in self.loads])
 
     @property

@@ -81,9 +81,8 @@ class PointDerivatives:
             names = ", ".join(name for name, is_open in zip(model.parameters, opened, strict=True) if is_open)
             raise StudyError(
                 "robot/loops",
-                f"no motion of the joints keeps the loops of robot {model.robot.name} closed when it changes "
-                "(an offset out of the plane of a planar linkage, for one); leave it out of fit.parameters, or close "
-                "that loop by a rod",
+                f"the loops of robot {model.robot.name} open if this value changes, for example an offset out of the "
+                "plane of the linkage. Remove it from fit.parameters, or close the loop by a rod",
                 names,
             )
         dq = back - Y @ np.linalg.lstsq(Y.T @ K_f @ Y, Y.T @ (statics + K_f @ back))[0]
@@ -214,7 +213,6 @@ class Linearisation:
 
     @cached_property
     def _entries(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns of the Jacobian that are not zero for every theta."""
         rows, columns = self.matrices.sparsity_out(1).get_triplet()
         return np.array(rows, np.int64), np.array(columns, np.int64)
 

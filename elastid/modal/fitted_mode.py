@@ -150,9 +150,9 @@ def line_notes(modes: Sequence[FittedMode], response: Response) -> tuple[Note, .
     mode = modes[worst]
     unit, per_line = ("Hz", " s") if response.rate_is_known else ("of the sampling rate", " samples")
     text = (
-        f"the resonances of {count} of {len(modes)} modes are narrower than {LIMITS.lines_in_width:g} lines, too few "
-        f"for their damping; at {mode.freq_hz:.4g} {unit} records or periods of {2 / (mode.zeta * mode.freq_hz):.3g}"
-        f"{per_line} hold four; of a long record resolution_hz brings lines closer"
+        f"{count} of {len(modes)} resonances are narrower than {LIMITS.lines_in_width:g} lines, too few for their "
+        f"damping. At {mode.freq_hz:.4g} {unit}, measure periods of {2 / (mode.zeta * mode.freq_hz):.3g}{per_line}, or "
+        "lower resolution_hz for a long record"
     )
     return (Note("modal/damping", text, response.configuration.name),)
 
@@ -229,7 +229,6 @@ class Influences:
 
     @property
     def _half(self) -> int:
-        """Lines to either side over which residuals are averaged."""
         return min(AVERAGED_LINES, len(self._normalised) // 2)
 
     @cached_property

@@ -25,7 +25,7 @@ class GeometrySpec:
         """Check that lines and motion name points, and directions."""
         for name in (*(end for line in self.lines for end in line), *(point for point, _ in self.motion.values())):
             if name not in self.points:
-                raise ValueError(f"{name} is none of the points ({', '.join(self.points)})")
+                raise ValueError(f"unknown point {name}. Points: {', '.join(self.points)}")
         for output, (_, direction) in self.motion.items():
             if direction.lstrip("+-") not in ("x", "y", "z"):
                 raise ValueError(f"the direction of {output} is {direction}; give x, y or z, with - for the opposite")

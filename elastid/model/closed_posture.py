@@ -196,7 +196,6 @@ def _check_locked(parts: Mechanism, q: FloatArray) -> None:
 
 
 def _widest(parts: Mechanism, q: FloatArray) -> tuple[str, str]:
-    """The loop that is most open, and by how much in words."""
     rows = [np.abs(ca.Function("rows", [parts.q], [loop.rows])(q).full()).max() for loop in parts.closures]
     worst = parts.closures[int(np.argmax(rows))]
     gap = float(np.linalg.norm(ca.Function("gap", [parts.q], [worst.gap])(q).full()))
@@ -220,7 +219,7 @@ def _check_posture(parts: Mechanism, q: FloatArray) -> None:
     free = [parts.robot.joints[parts.passive[i]].name for i in np.flatnonzero(np.abs(Vt[n_p - 1]) > 0.3)]
     raise StudyError(
         "robot/loops",
-        f"the linkage is at a singular posture: lever and rod are aligned to within {sine:.2g} rad, and joint "
-        f"{', '.join(free)} can move with all motors held; move the configuration away from it, or, where it is so "
-        "everywhere, close the loop by a rod instead of a body on joints, or give the joint a spring",
+        f"the linkage is singular: lever and rod are aligned to within {sine:.2g} rad, and joint {', '.join(free)} can "
+        "move with all motors locked. Choose another configuration. If all are singular, close the loop by a rod, or "
+        "give the joint a spring",
     )

@@ -198,8 +198,8 @@ def _lever(robot: Robot, loop: Loop) -> int:
                 break
     raise StudyError(
         "model/variant",
-        f"no lever with an elastic gear drives the rod {loop.name}, so that its stiffness cannot be "
-        "condensed into a gear's: a passive joint is between either end and the next motor; choose the variant exact",
+        f"the stiffness of rod {loop.name} cannot be combined with a gear, because passive joints separate both ends "
+        "from the next motor. Choose the variant exact",
         "model.variant",
     )
 

@@ -114,11 +114,8 @@ KINDS: dict[Kind, Row] = {
     "ripple cosine": Row("motor", RIPPLE),
 }  # fmt: skip
 WIDTH = SheetNumber("Hw_", "hysteresis, width of the loop", "angle", "rad")
-SECANTS = tuple(
-    SheetNumber(f"K{i}_", f"secant stiffness in the {third} third of the largest torque", "stiffness", "N*m/rad")
-    for i, third in enumerate(("lowest", "middle", "highest"), start=1)
-)
-SHEET = (*dict.fromkeys(row.number for row in KINDS.values()), WIDTH, *SECANTS)
+SECANT = SheetNumber("K", "secant stiffness over a third of the largest torque", "stiffness", "N*m/rad")
+SHEET = (*dict.fromkeys(row.number for row in KINDS.values()), WIDTH, SECANT)
 APART = 1.5  # factor from which on two scales, or stiffnesses, are told apart
 
 

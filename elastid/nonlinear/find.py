@@ -69,7 +69,6 @@ def _found(
     planned: IntArray | None,
     execution: Execution,
 ) -> FrictionTakenOut:
-    """Shapes chosen and refined in the first configurations, levels found in all."""
     few, places = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
 
     def gathered(
@@ -105,7 +104,6 @@ def _gathered(
     friction: FrictionTakenOut | None,
     measured: Iterable[Record],
 ) -> ConfigurationSpectra:
-    """A configuration whose records must have the inputs of the first one."""
     records = tuple(measured)
     refuse_mismatch(records)
     if refused := refusal(records):

@@ -149,7 +149,6 @@ def _on_grid(known: Levels, lines: Sequence[PeriodLines]) -> Levels:
 
 
 def _settled(data: GearData, known: Levels) -> Levels:
-    """Final estimates, without effects that are then insignificant."""
     known = find_levels(data, known, known.effects)
     pruned = _pruned(data, known)
     return known if pruned is known else _settled(data, pruned)

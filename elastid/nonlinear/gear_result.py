@@ -270,7 +270,6 @@ def _gear(joint: Joint, gears: GearResult) -> Gear | None:
 
 
 def _harmonics(word: Literal["error", "ripple"], joint: str, gears: GearResult) -> Iterator[tuple[float, float, float]]:
-    """Amplitude, order and phase of each order."""
     parts = {(kind, scale): f for kind, scale, f in _effects(joint, gears) if kind.startswith(word)}
     for order in dict.fromkeys(scale for _, scale in parts):
         sine, cosine = (parts.get((f"{word} {part}", order), 0.0) for part in ("sine", "cosine"))
@@ -279,6 +278,5 @@ def _harmonics(word: Literal["error", "ripple"], joint: str, gears: GearResult) 
 
 
 def _effects(joint: str, gears: GearResult) -> list[tuple[str, float, float]]:
-    """Kind, scale and level of each effect at a joint."""
     levels = zip(gears.effects, gears.magnitudes.tolist(), strict=True)
     return [(effect.kind, effect.scale, f) for effect, f in levels if effect.joint == joint]

@@ -29,7 +29,7 @@ from elastid.nonlinear.effects import (
     HYSTERESIS,
     LOOPS,
     LOST_MOTION,
-    SECANTS,
+    SECANT,
     SPRINGS,
     STIFFENING,
     WIDTH,
@@ -308,7 +308,6 @@ _ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
 
 
 def _named(what: SheetNumber, joint: str, order: float = 0.0, **further: float) -> GearNumber:
-    """Characteristic of a joint. order: of a periodic effect, per motor revolution."""
     if not order:
         return GearNumber(f"{what.prefix}{joint}", what.meaning, what.kind, what.unit, **further)
     times = {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
@@ -317,7 +316,6 @@ def _named(what: SheetNumber, joint: str, order: float = 0.0, **further: float) 
 
 
 def _springs(gear: JointLevels, result: Result, reach: float) -> list[GearNumber]:
-    """Stiffness at zero torque and by range, and damping."""
     has_gap = any(effect.kind == "gap" for _, effect, _ in gear.effects)
     spring = "stiffness beyond the gap" if has_gap else "stiffness at zero torque"
     per = ("N", "m") if gear.robot.slides(f"motor {gear.joint}") else ("N*m", "rad")
@@ -332,11 +330,11 @@ def _springs(gear: JointLevels, result: Result, reach: float) -> list[GearNumber
     delta = np.linspace(0, reach, 601)
     tau, rows = gear.torque(delta, hysteresis=False)
     ends = np.searchsorted(tau, gear.peak * np.arange(4) / 3).clip(0, 600)
-    for what, (low, high) in zip(SECANTS, pairwise(ends.tolist()), strict=True):
+    for i, (low, high) in enumerate(pairwise(ends.tolist()), start=1):
         if high > low:
             meaning = f"stiffness from {tau[low]:.3g} to {tau[high]:.3g} Nm"
             secant, row = ((x[high] - x[low]) / (delta[high] - delta[low]) for x in (tau, rows))
-            numbers.append(gear.number(replace(what, meaning=meaning), float(secant), row))
+            numbers.append(gear.number(replace(SECANT, prefix=f"K{i}_", meaning=meaning), float(secant), row))
     if not has_gap:  # a secant is softer than k, beyond the gap
         share, row = gear.over_k(float(tau[600]) / reach, rows[600] / reach)
         meaning = f"hardening of the secant stiffness up to {gear.peak:.3g} Nm"
@@ -388,7 +386,6 @@ def _periodic(gear: JointLevels) -> list[GearNumber]:
 
 
 def _unseen(gear: JointLevels, bounds: Mapping[Group, float], reach: float) -> list[GearNumber]:
-    """Upper bounds of insignificant effects, the largest of several basis functions."""
     largest: dict[str, GearNumber] = {}
     k = gear.parameter("k")[0]
     for (effect, *_), bound in bounds.items():
@@ -399,7 +396,6 @@ def _unseen(gear: JointLevels, bounds: Mapping[Group, float], reach: float) -> l
 
 
 def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[GearNumber]:
-    """Numbers of an effect whose level has a bound."""
     what, joint = effect.row.number, effect.joint
     if what == LOST_MOTION:
         # None of a gear that never crosses it.

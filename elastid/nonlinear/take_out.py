@@ -90,7 +90,6 @@ def ratio_std(records: Sequence[Record], robot: Robot | None) -> FloatArray:
 def _unexplained(
     response: Response, friction: FrictionTakenOut, arm: Callable[[], FloatArray | float]
 ) -> tuple[Note, ...]:
-    """Note on distortion far above the noise that is not explained by motor friction."""
     if not friction.configurations or response.noise is None or response.total is None:
         return ()
     known = response.noise.variance > 0
@@ -232,7 +231,6 @@ def on_links(record: Record, E: FloatArray | None) -> Record:
 
 
 def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion: FloatArray) -> Record:
-    """Rows of torque times one matrix, rows of motion times the other."""
     y = record.y.copy()
     y[:, columns] = record.y[:, columns] @ of_motion
     r = None if record.r is None else record.r @ of_torque

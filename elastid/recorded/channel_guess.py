@@ -367,7 +367,6 @@ def _completed(
 
 
 def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[ChannelGuess]:
-    """Channels of one family with equal quantity, measured ones by name first, with unit."""
     families: dict[tuple[str, str], list[ChannelGuess]] = {}
     for guess in guesses:
         if guess.quantity in order:
@@ -400,7 +399,6 @@ def _with_unit(
 
 
 def _joint(drive: ChannelGuess, motion: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
-    """A torque and its motion, with the sign by which inertia and friction are positive."""
     y, order = values[motion.key] * TABLE[motion.unit][1], MOTIONS.index(motion.quantity)
     best = torque_relation(values[drive.key], y, order, rate_hz)
     if best.is_against_motion:
@@ -593,7 +591,6 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
 
 
 def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:
-    """How a motion explains the torque of the joint."""
     if joint.torque is None:
         return TorqueRelation()
     u, y = joint.signals[:, joint.torque], joint.signals[:, i]

@@ -159,7 +159,6 @@ def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
 
 
 def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
-    """The channels of one file and rate, on an even grid of samples."""
     number, file_rate_hz = key
     recorded, file, rate_hz = experiment.recorded, experiment.file, experiment.recorded.known_rate_hz
     members = tuple(i for i, c in enumerate(recorded.channels) if experiment.key(c) == key)

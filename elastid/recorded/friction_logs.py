@@ -209,7 +209,6 @@ class _LogReader:
     def _of_joints(
         self, signals: Signals, rate_hz: float, period: int | None, notes: tuple[Note, ...]
     ) -> tuple[FrictionRecord, ...]:
-        """The first record has the notes."""
         positions = {
             joint.name: position
             for joint in self.robot.driven
@@ -274,7 +273,6 @@ class _LogReader:
         return moving
 
     def _moves(self, joint: Joint, positions: Mapping[str, FloatArray], signals: Signals) -> bool:
-        """True if it moves by more than its controller's errors."""
         if joint.name not in positions or ("u", f"motor {joint.name}", "") not in signals:
             return False
         held = LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad

@@ -226,7 +226,6 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
 
 
 def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> int:
-    """The channel of a motor with the role, quantity and side of another."""
     for place, channel in enumerate(channels):
         same_kind = not like.is_motion or channel.quantity == like.quantity
         if (channel.role, channel.side, channel.at) == (like.role, "motor", motor) and same_kind:

@@ -88,7 +88,6 @@ class RecordedRig:
         return len(files) == 1 and self._pieces(files[0]) is not None
 
     def _files(self, experiment: Experiment) -> list[FileSpec]:
-        """Files of the periods of an experiment, mostly one."""
         run = (experiment.configuration.name, experiment.realisation, experiment.experiment)
         return [file for file in self._recorded.files if file.run == run]
 

@@ -46,8 +46,7 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
         (
             ("Where is it soft?", (
                 f"{len(m)} postures: {_shown(C.value[stiff], 'm/N')} to {_shown(C.value[soft], 'm/N')} in the "
-                f"softest direction (std {100 * float(C.relative_std.max()):.2g} % or less), softest in posture "
-                f"{m.asked[soft] + 1} with {m.frame} at ({where}) m{lost}.",
+                f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({where}) m{lost}.",
             )),
             ("What limits it, and what helps?", (
                 f"In the softest posture {m.limiting_springs[soft]} contributes {100 * part:.0f} % of the compliance; "
@@ -177,7 +176,6 @@ def answer_of_loops(loops: Loops) -> Answer:
 
 
 def _state_words(state: LoopState) -> str:
-    """Stability, bandwidths and peak over all postures."""
     if lost := [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]:
         return f"unstable in posture {', '.join(lost)}"
     least = state.bandwidth_hz.min(axis=0)

@@ -127,7 +127,6 @@ class FrictionContent:
 
     @property
     def _failures(self) -> tuple[str, ...]:
-        """Misfits, parts that the data do not show, and the torque that is left."""
         sentences = [f"Joint {part.joint} is a misfit: {part.misfit}." for part in self.result.joints if part.misfit]
         sentences += [words] if (words := _not_identified(self.result)) else []
         worst = max(self.twin.balances, key=lambda balance: balance.unexplained_fraction, default=None)
@@ -140,7 +139,6 @@ class FrictionContent:
 
     @property
     def _next(self) -> tuple[str, ...]:
-        """Measurements that identify the missing parts, else the use of the friction model."""
         if self.result.status == "failed":
             return (f"{self.result.message[:1].upper()}{self.result.message[1:]}.",)
         missing = {part_words(held): held.reason for joint in self.result.joints for held in joint.missing}

@@ -110,10 +110,8 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
         return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning)}."
     if most is None:
         return "No parameter was identified."
-    if result.is_declared:
-        return f"With reserve: the intervals include the declared model error of {percent(result.model_error)}."
     if result.exceeds_noise:
-        return "With reserve: the residuals exceed the noise, which widens the intervals."
+        return "With reserve: the residuals exceed the noise, and the intervals include the model error."
     if result.cause[0]:
         return f"With reserve: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
@@ -262,7 +260,6 @@ def _action_of_status(result: Result) -> Action | None:
 
 
 def _of_cause(result: Result) -> Action | None:
-    """The remedy of the first cause."""
     what, _, command = result.cause[2].partition(": `")
     first, tied = result.indices[:1], {p.tie.to for p in result.parameters if p.tie is not None}
     # A number to which others are tied is not freed alone.
@@ -313,7 +310,6 @@ def questions_of_responses(content: ResponsesContent) -> Questions:
 
 
 def _of_damping(every: Sequence[Modes]) -> str:
-    """Advice that narrows the damping which is known least, as a share of itself."""
     if not every:
         return "Measure longer, or hit more often: a factor of four halves the noise."
     widths = [QUANTILE_95 * modes.zeta_std / modes.zeta for modes in every]

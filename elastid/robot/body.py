@@ -73,9 +73,8 @@ class Body:
         if principal[0] < -slack or principal[2] > principal[0] + principal[1] + slack:
             moments = ", ".join(f"{p:.4g}" for p in principal)
             raise ValueError(
-                f"inertia of body {self.name}: no body has the principal inertias {moments} kg*m^2; each must be "
-                "positive and at most the sum of the other two (where it is known about one axis only, give that one "
-                "number)"
+                f"inertia of body {self.name}: the principal inertias {moments} kg*m^2 are impossible. Each must be "
+                "positive and at most the sum of the other two. If you know one axis only, give one number"
             )
 
     @property

@@ -97,8 +97,8 @@ class Compensator:
         first, second = self.ends
         if first.body == second.body:
             raise ValueError(
-                f"compensator {self.name}: both ends are on {first.body}, so that it never moves; fix one to the body "
-                "beyond the joint that it relieves"
+                f"compensator {self.name}: both ends are on {first.body}. Attach one end to the body beyond "
+                "the joint that it relieves"
             )
 
     @property
@@ -204,7 +204,7 @@ class Loop:
 
     @property
     def geometry(self) -> Numbers:
-        """p1_ and p2_: locations of the ends on their bodies; l_: length of the rod."""
+        """Locations p1_, p2_ of the ends on their bodies, and length l_ of the rod."""
         length: Numbers = {f"l_{self.name}": ("m", ("rod", "length"))} if self.rod is not None else {}
         return _ends_of("p", self.name) | length
 

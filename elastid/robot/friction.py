@@ -93,8 +93,8 @@ class LoadDependence:
             return
         if not self.of_stiction > self.coulomb:
             raise ValueError(
-                f"load: stiction of {self.of_stiction:g} is not above coulomb of {self.coulomb:g}: nothing falls over "
-                "stribeck_velocity; leave it out, or raise stiction"
+                f"load: stribeck_velocity has no effect, because stiction {self.of_stiction:g} is not above coulomb "
+                f"{self.coulomb:g}. Remove it, or raise stiction"
             )
 
     @property
@@ -206,14 +206,14 @@ class Friction:
             )
         if self.directions is not None and not abs(self.directions.coulomb) < self.coulomb:
             raise ValueError(
-                f"friction: directions: coulomb is {self.directions.coulomb:g}, not below coulomb of {self.coulomb:g}: "
-                "friction would drive in one direction; it is half of the difference between the directions"
+                f"friction: directions: coulomb {self.directions.coulomb:g} must be below coulomb {self.coulomb:g}, or "
+                "friction would drive in one direction. Give half of the difference between the directions"
             )
         if self.break_away < self.coulomb:
             unit = next((x.dimension for x in (self.coulomb, self.stiction) if isinstance(x, Measured)), "N*m")
             raise ValueError(
                 f"friction: stiction (F_s) is {self.break_away:g} {unit}, below coulomb (F_c) of {self.coulomb:g} "
-                f"{unit}; break-away takes at least the torque of sliding: exchange or correct them"
+                f"{unit}. Exchange or correct them"
             )
         if self.stribeck_velocity is None and (self.break_away > self.coulomb or self.has_variable_stiction):
             raise ValueError("friction: stiction needs stribeck_velocity (nu_s), over which it falls to coulomb")
@@ -245,8 +245,8 @@ class Friction:
         uneven = 0.0 if self.directions is None else abs(self.directions.viscous)
         if uneven > viscous:
             raise ValueError(
-                f"friction: directions: viscous is {uneven:.4g} and the viscous friction {viscous:.4g}: it would drive "
-                "in one direction; it is half of the difference between the directions"
+                f"friction: directions: viscous {uneven:.4g} must be below the viscous friction {viscous:.4g}, or "
+                "friction would drive in one direction. Give half of the difference between the directions"
             )
         if self.lugre is None or self.lugre.damping == 0:
             return
@@ -255,14 +255,14 @@ class Friction:
         if self.lugre.damping_velocity is not None:
             if self.lugre.damping_velocity > fastest:
                 raise ValueError(
-                    f"lugre: damping_velocity is {self.lugre.damping_velocity:.4g} {speed}; above "
-                    f"4 sqrt(2 e) coulomb / damping = {fastest:.4g} {speed} the law can supply energy; lower it"
+                    f"lugre: damping_velocity is {self.lugre.damping_velocity:.4g} {speed}. A passive model needs at "
+                    f"most 4 sqrt(2 e) coulomb / damping = {fastest:.4g} {speed}. Lower it"
                 )
             return
         needed = self.lugre.damping * (self.break_away - self.coulomb) / self.coulomb
         if viscous < needed:
             raise ValueError(
-                f"lugre: not passive, it can supply energy: a constant damping of {self.lugre.damping:.4g} needs "
-                f"viscous >= damping (stiction - coulomb) / coulomb = {needed:.4g} {damper}, and viscous is "
-                f"{viscous:.4g}; give damping_velocity: {0.9 * fastest:.2g} (or less), lower damping, or raise viscous"
+                f"lugre: not passive: constant damping {self.lugre.damping:.4g} needs viscous >= damping (stiction - "
+                f"coulomb) / coulomb = {needed:.4g} {damper} (got {viscous:.4g}). Give damping_velocity: "
+                f"{0.9 * fastest:.2g} (or less), lower damping, or raise viscous"
             )

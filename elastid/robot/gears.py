@@ -42,9 +42,7 @@ class GearCoupling:
 
     def __post_init__(self) -> None:
         if self.motor == self.joint:
-            raise ValueError(
-                f"the ratio of motor {self.motor} to its own joint stands in motor.ratio; gears hold couplings"
-            )
+            raise ValueError(f"gears contains couplings only. Give the ratio of motor {self.motor} in motor.ratio")
 
 
 def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "") -> FloatArray:
@@ -140,8 +138,8 @@ def check_series(driven: Sequence[Joint], boxes: Sequence[Gearbox]) -> None:
         if box.is_in_series and bent & set(box.springs):
             name = min(bent & set(box.springs))[2:]
             raise ValueError(
-                f"joint {name}: its spring is not linear and in series with that of a motor's shaft "
-                f"({', '.join(s for s in box.springs if s.startswith('km_'))}); give one of the two, or a linear spring"
+                f"joint {name}: a nonlinear spring in series with a motor-shaft spring "
+                f"({', '.join(s for s in box.springs if s.startswith('km_'))}) is not supported. Remove one of them"
             )
 
 
@@ -156,13 +154,12 @@ def check_gears(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
     for pair in pairs:
         for name in pair:
             if name not in names:
-                raise ValueError(f"gears: joint {name} has no motor; driven joints: {', '.join(names)}")
+                raise ValueError(f"gears: joint {name} has no motor. Joints with a motor: {', '.join(names)}")
         if pairs.count(pair) > 1:
             raise ValueError(f"gears: the coupling of motor {pair[0]} with joint {pair[1]} is given twice")
     stages = [mixing(driven, gears, only) for only in ("", "before")]
     if min(1 / np.linalg.cond(E) for E in stages) < MIN_RECIPROCAL_CONDITION:
         raise ValueError(
             f"gears: the matrix of gear ratios is singular (determinant {np.linalg.det(stages[0]):.3g} times the "
-            "product of the motors' own ratios): some motion of the joints turns no motor; correct the ratios, "
-            "eta[motor, joint] = turns of the motor per turn of the joint"
+            "product of the motors' own ratios). Correct eta[motor, joint], turns of the motor per turn of the joint"
         )

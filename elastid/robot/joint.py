@@ -93,9 +93,7 @@ class Spring:
 
     def __post_init__(self) -> None:
         if self.backlash is None and self.inner_stiffness > 0:
-            raise ValueError(
-                "inner_stiffness is that inside the backlash, and there is none; give backlash, half the gap"
-            )
+            raise ValueError("inner_stiffness, inside the backlash, needs backlash. Give half of the gap")
         self._check_monotone()
 
     @property
@@ -122,9 +120,9 @@ class Spring:
                 ends = [(sign * root - s) / (3 * cubic) for sign in (-1, 1)] if cubic else [a / (-2 * s)]
                 worst, (unit, angle) = min(x for x in ends if x >= 0), self._units
                 raise ValueError(
-                    f"the spring loses its stiffness at a {side} deflection of {worst:.3g} {angle} and pulls beyond, "
-                    f"for k = {a:g} {unit}{where}, a quadratic term of {s:g} {unit}^2 to that side and a cubic one of "
-                    f"{cubic:g} {unit}^3; it must harden, or soften by less: quadratic^2 < 3 k cubic"
+                    f"the stiffness becomes negative at a {side} deflection of {worst:.3g} {angle} (k = {a:g} {unit}"
+                    f"{where}, quadratic {s:g} {unit}^2 on this side, cubic {cubic:g} {unit}^3). The limit is "
+                    "quadratic^2 < 3 k cubic"
                 )
 
     @property
@@ -249,8 +247,8 @@ class Motor:
             )
         if bool(self.on) != (self.axis is not None):
             raise ValueError(
-                "the motor rides on a body: give both `on`, the body, and `axis`, the rotor's direction in the axes of "
-                f"that body (got on: {self.on or 'nothing'}, axis: {'nothing' if self.axis is None else self.axis})"
+                f"a motor on a body needs `on` (the body, got {self.on or 'nothing'}) and `axis` (direction of the "
+                f"rotor in the body's axes, got {'nothing' if self.axis is None else self.axis})"
             )
         if self.axis is not None:
             unit_axis(self.axis)
@@ -364,13 +362,9 @@ class Joint:
                 f"{'motor' if self.motor is None else 'spring'}; give it one, or drop gear"
             )
         if self.motor is not None and not self.slides and abs(self.motor.ratio) < 0.1:
-            raise ValueError("motor.ratio is turns of the motor over those of the joint, and below 0.1 here")
-        if self.slides and self.zero:
-            raise ValueError(f"joint {self.name}: it slides, so that its place is that of its body; leave out zero")
-        if self.slides and any(self.point):
-            raise ValueError(
-                f"joint {self.name}: it slides, so that the place of its axis has no effect; leave out point"
-            )
+            raise ValueError("motor.ratio is below 0.1; give turns of the motor per turn of the joint")
+        if self.slides and any((self.zero, *self.point)):
+            raise ValueError(f"joint {self.name} slides, so zero and point have no effect. Remove them")
         self._check_units()
         if self.friction is not None:
             self.friction.check_passive(self.viscous, self.slides)
@@ -418,7 +412,7 @@ class Joint:
 
     @property
     def geometry(self) -> Numbers:
-        """pj_: point on the axis of a rotation; zero_ of a driven joint: zero offset."""
+        """Point pj_ on the axis of a rotation, and zero offset zero_ of a driven joint."""
         if self.slides:
             return {}
         zero: Numbers = {f"zero_{self.name}": ("rad", ("zero",))} if self.motor is not None else {}
@@ -482,12 +476,10 @@ def _numbers_of(part: object, path: str = "") -> Iterator[tuple[str, float]]:
 
 
 def _turns(dimension: str) -> bool:
-    """True for a unit of a rotation."""
     return "rad" in dimension or "N*m" in dimension
 
 
 def _other(dimension: str) -> str:
-    """The unit that the other kind of motion has."""
     if _turns(dimension):
         return of_translation(dimension)
     return next(unit for unit in _OF_ROTATION if of_translation(unit) == dimension)

@@ -128,6 +128,5 @@ class Chain:
 
     @property
     def _times(self) -> dict[str, float]:
-        """The time constants of the elements that are present, in s."""
         times = {name: getattr(self, name) for name in ("torque_lag", "sensor_lag", "differentiator")}
         return {name: value for name, value in times.items() if value is not None}

@@ -26,10 +26,7 @@ def check_part_names(robot: "Robot") -> None:
     bodies = [body.name for body in robot.all_bodies]
     for name in bodies:
         if name.casefold() == BASE:
-            raise ValueError(
-                f"body {name}: its name is that of the base, which carries the first body and is not listed; give "
-                "it another"
-            )
+            raise ValueError(f"body {name}: this name is reserved for the base. Rename the body")
     check_different("body", bodies)
     for kind, parts in (
         ("joint", robot.joints), ("frame", robot.frames), ("loop", robot.loops), ("compensator", robot.compensators),
@@ -75,8 +72,7 @@ def check_carrier(joint: Joint, robot: "Robot") -> None:
     fitting = [body for body, path in carried_by.items() if moved in path or body in carried_by[moved]]
     if carrier not in fitting:
         raise ValueError(
-            f"joint {joint.name}: its motor is on {carrier}, a branch that neither carries the joint nor is moved "
-            "by it, so that no gear can lead from one to the other; bodies it can be on: "
+            f"joint {joint.name}: its motor is on {carrier}, in a branch without this joint. Possible bodies: "
             f"{', '.join([BASE, *fitting])}"
         )
 
@@ -198,7 +194,7 @@ class Robot:
         bodies = {body.name: (body.name, Placement()) for body in self.bodies}
         seats = bodies | {frame.name: (frame.body, frame.placement) for frame in self.frames}
         if place not in seats:
-            raise ValueError(f"payload: it is at {place}, which is no frame and no body; there are {', '.join(seats)}")
+            raise ValueError(f"payload: {place} is no frame or body. There are {', '.join(seats)}")
         return (*self.bodies, self.payload.body(*seats[place]))
 
     def carrying(self, carries: bool) -> "Robot":

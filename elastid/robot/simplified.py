@@ -125,8 +125,8 @@ def with_point_mass(robot: Robot, mass: float) -> Robot:
     if not robot.frames:
         raise StudyError(
             "robot/unknown-name",
-            f"robot {robot.name} has no frame that could carry {mass:g} kg; give it "
-            f"frames: [{{name: tool, body: {robot.bodies[-1].name}}}]",
+            f"robot {robot.name} has no frame for the mass of {mass:g} kg. Add one: "
+            f"`frames: [{{name: tool, body: {robot.bodies[-1].name}}}]`",
         )
     seat = robot.frames[-1]
     name = unused("point_mass", [body.name for body in robot.all_bodies])

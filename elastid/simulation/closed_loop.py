@@ -349,9 +349,9 @@ def _check(loop: ClosedLoop, reading: FloatArray, position: FloatArray, start: i
     sample, motor = np.argwhere(~held)[0]
     unit = loop.units[motor]
     is_free = np.isinf(lower[motor]) and np.isinf(upper[motor])
-    may = "" if is_free else f" and may be within [{lower[motor]:.3g}, {upper[motor]:.3g}] {unit}"
+    may = "" if is_free else f", limits [{lower[motor]:.3g}, {upper[motor]:.3g}] {unit}"
     raise DataError(
         "experiment/diverged",
-        f"{loop.inputs[motor]} is lost {(start + sample) / loop.rate_hz:.3g} s after the start: it is at "
-        f"{reading[sample, motor]:.3g} {unit}, should be at {reference[sample, motor]:.3g} {unit}{may}",
+        f"{loop.inputs[motor]} does not follow its reference {(start + sample) / loop.rate_hz:.3g} s after the start: "
+        f"{reading[sample, motor]:.3g} instead of {reference[sample, motor]:.3g} {unit}{may}",
     )

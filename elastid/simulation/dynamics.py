@@ -70,7 +70,6 @@ class Contacts:
         return stiffness, damping
 
     def _sliding(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> Iterator[tuple[Law, ca.SX, ca.SX, Curve]]:
-        """Laws, each with its velocity, states and curve."""
         sliding, start = ca.DM(self.P).T @ v, 0
         for j, placed in enumerate(self.laws):
             end = start + placed.law.n_states

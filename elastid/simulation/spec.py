@@ -143,11 +143,9 @@ class ControllerSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if self.kind == "pd" and self.integral_time is not None:
-            raise ValueError("integral_time belongs to kind: cascade; a pd controller has none")
+        if self.kind == "pd" and (self.integral_time, self.gains) != (None, None):
+            raise ValueError("integral_time and gains belong to kind: cascade. Give bandwidth_hz and damping_ratio")
         if self.gains is not None:
-            if self.kind == "pd":
-                raise ValueError("gains belong to kind: cascade; a pd controller has bandwidth_hz and damping_ratio")
             if self.integral_time is not None:
                 raise ValueError("integral_time is one of gains; drop it beside them")
             return

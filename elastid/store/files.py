@@ -186,7 +186,6 @@ def one_writer(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[BinaryIO]:
-    """The locked file, still at its path."""
     while True:
         with open(path, "a+b", opener=unlinked) as file:
             if not _lock(file):

@@ -110,7 +110,6 @@ def _read_column(item: Any, annotation: Any, label: Label = NO_LABEL) -> list[An
 
 
 def _read_rows(group: Any, kind: Kind) -> list[Any]:
-    """A table of a dataclass, column by column."""
     n, known = _scalar(group.attrs["length"], Kind("scalar", int)), fields_of(kind.type)
     columns = {part.name: _read_column(group[part.name], part.annotation, part.label) for part in known} if n else {}
     if any(len(column) != n for column in columns.values()):

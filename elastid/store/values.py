@@ -90,7 +90,6 @@ kind_of_annotation: Callable[[Any], Kind] = cache(_kind_of_annotation)
 
 
 def _fields_of(kind: Any) -> tuple[FieldKind, ...]:
-    """The fields that a dataclass is made of."""
     hints = get_type_hints(kind)
     return tuple(
         FieldKind(

@@ -39,7 +39,6 @@ def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
 
 
 def _joints(robot: Any) -> tuple[str, ...]:
-    """Names of the driven joints of a robot, as far as it has been read."""
     if isinstance(robot, Robot):
         return robot.driven_names
     bodies = robot.get("bodies") if isinstance(robot, dict) else None
@@ -48,7 +47,6 @@ def _joints(robot: Any) -> tuple[str, ...]:
 
 
 def _tests(path: Path, joints: Sequence[str]) -> Iterator[tuple[Place, dict[str, Any]]]:
-    """The line of each test, and its keys."""
     for line, row in read_table(path):
         columns = [_column(f"{path}:1:1", head, joints) for head in row]
         cells = {
@@ -60,7 +58,6 @@ def _tests(path: Path, joints: Sequence[str]) -> Iterator[tuple[Place, dict[str,
 
 
 def _column(place: str, head: str, joints: Sequence[str]) -> tuple[str, str]:
-    """Name and unit of a column."""
     name, unit = name_and_unit(head)
     known = [*_TEXTS, *_SINGLE, *(word for names in _ENTRIES.values() for word in names)]
     if name not in (*known, *joints):
@@ -73,7 +70,6 @@ def _column(place: str, head: str, joints: Sequence[str]) -> tuple[str, str]:
 
 
 def _test(cells: Mapping[str, str], joints: Sequence[str]) -> dict[str, Any]:
-    """The keys of a test."""
     test: dict[str, Any] = {key: cells[key] for key in _TEXTS if key in cells}
     test |= {key: _value(cells[key]) for key in _SINGLE if key in cells}
     angles = {} if "configuration" in test else {"angles": tuple(f"joint {name}" for name in joints)}

@@ -118,7 +118,6 @@ def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
 
 
 def _postures(model: FittedRobot) -> list[str]:
-    """The columns of equilibria."""
     return [f"column {i} of equilibria: {linear.configuration.name}" for i, linear in enumerate(model.linear)]
 
 

@@ -166,7 +166,6 @@ def _at_frames(robot: Robot, name: str, causality: Causality, text: str) -> list
 
 
 def _stiffnesses(subject: Subject) -> list[Variable]:
-    """Parameters of the equations with the intervals of the fit."""
     units = {name: unit for name, (_, unit) in subject.model.robot.parameters().items()}
     texts = {name: f"{name} of the robot, {units.get(name, 'SI')}; {subject.known.get(name, HELD)}" for name in units}
     return [
@@ -229,7 +228,6 @@ def _describe_2(variables: ET.Element, structure: ET.Element, layout: Layout, na
 
 
 def _describe_3(variables: ET.Element, structure: ET.Element, layout: Layout, names: tuple[str, ...]) -> None:
-    """Variables by their types, and unknowns by their value references."""
     for reference, variable in enumerate(layout.variables):
         ET.SubElement(variables, "Float64", _attributes(variable, reference) | _start_of(variable))
     limits = {"start": "1", "min": "1", "max": str(len(names))}
@@ -416,7 +414,6 @@ def _table(rows: Iterable[FloatArray]) -> str:
 
 
 def _pack(path: Path, entries: Mapping[str, str | bytes]) -> None:
-    """A zip file whose bytes depend on its content alone."""
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(entries):
             archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), entries[name], zipfile.ZIP_DEFLATED)

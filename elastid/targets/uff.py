@@ -99,7 +99,6 @@ def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[dict
 
 
 def _geometry_sets(geometry: GeometrySpec | None, points: dict[str, int]) -> Iterable[dict[str, Any]]:
-    """Units, nodes and trace lines."""
     if geometry is None:
         return
     yield {

@@ -152,7 +152,6 @@ class PostureFamily:
 
 
 def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A, B, C of a robot with the delay of its torque."""
     system = state_space(linear, theta)
     n, n_u = system.B.shape
     samples, part = divmod(max(system.delay, 0.0) * rate_hz, 1.0)

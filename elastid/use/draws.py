@@ -56,8 +56,8 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
             if refused > 20 * (len(robots) + 10):
                 raise FitError(
                     "fit/no-robot",
-                    f"of {refused + len(robots)} draws {refused} have impossible inertias: the fit knows too "
-                    "little of masses or inertias; give them a prior, or hold them",
+                    f"{refused} of {refused + len(robots)} posterior samples have impossible inertias. Give masses and "
+                    "inertias a prior, or fix them",
                 ) from None
         else:
             values.append(moved)

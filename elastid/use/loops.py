@@ -148,7 +148,6 @@ class Cascade:
 
 
 def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
-    """True if all loops are stable with peaks within the limit."""
     return bool(cascade.on(scene).peaks_db.max() <= limit_db)
 
 
@@ -294,9 +293,7 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
     # Slowing may cost one of them half its bandwidth, and another nothing.
     kept = [result for start in tried if (result := slowed(start, lambda cascade: excess(cascade) <= 0)) is not None]
     if not kept:
-        raise FitError(
-            "use/gains", "no gains keep the sensitivity below 6 dB on 95 % of the draws: the fit knows too little"
-        )
+        raise FitError("use/gains", "no gains keep the sensitivity below 6 dB for 95 % of the posterior samples")
     return max(kept, key=lambda cascade: cascade.reached(scene))
 
 
@@ -344,7 +341,6 @@ def assess(
 
 
 def _causes(loops: Closed, q: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> Iterator[str]:
-    """Axis and mode of each peak that limits, by rising frequency."""
     size, root = np.pad(loops.size[q], 1, constant_values=0.0), np.sqrt(loops.scene.plants.inertia[q])
     peaks = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:]))
     # A peak within 0.5 dB of the largest one limits the gains as well.

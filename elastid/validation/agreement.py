@@ -297,6 +297,5 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
 
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
-    """Magnitude and phase error over all judged lines of several configurations."""
     db, deg, lines = np.array([(a.overall_rms_log_db, a.overall_phase_rms_deg, a.lines.sum()) for a in agreements]).T
     return pooled_rms(db, lines), pooled_rms(deg, lines)

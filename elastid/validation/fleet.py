@@ -190,7 +190,6 @@ def _series(values: Sequence[FleetValue], robot: str, is_relative: bool) -> _Ser
 
 
 def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Finding]:
-    """Every robot against the mean of the others."""
     if len(parameter.series) < 3:  # of two, either may be the odd one
         return []
     of_kind = [p.between_robots() for p in _same_kind(parameter, parameters) if len(p.series) > 1]
@@ -236,14 +235,12 @@ def _moderated(own: _Excess, of_kind: Iterable[_Excess]) -> tuple[float, float]:
 
 
 def _same_kind(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[_Parameter]:
-    """The other parameters with the same letters, where their spreads are relative."""
     letters = _letters(parameter.name)
     alike = [p for p in parameters if p is not parameter and _letters(p.name) == letters]
     return [p for p in alike if p.is_relative and parameter.is_relative]
 
 
 def _letters(name: str) -> str:
-    """Letters of a name without the joint, and the order of errors and ripples."""
     letters = name.partition("_")[0]
     return letters[0] if letters[0] in "er" and letters[1:].replace(".", "").isdigit() else letters
 

@@ -67,7 +67,6 @@ def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords
 
 
 def _record_of(motion: MotionFriction, records: Iterable[FrictionRecord]) -> FrictionRecord:
-    """The log of a regression, whose torque holds the rigid body, with the smallest payload."""
     lightest = sorted(records, key=lambda record: record.payload)
     return next(record for record in lightest if np.array_equal(record.position, motion.motion.position))
 
@@ -165,7 +164,6 @@ def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionR
 
 
 def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
-    """Run along a log, driven by its torque, or by its reference through a controller."""
     log, controller = driven
     drive: Drive = "torque" if controller is None else "reference"
     held_hz = HELD_HZ if controller is None else 0.0

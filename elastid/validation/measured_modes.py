@@ -81,9 +81,8 @@ class MeasuredModes:
             Note(
                 "validation/missing-mode",
                 f"a mode at {number(self.own.freq_hz[i], 3)} {self.own.frequency_unit}, "
-                f"{percent(self.own.zeta[i], 2)} damping, seen at {self.seen(i)}, is in the measured response and not "
-                "in the model: something on a spring of its own, of the structure, the base or the tool, is missing in "
-                "the robot's file; give it a joint without a motor there",
+                f"{percent(self.own.zeta[i], 2)} damping, visible at {self.seen(i)}, is missing in the model. Add "
+                "the elastic part of structure, base or tool to the robot model, as a joint without a motor",
                 self.own.configuration,
             )
             for i in np.flatnonzero(self.is_missing).tolist()

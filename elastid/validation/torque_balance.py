@@ -97,9 +97,9 @@ class TorqueBalance:
         shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(self.parts, self.fractions, strict=True))
         worst, unit = self.worst, "Hz" if self.rate_is_known else "of the sampling rate"
         return (
-            f"{self.place}, {self.log}: of the mean square of the torque {shares}; {self.unexplained_fraction:.1%} is "
-            f"unexplained (without friction {self.unexplained_without_friction:.1%}), most from {worst.low_hz:.3g} to "
-            f"{worst.high_hz:.3g} {unit}: {worst.unexplained_fraction:.0%} of the {worst.power:.2%} of the power there."
+            f"{self.place}, {self.log}: contributions to the mean-square torque: {shares}. Unexplained: "
+            f"{self.unexplained_fraction:.1%} (without friction {self.unexplained_without_friction:.1%}), at most "
+            f"{worst.unexplained_fraction:.0%} from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}."
         )
 
     @property

@@ -205,7 +205,6 @@ def _along_record(
 
 
 def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
-    """The last period of a trajectory as it would be logged."""
     N, model, chain = record.period_samples, plant.model, plant.model.robot.chain
     y = sense(moved.q, moved.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
     y = logged(filter_motions(model.robot, y, record.rate_hz), record.rate_hz, chain.at("y", record.outputs))

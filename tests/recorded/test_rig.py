@@ -1,6 +1,5 @@
 """The recorded rig: any file format, faults of a log in one message, held torques and known disturbances."""
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from plants import friction_logs
 from plants.friction_logs import logs, sliding_torque, trapezoids
 from plants.lab_logs import CHANNELS, RATE, ROBOT, N, U, Y, measured, save_csv, study_of, with_names, write_csv
-from plants.notes import said
+from plants.notes import noted
 from plants.refusals import refused
 
 from elastid.excitation.multisine import synthesise
@@ -49,8 +48,7 @@ def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(
     """One motor at a time is a lawful experiment; the estimator judges all of them together."""
     save_csv(tmp_path / "log.csv", log | {"i2": np.full(800, 0.5)})
     (note,) = measured(tmp_path, study_of("log.csv")).notes
-    assert (note.code, note.place) == ("records/input-not-excited", "record home-r0-e0")
-    assert "channel i2 (u at motor 2) is constant at 0.5" in note.text
+    assert noted(note) == ("records/input-not-excited", "record home-r0-e0", [2, 2, 0.5])
 
 
 def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
@@ -58,8 +56,7 @@ def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path,
     save_csv(tmp_path / "log.csv", {k: v[:780] for k, v in log.items()})
     record = measured(tmp_path, study_of("log.csv"))
     assert record.n_samples == 600
-    assert (record.notes[0].code, record.notes[0].place) == ("records/corrected", "record home-r0-e0")
-    assert re.findall(r"\d+", record.notes[0].text) == ["180", "780", "200"]
+    assert noted(record.notes[0]) == ("records/corrected", "record home-r0-e0", [180, 780, 200])
     window = study_of("log.csv", files=(FileSpec("log.csv", "home", samples=(30, 450)),))
     record = measured(tmp_path, window)
     assert record.n_samples == 400
@@ -191,7 +188,7 @@ def test_pulses_that_are_known_act_with_the_torque(sign: Any, tmp_path: Path) ->
     rig = RecordedRig(friction_logs.ROBOT, ExperimentSpec({"home": (0.0,)}, recorded=recorded), tmp_path)
     record = rig.measure(rig.experiments[0])
     np.testing.assert_allclose(record.u[:, 0], u + sign * d, atol=1e-9)
-    assert said(record.notes) == ()
+    assert record.notes == ()
     spec = logs(FileSpec("log.csv"), channels=channels)
     (of_friction,) = read_friction_logs(friction_logs.ROBOT, spec, tmp_path, ["1"], {}).records
     np.testing.assert_allclose(of_friction.torque, u + sign * d, atol=1e-9)

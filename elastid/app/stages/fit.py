@@ -138,7 +138,6 @@ def conclude(run: Run) -> None:
 
 
 def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
-    """The answers where the effects of the gears explain the misfit of the linear fit."""
     yield f"Are the numbers good? {numbers_answer(result, rows, gears)}"
     yield "Where does the model fail? The linear fit is biased; the line `gears` has the unexplained fraction."
     yield "What next? Use identified_robot.yml, which contains the effects."

@@ -151,7 +151,6 @@ def report_friction(study: Study, work: Work) -> Artefacts:
 
 
 def _content(name: str, files: Mapping[str, Path], stamp: Stamp = NO_STAMP) -> FrictionContent:
-    """The results of a study by their stages, as far as they are there."""
     plan = stored.read_friction_plan(files["design"]) if "design" in files else None
     filters = stored.read_filter(files["follow"]) if "follow" in files else ()
     result, twin = stored.read_friction_result(files["friction"]), stored.read_simulation(files["friction"])

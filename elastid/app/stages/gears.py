@@ -92,7 +92,6 @@ def on_straight_springs(
 
 
 def _summary(path: Path) -> dict[str, object]:
-    """The content of the fit's summary.json."""
     try:
         content: dict[str, object] = json.loads(path.read_bytes())
     except (OSError, ValueError) as error:

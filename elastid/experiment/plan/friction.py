@@ -167,8 +167,8 @@ def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
         raise StudyError(
             "friction/plan",
             f"a constant-velocity run of {limits.place} at {speed:.4g} {limits.unit}/s needs {travel:.4g} "
-            f"{limits.unit} (ramps {ramps:.3g}, settling {settling:.3g}, steady {speed * plateau_s:.3g}); the window "
-            f"is {high - low:.4g}. Widen it, or measure up to {fastest_speed(limits):.3g} {limits.unit}/s",
+            f"{limits.unit}; the window is {high - low:.4g}. Widen it, or measure up to {fastest_speed(limits):.3g} "
+            f"{limits.unit}/s",
             "friction.constant_velocity.window",
         )
     middle = (low + high) / 2

@@ -132,7 +132,6 @@ def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, F
 
 
 def _constant_velocity(v: FloatArray, s: FloatArray, ds: FloatArray, plan: Plan) -> Movement:
-    """Movement through the configuration in the middle of the measured periods."""
     travelled = np.concatenate([[0.0], np.cumsum((s[1:] + s[:-1]) / 2)]) / plan.rate_hz
     middle = (plan.measured.start + plan.measured.stop) // 2
     return Movement(np.outer(travelled - travelled[middle], v), np.outer(s, v), np.outer(ds, v), s)

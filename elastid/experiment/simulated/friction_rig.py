@@ -172,8 +172,8 @@ class SimulatedFrictionRig:
         if self.plan.warm_ups and self.simulated.heat is None:
             raise StudyError(
                 "experiment/simulated",
-                "a warm-up takes a joint that gets warm; give it, such as "
-                "heat: {conductance: 8 W/K, time_constant: 45 min}, or leave out friction.warm_up",
+                "a warm-up needs a thermal model of the joint. Give, for example, "
+                "`heat: {conductance: 8 W/K, time_constant: 45 min}`, or remove friction.warm_up",
                 "experiment.simulated.heat",
             )
 
@@ -238,7 +238,6 @@ class SimulatedFrictionRig:
         return FrictionRun(motion, plant, index, path, temperature)
 
     def _load_torque(self, run: FrictionRun) -> float:
-        """Mean |holding torque| of the nominal robot over the plateaus."""
         model = model_of(with_point_mass(self.robot, run.motion.payload))
         windows = [window for window in (run.path.there, run.path.back) if window is not None]
         sliding = np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)

@@ -156,7 +156,7 @@ def drives(robot: Robot, encoder_counts: int, torque_ripple: Sequence[TorqueRipp
     if saturation and not np.isfinite(limit).any():
         raise StudyError(
             "experiment/simulated",
-            "no joint has limits.torque, so that nothing is clipped; give limits: {torque: ...} in the robot's file",
+            "saturation needs limits.torque. Add `limits: {torque: ...}` to the robot model",
             "experiment.simulated.saturation",
         )
     resolution = 2 * np.pi / (encoder_counts * np.abs(ratio)) if encoder_counts else np.zeros(len(ratio))

@@ -120,9 +120,8 @@ def true_plant(
     if needed > most:
         raise StudyError(
             "experiment/simulated",
-            f"robot {robot.name} in configuration {start.name}: its fastest mode, of {fastest} (pole "
-            f"{np.abs(s).max():.4g} 1/s), needs {needed} steps per sample at {rate_hz:g} Hz; {most} are "
-            f"{'given' if spec.substeps else 'affordable'}. Raise the rate",
+            f"configuration {start.name}: the fastest mode, of {fastest}, needs {needed} steps per sample at "
+            f"{rate_hz:g} Hz; limit {most}. Raise the rate",
             "experiment.simulated.substeps",
         )
     substeps = max(needed, spec.steps(rate_hz, highest_hz))

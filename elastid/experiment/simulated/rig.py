@@ -212,7 +212,6 @@ class SimulatedRig:
 
 
 def _too_fast(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> Iterator[Note]:
-    """A note for every motor that went beyond its limits of motion."""
     velocity = np.diff(trajectory.q @ B, axis=0) * rate_hz
     speed, acceleration = np.abs(velocity).max(axis=0), np.abs(np.diff(velocity, axis=0)).max(axis=0) * rate_hz
     for joint, *peaks in zip(robot.driven, speed, acceleration, strict=True):

@@ -240,5 +240,4 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
 
 
 def _translates(channel: ChannelSpec) -> bool:
-    """True if a channel has a unit of translation."""
     return channel.quantity == "force" or TABLE.get(channel.unit, ("", 1.0))[0] in _TRANSLATIONS

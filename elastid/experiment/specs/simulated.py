@@ -109,8 +109,8 @@ class HeatSpec:
         "joints: the final rise is the heat of friction over it, commonly 10 to 40 K.", above=0)]
     time_constant: Annotated[Time, Key("Thermal time constant C / h of the joint.", "45 minutes are usual for gears of "
         "medium robots; larger gears take up to two hours.", above=0)] = 2700.0
-    ambient: Annotated[Temperature, Key("Temperature T_a of the room.", "that of the hall; losses count from it, and "
-        "joints start there unless `start` is given.")] = 20.0
+    ambient: Annotated[Temperature, Key("Temperature T_a of the room.", "the temperature of the hall. It is the start "
+        "temperature of the joints unless `start` is given.")] = 20.0
     start: Annotated[Temperature | None, Key("Temperature T of every joint at the start (default: ambient).",
         "above ambient for a robot that has worked before; the warm-up then shows less of the fall.")] = None
     thermometer_std: Annotated[TemperatureRise | None, Key("Standard deviation of the logged temperature, one error "

@@ -210,7 +210,6 @@ def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence
 
 
 def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
-    """Name, family and members: of payloads, and of angles that are off in all postures."""
     postures = sorted({name.partition("@")[2] for name in place if "@" in name})
     for body in robot.bodies:
         yield f"payload_{body.name}", "payload", inertial(body)
@@ -255,7 +254,6 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
 
 
 def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
-    """The best number with the first freed, the best with both freed."""
     by_name = {candidate.name: candidate for candidate in scores.candidates}
     before, further, test = first, list[ModificationIndex](), scores.test
     for place in range(2, LIMITS.sequence + 1):

@@ -77,7 +77,6 @@ class _Spring:
 
 
 def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
-    """The springs at the stiffnesses about which V has a minimum."""
     assembly, optimum, held = evidence.assembly, evidence.optimum, scores.held
     every, x = spread_out(len(optimum.fit.parts)), optimum.end.x
     part_of_fit = replace(optimum.fit, parts=optimum.fit.parts[every])
@@ -102,7 +101,6 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
 
 
 def _models(evidence: Evidence, held: HeldModel, responses: Sequence[Response]) -> list[LinearModel]:
-    """The model of each response at the optimum, its rigid coordinates with stiff springs."""
     x, fitted = evidence.optimum.end.x, evidence.assembly.parameters
     count, rigid = len(held.linearisation.model.parameters) + 1, held.rigid
     kept = {*fitted.names, *rigid, *(f"d{name[1:]}" for name in rigid)}

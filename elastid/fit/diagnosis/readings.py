@@ -114,7 +114,6 @@ def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Readin
 def _times(
     outputs: dict[str, float], inputs: dict[str, float], evaluated: Evaluated, values: ComplexArray
 ) -> ComplexArray:
-    """The response with factors of some outputs and inputs."""
     model = evaluated.part.kernel.model
     rows, columns = [outputs.get(p, 1.0) for p in model.outputs], [inputs.get(p, 1.0) for p in model.inputs]
     return values * np.outer(rows, columns)
@@ -158,13 +157,9 @@ def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Ite
 
 
 def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
-    """Phases by exp(-j omega t); of the other sign where an odd power of j omega made of them what is fitted."""
-    for sign in (1, -1):
-        yield Reading("all phases negated", "phase", partial(_conjugated, sign))
-
-
-def _conjugated(sign: int, _: Evaluated, values: ComplexArray) -> ComplexArray:
-    return sign * values.conj()
+    """Responses with phases by exp(-j omega t), also negated by an odd power of j omega."""
+    yield Reading("all phases negated", "phase", lambda _, values: values.conj())
+    yield Reading("all phases negated", "phase", lambda _, values: -values.conj())
 
 
 def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:

@@ -184,8 +184,6 @@ def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) ->
 
 
 def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
-    """All responses at the tool as they would be read otherwise, with words."""
-
     def turned(sign: float, power: int) -> tuple[Response, ...]:
         every = []
         for G in responses:

@@ -305,7 +305,6 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
 
 
 def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
-    """Notes on parameters, pairs of them and the combination that the data constrain too little."""
     names, values = result.parameters.free_names, result.singular_values
     if unreached.any():
         yield Note(

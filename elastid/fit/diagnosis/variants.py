@@ -69,7 +69,6 @@ def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[Modif
 
 
 def _variants(evidence: Evidence) -> Iterator[Variant]:
-    """Every variant by its name."""
     yield from _angles(evidence)
     yield from _encoders(evidence)
     base = evidence.assembly
@@ -80,7 +79,6 @@ def _variants(evidence: Evidence) -> Iterator[Variant]:
 
 
 def _angles(evidence: Evidence) -> Iterator[Variant]:
-    """The study with the angles of its configurations in the other unit, direction or order."""
     assembly = evidence.assembly
     driven = assembly.linearisation.model.robot.driven
     turns, n = np.array([not joint.slides for joint in driven]), len(driven)
@@ -135,7 +133,6 @@ def _motor_inertias(robot: Robot) -> Iterator[_Other]:
 
 
 def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
-    """The robot with other directions of gravity, and without the payload of its file."""
     size = float(np.linalg.norm(robot.gravity)) or 9.81
     directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
                   for axis, row in zip("xyz", np.eye(3), strict=True) for sign in "+-"}  # fmt: skip
@@ -149,8 +146,6 @@ def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
 
 
 def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
-    """Parameters with tolerances about other numbers."""
-
     def moved(p: Parameter) -> Parameter:
         if p.name not in numbers or not (p.is_nuisance or p.tie is not None or not p.free):
             return p

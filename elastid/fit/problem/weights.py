@@ -182,7 +182,6 @@ def _factors(response: Response, factors: Sequence[FactorSpec]) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _ones(shape: tuple[int, ...]) -> FloatArray:
-    """Ones, the same array for all configurations."""
     return frozen(np.ones(shape))
 
 

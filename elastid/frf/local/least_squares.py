@@ -222,7 +222,6 @@ def _chosen(take: BoolArray, a: LocalFit, b: LocalFit) -> LocalFit:
 
 
 def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTerms) -> LocalFit:
-    """One model at all lines, in blocks that bound the memory."""
     E, _, n_z = Z.shape
     F, n_w = where.index.shape
     numbers = E * n_w * (terms.columns + E * terms.transient_columns + 2 * (terms.poles + 2) * n_z)

@@ -357,7 +357,6 @@ def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
 
 
 def _merged(group: Sequence[SettledSpectra], closed: bool) -> SettledSpectra:
-    """The combination of records with proportional inputs that has all of the input."""
     gains = [_gain(driver_of(group[0], closed), driver_of(spectrum, closed)) or 1.0 for spectrum in group]
     pairs = [(spectrum.n_periods * c, spectrum) for c, spectrum in zip(gains, group, strict=True)]
     total = sum(weight * c for (weight, _), c in zip(pairs, gains, strict=True))

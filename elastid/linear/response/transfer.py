@@ -118,8 +118,7 @@ def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
         raise ValueError(f"freq_hz is {freq_hz!r}; give numbers in Hz, such as [10.0, 20.0]") from None
     if lines.ndim != 1 or not np.all((lines > 0) & np.isfinite(lines)):
         raise ValueError(
-            "freq_hz holds what is no finite number above 0 Hz, or no row of them: a constant torque turns a motor "
-            "for ever; leave it out, or give a small frequency such as 0.01"
+            "freq_hz must be a row of finite numbers above 0 Hz. Instead of 0 Hz, give a small frequency such as 0.01"
         )
     return lines
 

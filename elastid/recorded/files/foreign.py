@@ -83,7 +83,6 @@ def _column(file: Any, name: str, field: Any, n: int) -> StoredArray:
 
 
 def _read_column(file: Any, name: str) -> NDArray[Any]:
-    """A column, one row group in memory at a time in addition to the result."""
     parts = [_values(file.read_row_group(i, columns=[name]), name) for i in range(file.num_row_groups)]
     values = np.concatenate(parts) if parts else np.zeros(0)
     return seconds(values, values[0]) if values.dtype.kind == "M" else values

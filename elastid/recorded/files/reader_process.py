@@ -175,7 +175,6 @@ def limit_memory() -> int:
 
 
 def _values(array: StoredArray, part: slice | None) -> NDArray[Any]:
-    """The values of a signal, or a part of its rows."""
     values = np.asarray(array.read() if part is None or array.rows is None else array.rows(part))
     if values.dtype.hasobject:
         raise TypeError(f"values of type {values.dtype} are not numbers")

@@ -191,7 +191,6 @@ def guess_format(path: Path) -> TextFormatSpec:
 
 
 def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
-    """The format with the most numbers, and how many more these are than words."""
     with path.open("rb") as file:
         # The last 20 lines of the first 64 KiB.
         lines = _decoded(file.read(65536)).splitlines()[-21:-1]
@@ -259,7 +258,6 @@ def _delimiter(text: TextFormatSpec) -> str | None:
 
 
 def _with_nan(lines: Sequence[str], delimiter: str | None) -> Sequence[str]:
-    """Lines with NaN in their empty cells, which are missing samples, too."""
     if delimiter is None:
         return lines
     other = f"[^{re.escape(delimiter)}]"

@@ -243,7 +243,6 @@ def _at_limit(x: FloatArray) -> BoolArray:
 
 
 def _visits(x: FloatArray, clipped: BoolArray) -> int:
-    """Number of times that a signal comes to a limit from well away of it."""
     span = np.ptp(x)
     is_away = (np.max(x) - x > LIMITS.min_departure * span) & (x - np.min(x) > LIMITS.min_departure * span)
     state = (clipped.astype(int) - is_away)[clipped | is_away]

@@ -111,8 +111,8 @@ def bridged_gaps(signals: FloatArray, log: Log, max_share: float = LIMITS.max_sh
             first, last = max(pieces, key=np.ptp, default=(0, 0))
             raise DataError(
                 "records/missing-samples",
-                f"{text}, and a record without a period has no other one to fill them from; the longest "
-                f"piece without gaps is samples: [{log.number(first)}, {log.number(last)}]: use that, or measure again",
+                f"{text}, and a record without a period cannot be interpolated. Use the longest range without gaps "
+                f"(samples: [{log.number(first)}, {log.number(last)}]), or measure again",
                 log.where,
             )
         result[:, c], _ = _interpolated(signals[:, c], len(signals), 1, log, text)

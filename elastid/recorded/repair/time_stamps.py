@@ -143,7 +143,6 @@ def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatAr
 
 
 def _inside(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
-    """Values at times that are at most one period outside."""
     N = round(period)
     if period != N and len(x) > period + 2 * HALF_WIDTH:
         return at_times(x, times, N)

@@ -130,8 +130,8 @@ def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
         listed = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
         raise DataError(
             "responses/table",
-            f"no column {', '.join(missing)}; give their names under columns ({{y}}, {{u}} stand for the "
-            f"channels). There are {listed}",
+            f"no column {', '.join(missing)}. Give the names under columns, with {{y}} and {{u}} for the channels. "
+            f"There are {listed}",
             path,
         )
     return log.columns([log.headings.index(name) for name in names])

@@ -161,7 +161,6 @@ def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
 
 
 def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:
-    """Curves to and fro, each half with its own band."""
     y, half = factor * (sheet.torsion - less), len(sheet.torque) // 2
     curves = []
     for part in (slice(None, half), slice(half, None)):
@@ -210,7 +209,6 @@ def bode(measured: Response, modelled: Response | None, std: FloatArray | None) 
 
 
 def _measured(measured: Response, above: BoolArray, G: ComplexArray) -> tuple[list[Curve], list[Curve]]:
-    """Magnitude and phase as points."""
     kinds = ((above, "measured", style.MEASURED), (~above, "measured, below 2 sigma", style.WEAK))
     f = measured.freq_hz
     magnitude, phase = (

@@ -280,7 +280,6 @@ def _environment() -> Environment:
 
 
 def _coded(sentence: str) -> Markup:
-    """A sentence with the words between backticks as code."""
     parts = [escape(part) for part in sentence.split("`")]
     return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts))
 

@@ -95,7 +95,6 @@ def check_unused(study: Study) -> Iterator[Problem]:
 
 
 def _given(value: Any, steps: tuple[str, ...], path: KeyPath = ()) -> Iterator[KeyPath]:
-    """The places under these steps that differ from their default."""
     step, *rest = steps
     if value is None:
         return

@@ -84,7 +84,6 @@ def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]
 
 
 def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
-    """Gains and filters that go with robot and rate."""
     controller, path = simulated.controller, (*_SIMULATED, "controller")
     if study.friction is not None and (controller.gains is not None or controller.delay_samples):
         key = "gains" if controller.gains is not None else "delay_samples"

@@ -117,7 +117,6 @@ def _check_file(study: Study, file: FileSpec | ResponseFileSpec, path: KeyPath, 
 
 
 def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
-    """Files exist, in configurations of the study, with inputs that its frames take."""
     path: KeyPath = (*section, "responses")
     for i, file in enumerate(tool.responses.files):
         yield from _check_file(study, file, (*path, "files", i), base)
