@@ -52,7 +52,6 @@ MARKUP = re.compile(r"\s*(?::[\w-]+:(?!`)|\.\. [\w-]+::|[=~^-]{4,}$)")
 
 
 def rules(sentence: str) -> list[str]:
-    """Names of the rules that a sentence breaks."""
     text = re.sub(r"^\*\*[^*]+\*\* ", "", LITERAL.sub("X", sentence))
     return [name for name, is_broken in RULES.items() if is_broken(text)]
 
@@ -79,13 +78,7 @@ def of_page(text: str) -> Iterator[tuple[int, str]]:
         in_code ^= is_fence
         if line.strip() and depth <= indent:
             indent = -1
-        is_skipped = (
-            line.lstrip().startswith((">>> ", "... "))
-            or in_code
-            or is_fence
-            or indent >= 0
-            or line.startswith(("!", "|"))
-        )
+        is_skipped = in_code or is_fence or indent >= 0 or line.lstrip().startswith((">>> ", "... ", "!", "|"))
         if not is_skipped and (opens := NOT_PROSE.match(line)):
             indent, is_skipped = depth, opens[1] is not None
         if not MARKUP.match(line):
@@ -115,7 +108,6 @@ def flagged(paths: Iterable[Path]) -> Iterator[tuple[Path, int, str, list[str]]]
 
 
 def counted(root: Path) -> dict[str, int]:
-    """Number of flagged sentences of the pages and of the package."""
     return {area: sum(bool(broken) for *_, broken in flagged(root / name for name in AREAS[area])) for area in AREAS}
 
 

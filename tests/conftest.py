@@ -90,7 +90,6 @@ def code_hashed_once() -> Iterator[None]:
 
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
-    """The path of the study."""
     folder = tmp_path / "tiny"
     folder.mkdir()
     (folder / "robot.yml").write_text(TINY_ROBOT)

@@ -238,7 +238,6 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
 def _fitted(
     run: Run, coordinates: Mapping[str, str], start: Elastic, models: Sequence[Elastic], responses: Responses
 ) -> _Fits:
-    """The models and their fits; one that leaves nothing to identify has none, with the reason for a message."""
     made: dict[Elastic, ComparedVariant] = {}
     cannot: _Fits = {}
     for model in models:

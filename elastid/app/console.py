@@ -167,7 +167,6 @@ def result_table(display: Display, rows: "Sequence[ParameterRow | FrictionNumber
 
 
 def _deviation(std: float, value: float) -> str:
-    """A standard deviation in percent of its value where that is not zero."""
     relative = 100 * std / abs(value) if value else math.inf
     return f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)
 

@@ -178,7 +178,6 @@ def _taken_out(robot: Robot, friction: FrictionTakenOut | None) -> dict[str, tup
 
 
 def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) -> Friction:
-    """The law with the bristles or elements of the robot's file where it has none of its own and both agree."""
     known, ratio = law_of(robot, joint), robot.ratio(joint)
     if known is None or law.lugre is not None or law.maxwell_slip is not None:
         return law

@@ -306,7 +306,6 @@ class Session:
         return replace(self.run, loaded=loaded, folder=self.plan(len(plans)).with_suffix(""))
 
     def _fitted(self, plans: Sequence[Plan], before: Result | None) -> Result:
-        """The fit of all logs so far, kept until one of them changes; before: that of the logs before the last plan."""
         run = self._run(plans)
         for name in ("measure", "estimate", "fit"):
             if name == "estimate" and not run.is_current("fit"):

@@ -74,7 +74,6 @@ def _largest(is_limited: bool, ends: Any) -> float:
 
 
 def _strength(model: Any, a: int) -> float:
-    """Largest force of an actuator before its gear: of its range, and of its control where that is a force."""
     is_force = model.actuator_gaintype[a] == 0 == model.actuator_biastype[a] and model.actuator_ctrllimited[a]
     by_control = _largest(is_force, model.actuator_gainprm[a, 0] * model.actuator_ctrlrange[a])
     return min(by_control, _largest(model.actuator_forcelimited[a], model.actuator_forcerange[a]))

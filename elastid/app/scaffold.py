@@ -132,7 +132,6 @@ def _postures(joints: Sequence[Joint]) -> FloatArray:
 
 
 def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
-    """study.yml: a simulated measurement, from excitation to validation."""
     limits = [joint.limits.torque for joint in robot.driven]
     rms = np.minimum(2 * _ACCELERATION * inertia, _PART_OF_LIMIT * np.array(limits))  # of motor and link
     rows = (", ".join(f"{angle:g}" for angle in angles) for angles in postures.tolist())

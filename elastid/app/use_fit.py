@@ -206,7 +206,6 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
 
 
 def _todays(study: Study) -> tuple[float | None, ControllerSpec | None]:
-    """Rate in Hz of the controller, and the controller; None where the study does not state it."""
     simulated, recorded = study.experiment.simulated, study.experiment.recorded
     if simulated is not None:
         return (None if study.excitation is None else study.excitation.rate_hz), simulated.controller

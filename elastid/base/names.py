@@ -106,7 +106,6 @@ def posture_of(configuration: str) -> str:
 
 @lru_cache(maxsize=4096)
 def _folded(name: str) -> str:
-    """A name without case, in one form of its characters, blanks as underscores."""
     return normalize("NFKC", normalize("NFKC", name).casefold()).replace(" ", "_")
 
 

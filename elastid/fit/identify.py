@@ -244,7 +244,7 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
         hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start" * places
         raise FitError(
             "fit/not-identifiable",
-            f"{names}: not identifiable, without effect on the {len(fit.parts)} frequency responses. Fix it "
+            f"{names}: not identifiable, without effect on the frequency responses. Fix it "
             f"(fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure a signal that it changes{hint}",
         )
 

@@ -216,8 +216,8 @@ def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bo
     if prior is not None and log and prior.std > MOST_STD:
         raise StudyError(
             "fit/parameters",
-            f"{prior.std:g} is {100 * prior.std:.4g} %, since the std of a positive parameter is "
-            f"relative; for {prior.std:g} {unit} of {prior.mean:g} write {prior.std / prior.mean:.3g}",
+            f"the std of a positive parameter is relative, so {prior.std:g} is {100 * prior.std:.4g} %. For "
+            f"{prior.std:g} {unit}, write {prior.std / prior.mean:.3g}",
             f"{where}.prior.std",
         )
     return Parameter(name, start, unit, *_bounds(name, start, asked, log), log, prior=prior)

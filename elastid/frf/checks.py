@@ -215,9 +215,8 @@ def _hit_notes(record: Record) -> Iterator[Note]:
         if len(bounces := np.flatnonzero(gap < LIMITS.bounce_s)):
             i, total = bounces[0], len(first) - len(bounces)
             text = (
-                f"{len(bounces)} of {total} hits of {name} are double hits, one {first[i] / rate_hz:.4g} s into the "
-                f"record with a second impact {1000 * gap[i]:.3g} ms later, which makes the response uncertain every "
-                f"{1 / gap[i]:.3g} Hz. Exclude that hit, or use a lighter hammer"
+                f"{len(bounces)} of {total} hits of {name} are double hits, the first at {first[i] / rate_hz:.4g} s "
+                f"({1000 * gap[i]:.3g} ms apart). Exclude these hits, or use a lighter hammer"
             )
             yield Note("frf/hits", text, place)
         if first[0] == 0 or edges[-1, 1] == len(u):

@@ -270,8 +270,7 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
     numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
         "frf/periods-discarded",
-        f"{kind}{'s' if len(numbers) > 1 else ''} {', '.join(numbers)} of {record.n_repeats} discarded as {reason}: "
-        f"deviation up to {100 * measured.D[left_out, worst].max():.2g} % in {channels[worst]}, typically "
-        f"{100 * measured.typical[worst]:.2g} %",
+        f"{kind}s {', '.join(numbers)} of {record.n_repeats} discarded as {reason}: deviation up to "
+        f"{100 * measured.D[left_out, worst].max():.2g} % in {channels[worst]}",
         f"record {record.name}",
     )

@@ -212,7 +212,7 @@ def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, fir
     unit = "Hz" if first.rate_is_known else "of the sampling rate"
     text = (
         f"segments of {1 / spacing:.3g} s are too short for {narrow.size} of {len(f_0)} resonances, above all at "
-        f"{f_0[worst]:.4g} {unit}: its peak is too low and its damping too large, beyond the variance. Set "
+        f"{f_0[worst]:.4g} {unit}: the peak is too low and the damping too large. Set "
         f"estimator.segment to at least {2 * LIMITS.lines_of_mode / width[worst]:.3g}, or estimator.method "
         "local_rational"
     )

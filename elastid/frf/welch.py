@@ -160,8 +160,7 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
         longest = max(lengths) / first.rate_hz
         raise DataError(
             "frf/segment",
-            f"{where}{sum(map(segments.count, lengths))} segments of {L / first.rate_hz:g} s are too few for {n_u} "
-            f"inputs in records of up to {longest:g} s. Set estimator.segment to at most "
+            f"{where}too few segments of {L / first.rate_hz:g} s for {n_u} inputs. Set estimator.segment to at most "
             f"{longest / (2 * n_u + 2):.3g}, or estimator.method local_rational",
         )
     return replace(segments, step=max(1, L // 4)) if inputs_pass(records) else segments

@@ -34,6 +34,8 @@ MAX_RELATIVE_STD = 0.2  # std over level, above which it is not known
 MAX_HARMONIC = 24
 N_WAVES = 2 * MAX_HARMONIC
 
+NEGATIVE = "friction is negative ({:.4g}): torque and velocity have opposite signs. Set sign: -1 for one channel"
+
 
 @frozen_value
 class Pass:
@@ -213,8 +215,7 @@ class Levels:
         if len(self.torque) and np.all(self.torque < 0):
             raise DataError(
                 "friction/constant-velocity",
-                f"negative friction at every speed (torque {self.torque.min():.4g} to {self.torque.max():.4g}): torque "
-                "and velocity have opposite signs. Set sign: -1 for one channel",
+                NEGATIVE.format(self.torque.min()),
                 f"levels of {self.place}",
             )
 

@@ -56,6 +56,7 @@ from elastid.friction_study.least_squares import (
     shift_between,
     solve,
 )
+from elastid.friction_study.levels import NEGATIVE
 from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, Plateau, both_bands, distinct_speeds
 from elastid.friction_study.motion_terms import (
     ANGLE,
@@ -146,8 +147,7 @@ class MotionFriction:
         if chosen["coulomb"] < 0 and chosen["viscous"] <= 0:
             raise DataError(
                 "friction/motion",
-                f"negative friction (Coulomb {chosen['coulomb']:.4g}): torque and velocity have opposite signs. Set "
-                "sign: -1 for one channel",
+                NEGATIVE.format(chosen["coulomb"]),
                 f"motion of {first.motion.place}",
             )
         plateaus = tuple(plateau for signal in signals for plateau in signal.plateaus)
@@ -437,7 +437,6 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
 
 
 def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
-    """Name and unit of the parameter of each column: of all frames, then rotors and offsets of the joints."""
     of_frames = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
     slides = {joint.name: joint.slides for joint in robot.joints}
     rotors = [(f"Jm_{joint}", "kg" if slides[joint] else "kg*m^2") for joint in joints]

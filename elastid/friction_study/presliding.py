@@ -131,7 +131,6 @@ def operators(q: FloatArray, thresholds: FloatArray) -> FloatArray:
 
 
 def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) -> Elements:
-    """Stiffnesses of given thresholds, none negative, and an offset of either sign."""
     A = operators(q, thresholds)[used]
     scale = np.linalg.norm(A, axis=0)
     constant = np.ones((len(A), 1))

@@ -248,7 +248,6 @@ def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, m
 def _mean(
     expansion: _Expansion, motion: MotorMotion, angles: FloatArray, measured: IntArray, at: list[int]
 ) -> FloatArray:
-    """Mean as by `_Moved.mean`. angles (n_u,): of the configuration. measured, at: as for `_Moved.of`."""
     every = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
     covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
     shift = np.zeros_like(angles)

@@ -150,7 +150,7 @@ def line_notes(modes: Sequence[FittedMode], response: Response) -> tuple[Note, .
     mode = modes[worst]
     unit, per_line = ("Hz", " s") if response.rate_is_known else ("of the sampling rate", " samples")
     text = (
-        f"{count} of {len(modes)} resonances are narrower than {LIMITS.lines_in_width:g} lines, too few for their "
+        f"{count} of {len(modes)} resonances have too few lines for their "
         f"damping. At {mode.freq_hz:.4g} {unit}, measure periods of {2 / (mode.zeta * mode.freq_hz):.3g}{per_line}, or "
         "lower resolution_hz for a long record"
     )
@@ -197,7 +197,6 @@ class Influences:
         return total * small_sample_factors(max(dof, LEAST_DOF)) ** 2
 
     def _line_factor(self, influence: ComplexArray) -> float:
-        """Ratio of variances with and without correlation between lines, from the autocorrelation of the residuals."""
         power, seen, stated = float(np.sum(np.abs(influence) ** 2)), 1.0, 1.0
         for lag, rho in enumerate(self._autocorrelation[: influence.shape[1] - 1], start=1):
             product = complex(np.vdot(influence[:, :-lag], influence[:, lag:])) / power

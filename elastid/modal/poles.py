@@ -111,7 +111,6 @@ def _block_toeplitz(ahead: FloatArray, back: FloatArray) -> FloatArray:
 
 
 def _roots(M: FloatArray, n_u: int, step_s: float) -> ComplexArray:
-    """Stable poles of the least-squares denominator with alpha_n = I."""
     # Of exact data M is singular.
     regular = M[:-n_u, :-n_u] + max(1e-15 * np.trace(M), 1e-300) * np.eye(len(M) - n_u)
     rest = np.linalg.solve(regular, -M[:-n_u, -n_u:])

@@ -202,9 +202,8 @@ class _Found:
                 level, low, high = result.sliding_level(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
                 text = (
                     f"{place}: friction varies from {level * factor[low]:.4g} {result.place_units[i]} in "
-                    f"{result.configurations[low]} to {level * factor[high]:.4g} in {result.configurations[high]}; "
-                    f"{level:.4g} is compensated in all. To find whether angle, temperature or load is the cause, run "
-                    "a friction study with `loads`"
+                    f"{result.configurations[low]} to {level * factor[high]:.4g} in {result.configurations[high]}. To "
+                    "find whether angle, temperature or load is the cause, run a friction study with `loads`"
                 )
                 notes.append(Note("nonlinear/friction-varies", text))
         result = replace(result, covariance=C)

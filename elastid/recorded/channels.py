@@ -193,7 +193,6 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
 
 
 def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:
-    """The part at the lowest of all rates, frequencies above its range filtered out."""
     if part.rate_hz == rate_hz:
         return part
     names = tuple(experiment.recorded.channels[i].full_name for i in part.members)

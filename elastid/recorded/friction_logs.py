@@ -110,8 +110,6 @@ def _warm_up(parts: "Sequence[tuple[FrictionRecord, Heat, FileSpec]]") -> WarmUp
 
 @dataclass(frozen=True)
 class _LogReader:
-    """One log. name: of its records. angles: of driven joints without a channel. payload: in kg."""
-
     name: str
     robot: Robot
     recorded: RecordedSpec

@@ -157,7 +157,6 @@ def _driven(joint: Joint) -> str:
 
 
 def _tendons(root: ET.Element, robot: Robot) -> None:
-    """Viscous friction across a flexible joint acts on motor angle and twist together."""
     for joint in robot.flexible:
         if joint.viscous:
             _tendon(root, joint).set("damping", repr(float(joint.viscous)))
@@ -176,7 +175,6 @@ def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
 
 
 def _rub(root: ET.Element, robot: Robot) -> None:
-    """Coulomb friction of motors, and of joints that turn with motor angle and twist together."""
     hinges = {element.get("name"): element for element in root.iter("joint") if element.get("name")}
     for joint in robot.driven:
         if joint.motor is not None and joint.motor.dry_friction is not None:

@@ -246,7 +246,6 @@ def _letters(name: str) -> str:
 
 
 def _finding(kind: Kind, robot: str, parameter: _Parameter, off: float, std: float, dof: float) -> Finding:
-    """dof: degrees of freedom of the scatter; none: std of the fits alone."""
     z, change = off / std, math.expm1(off) if parameter.is_relative else off
     p = float(2 * stdtr(dof or math.inf, -abs(z)))
     return Finding(kind, robot, parameter.name, change, parameter.is_relative, z, p)

@@ -81,7 +81,7 @@ class MeasuredModes:
             Note(
                 "validation/missing-mode",
                 f"a mode at {number(self.own.freq_hz[i], 3)} {self.own.frequency_unit}, "
-                f"{percent(self.own.zeta[i], 2)} damping, visible at {self.seen(i)}, is missing in the model. Add "
+                f"visible at {self.seen(i)}, is missing in the model. Add "
                 "the elastic part of structure, base or tool to the robot model, as a joint without a motor",
                 self.own.configuration,
             )

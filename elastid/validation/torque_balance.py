@@ -98,7 +98,7 @@ class TorqueBalance:
         worst, unit = self.worst, "Hz" if self.rate_is_known else "of the sampling rate"
         return (
             f"{self.place}, {self.log}: contributions to the mean-square torque: {shares}. Unexplained: "
-            f"{self.unexplained_fraction:.1%} (without friction {self.unexplained_without_friction:.1%}), at most "
+            f"{self.unexplained_fraction:.1%}, at most "
             f"{worst.unexplained_fraction:.0%} from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}."
         )
 

@@ -105,7 +105,6 @@ def axes(path: Path) -> None:
 
 
 def page(run: Path, path: Path) -> None:
-    """The first screen of the report in chromium."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as engines:

@@ -46,7 +46,6 @@ STAGES = ["design", "measure", "estimate", "fit", "validate", "report"]
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working folder of one's own."""
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -145,7 +144,6 @@ def test_a_wrong_study_ends_before_anything_is_written(
     ],
 )
 def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """And a word on stderr."""
     assert cli.run_command(arguments) == 2
     out, err = capsys.readouterr()
     assert out == ""

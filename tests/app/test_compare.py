@@ -66,7 +66,6 @@ def test_variants_that_cannot_be_are_refused(study: Path, option: str, holds: st
 
 
 def test_a_model_without_variants_is_refused(tiny: Path) -> None:
-    """There is nothing to compare with."""
     run = Run(load(tiny), tiny.parent / "run", 1, Console(-1))
     run_all(run, ("design", "measure", "estimate"))
     with refused("compare/variants", place="study.yml"):

@@ -31,7 +31,6 @@ def write(folder: Path, q: FloatArray, torque: FloatArray | None = None) -> None
 
 
 def run(study: Path, *stages: str) -> Run:
-    """The stages from the first one."""
     found = Run(load(study), study.parent / "run", 1, Console(0))
     run_all(found, stages)
     return found

@@ -28,7 +28,6 @@ PARAMETERS = tuple(Parameter(name, 1e-3) for name in ("k_1", "fm_1", "fm_1@warm"
 
 
 def test_of_a_recorded_robot_no_motor_is_known_to_be_without_friction() -> None:
-    """Whatever its file says."""
     marked = contents(ROBOT, False, taken_friction(), PARAMETERS)
     assert (marked["fm_1"], marked["fm_2"], marked["fm_3"]) == (SLOPE, WITH_COULOMB, WITH_COULOMB)
     assert "f_1" not in marked

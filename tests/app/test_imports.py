@@ -39,7 +39,6 @@ def test_the_package_itself_loads_nothing() -> None:
 
 
 def test_help_loads_neither_numpy_nor_pydantic() -> None:
-    """Nothing but click."""
     loaded = loaded_after("from elastid.app.cli import run_command; run_command(['--help'])")
     assert "click" in loaded
     assert not loaded & (HEAVY | {"numpy", "pydantic", "ruamel", "rich"})

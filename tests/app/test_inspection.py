@@ -16,7 +16,6 @@ T = np.arange(50) / 20.0
 
 
 def _row(page: str, signal: str) -> list[str]:
-    """The cells of a signal's line."""
     return next(line.split() for line in page.splitlines() if line.startswith(f"  {signal} "))
 
 

@@ -40,7 +40,6 @@ def run_of(study: Path, folder: Path, *overrides: str, jobs: int = 1) -> Run:
 
 @pytest.fixture
 def copy(finished: Path, tmp_path: Path) -> Path:
-    """A copy of it to spoil."""
     return Path(shutil.copytree(finished, tmp_path / "copy"))
 
 
@@ -262,7 +261,6 @@ def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
 
 @pytest.fixture
 def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A solver that gives up."""
     inner = fitting.identified
 
     def give_up(*arguments: Any, **options: Any) -> Any:

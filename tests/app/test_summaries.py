@@ -24,7 +24,6 @@ ROBOT = Robot(
 
 
 def summary_of(friction: FrictionTakenOut | None) -> Any:
-    """The section `friction` of summary.json."""
     return summary("s", ROBOT, some_fit(), (), (), (), (), friction)["friction"]
 
 

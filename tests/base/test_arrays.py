@@ -34,7 +34,6 @@ class Sample:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Checks run on the copies."""
         assert not self.x.flags.writeable
         if self.x.shape != self.G.shape:
             raise ValueError(f"x has shape {self.x.shape}, G {self.G.shape}")

@@ -63,7 +63,6 @@ ROW = strategies.lists(CELL, min_size=3, max_size=3)
 
 
 def written(row: list[str]) -> str:
-    """A line of a table."""
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(row)
     return text.getvalue()

@@ -41,7 +41,6 @@ def test_it_is_refused_with_its_line_in_a_urdf(tmp_path: Path, name: str) -> Non
 
 @pytest.mark.parametrize("name", [*REFUSED[:3], "../x", "a/b", "C:\\x", "CON", "x.", ".x", "é" * 101, "轴" * 70])
 def test_what_no_folder_can_be_called_is_refused(tiny: Path, name: str) -> None:
-    """At the key of a configuration."""
     with pytest.raises(ValueError, match="name"):
         NameRule(is_file=True).check(name)
     tiny.write_text(tiny.read_text().replace("    a: [0]", f"    {quoted(name)}: [0]"), encoding="utf-8")

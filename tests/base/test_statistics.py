@@ -30,7 +30,6 @@ def test_slopes_suffice_for_a_nearly_linear_function_and_draws_serve_another() -
 
 
 def test_what_depends_on_a_number_that_nothing_constrains_is_unknown() -> None:
-    """And only that."""
     spread = propagate(lambda x: np.array([x[0], x[1]]), np.ones(2), np.diag([0.04, np.inf]))
     np.testing.assert_allclose(spread.std, [0.2, np.inf])
 

@@ -43,7 +43,6 @@ def test_ctrl_c_while_workers_load_is_for_their_parent(tmp_path: Path):
 
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_while_a_worker_starts_leaves_none_behind(monkeypatch: pytest.MonkeyPatch):
-    """It is started, and ended."""
     start, started = BaseProcess.start, []
 
     def pressed(process: BaseProcess):

@@ -40,7 +40,6 @@ def test_the_study_of_the_readme_is_that_of_its_template(tmp_path: Path) -> None
 
 
 def test_links_of_the_readme_lead_somewhere() -> None:
-    """Every linked file is there."""
     assert [path for path in re.findall(r"\]\(([^)#:]+)\)", README) if not (ROOT / path).exists()] == []
 
 

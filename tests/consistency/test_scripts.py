@@ -51,7 +51,6 @@ def _finds_friction(v: dict[str, Any]) -> list[bool]:
 
 
 def _within(v: dict[str, Any], result: Any) -> list[bool]:
-    """The truth within three standard deviations."""
     return [abs(result.values[name] - truth) < 3 * result.std[name] for name, truth in v["truth"].items()]
 
 
@@ -122,7 +121,6 @@ SLOW: dict[str, Check] = {
 
 @pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_an_example_gives_its_numbers(name: str) -> None:
-    """Each by what its page promises."""
     found = (FAST | SLOW)[name](example(name))
     assert all(found), found
 

@@ -82,7 +82,7 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
     assert value["k_1"] == pytest.approx(95, rel=0.03)
     assert 0.05e-3 < value["delay"] < 0.2e-3
     said = " ".join(summary["warnings"])
-    assert "period 1 of 20" in said
+    assert "periods 1 of 20" in said
     assert "periods 8, 15 of 20" in said
     measured, model = measured_and_fitted(study, tmp_path)
     for sign, near in ((-1, 54.0), (1, 76.0)):
@@ -198,7 +198,6 @@ def fitted(angles, free: Sequence[str] = FREE) -> Result:
 
 
 def relative(result: Result, name: str) -> float:
-    """Standard deviation of a logarithmic parameter."""
     i = result.parameters.free_names.index(name)
     return float(np.sqrt(result.covariance[i, i]))
 
@@ -259,7 +258,6 @@ report: {{formats: []}}
 
 
 def ran(study: Path, folder: Path, *overrides: str) -> Response:
-    """The response of `elastid run`."""
     options = [part for override in ("report.formats=[]", *overrides) for part in ("--set", override)]
     assert cli.run_command(["run", str(with_records(study)), "--run", str(folder), "-q", *options]) == 0
     (response,) = read_responses(folder / "frf.h5")

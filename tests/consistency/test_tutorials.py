@@ -29,7 +29,6 @@ def blocks(name: str) -> list[tuple[str, str]]:
 
 
 def test_every_tutorial_is_in_the_table_of_contents() -> None:
-    """And has commands to follow."""
     contents = (PAGES / "tutorials" / "index.rst").read_text(encoding="utf-8")
     assert TUTORIALS
     assert sorted(re.findall(r"^   (\w+)$", contents, re.MULTILINE)) == TUTORIALS

@@ -95,13 +95,11 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -
     ],
 )
 def test_no_admissible_candidate_is_refused_with_what_would_help(spec: CandidateSpec, place: str) -> None:
-    """One message each."""
     with refused("design/candidates", place=f"design.candidates{place}"):
         draw_candidates(spec, ARM, 1)
 
 
 def test_a_carrier_too_wide_for_the_limits_is_refused() -> None:
-    """Nothing is left between them."""
     with refused("design/candidates", place="design.candidates"):
         draw_candidates(CandidateSpec(), ARM, 1, swing=1.8)
 

@@ -237,7 +237,6 @@ UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()
     ],
 )  # fmt: skip
 def test_what_cannot_be_designed_is_refused_with_what_would_fit(problem: DesignProblem, code: str) -> None:
-    """One message each."""
     with refused(code):
         design(problem)
 

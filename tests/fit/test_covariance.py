@@ -84,8 +84,6 @@ def test_a_floor_is_one_error_of_each_element_and_octave() -> None:
 
 
 def least_squares(free: Parameters, residual: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> LeastSquares:
-    """Of three residuals with their slopes."""
-
     def evaluate(x: FloatArray) -> Evaluation:
         r, J = residual(x)
         return Evaluation(float(r @ r), 2 * J.T @ r, 2 * J.T @ J)

@@ -105,7 +105,6 @@ def test_the_gradient_is_that_of_differences_and_travels_to_processes() -> None:
 
 
 def fit_of_two(robot: Robot, wanted: dict[str, ParameterSpec], spec: ModelSpec = ModelSpec()) -> None:  # noqa: B008
-    """A fit of two postures."""
     identify(measure(robot, POSTURES[:2], 0), robot, FitSpec(starts=1, parameters=wanted), model=spec)
 
 

@@ -108,7 +108,6 @@ def test_postures_are_given_by_numbers_names_or_the_name_of_a_configuration() ->
 
 
 def test_what_cannot_be_asked_is_refused_with_the_reason() -> None:
-    """Each message names the way out."""
     own = result()
     for keys, code in (
         ({"inputs": ["motor 1"]}, "fit/posture"),

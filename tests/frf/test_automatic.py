@@ -211,6 +211,5 @@ def test_every_refusal_names_a_remedy_that_works(wrong: EstimatorSpec, code: str
     ],
 )
 def test_values_without_a_meaning_are_refused(changes: dict[str, object], says: str) -> None:
-    """With the value and its limits."""
     with pytest.raises(ValueError, match=says):
         EstimatorSpec(**changes)  # type: ignore[arg-type]

@@ -165,7 +165,6 @@ def test_lines_without_excitation_are_left_out_with_a_word() -> None:
 
 
 def test_records_that_do_not_fit_together_are_refused_by_name() -> None:
-    """Another rate, another period, other channels."""
     a, b = _experiments(_plant(10, 1, 2), np.arange(5, 15), 1, np.random.default_rng(0))
     for changed in (replace(b, rate_hz=400.0), replace(b, period_samples=128), replace(b, outputs=("joint 9",))):
         with refused("frf/records"):
@@ -276,7 +275,6 @@ def records(velocities: bool = False) -> tuple[tuple[Record, ...], np.ndarray]:
 
 
 def response() -> Response:
-    """Of the excited lines."""
     G = np.ones((len(EXCITED), 2, 2), complex)
     return Response(EXCITED * RATE_HZ / N, G, MOTORS, MOTORS, "acceleration", Configuration("c", POSTURE))
 

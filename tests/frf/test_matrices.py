@@ -23,7 +23,6 @@ def laid_out(A: ComplexArray, lines_are_last: bool) -> ComplexArray:
 
 @pytest.fixture(params=["numpy", "c"])
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both ways to the same numbers."""
     in_c = request.param == "c"
     if in_c and not is_compiled():
         pytest.skip("the kernels in C are not built")
@@ -99,7 +98,6 @@ needs_kernels = pytest.mark.skipif(not experiment_blocks.is_compiled(), reason="
 
 
 def groups_of(z: ComplexArray, sizes: tuple[int, ...], scale: ComplexArray) -> Iterator[PeriodSpectra]:
-    """Groups of so many periods each."""
     for part in np.split(z, np.cumsum(sizes)[:-1]):
         yield PeriodSpectra(None, np.arange(len(part)), part, scale)  # the record is not asked for
 

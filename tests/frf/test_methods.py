@@ -45,7 +45,6 @@ def complex_normal(rng: np.random.Generator, *shape: int) -> np.ndarray:
 
 
 def record_of(U: np.ndarray, Y: np.ndarray, lines: np.ndarray, m: int, e: int, R: np.ndarray | None = None) -> Record:
-    """Two periods of spectra (F, n)."""
     u, y, r = random_plants.periods_of(lines, N, 2, U, Y, R)
     return random_plants.record_of(u, y, m, e, r, N, RATE)
 
@@ -53,7 +52,6 @@ def record_of(U: np.ndarray, Y: np.ndarray, lines: np.ndarray, m: int, e: int, R
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("n_y", "n_u"), [(1, 1), (3, 3), (3, 2), (2, 3)])
 def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) -> None:
-    """Any number of inputs and outputs."""
     rng, lines = np.random.default_rng(0), np.arange(4, 40)
     F = len(lines)
     G = complex_normal(rng, F, n_y, n_u) + 2
@@ -113,7 +111,6 @@ def test_an_experiment_of_several_periods_counts_as_so_many_of_one() -> None:
 
 
 def test_joint_needs_the_injected_torque() -> None:
-    """A record without r."""
     lines = np.arange(4, 20)
     U = orthogonal_set(np.ones((16, 1)), np.random.default_rng(0))[0]
     with refused("frf/method"):

@@ -131,7 +131,6 @@ def test_a_record_of_two_logs_is_two_records_and_what_misses_is_named_by_its_log
 
 
 def _spectrum(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Excited lines and their amplitudes."""
     full = np.arange(1, 200)
     if kind == "1/f":
         return full, 1.0 / full

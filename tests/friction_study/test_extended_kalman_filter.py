@@ -38,17 +38,14 @@ SETTLED_S = 10.0
 
 @pytest.fixture(scope="module")
 def kalman() -> KalmanFilter:
-    """The joint's filter, compiled once."""
     return KalmanFilter(FOLLOWED, RATE_HZ)
 
 
 def tracked(kalman: KalmanFilter, run: WarmRun, noise: FilterNoise = NOISE) -> Track:
-    """The track from rest."""
     return kalman.run([run.samples], noise)
 
 
 def torque_error(track: Track, run: WarmRun) -> float:
-    """Of sliding friction after settling, relative."""
     moves = (np.abs(run.velocity) > 5) & (np.arange(len(run.velocity)) > SETTLED_S * RATE_HZ)
     true = run.coulomb * np.sign(run.velocity) + run.viscous * run.velocity
     found = track.values("Fc") * np.sign(run.velocity) + track.values("f") * run.velocity

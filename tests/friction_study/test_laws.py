@@ -109,7 +109,6 @@ def test_directions_are_one_unless_the_levels_tell_them_apart() -> None:
 
 
 def test_friction_that_drives_is_refused() -> None:
-    """Torque and velocity of opposite signs."""
     with refused("friction/constant-velocity", place="levels of joint 1"):
         replace(plain(), torque=-plain().torque)
 

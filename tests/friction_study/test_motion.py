@@ -120,7 +120,6 @@ def test_motions_that_tell_nothing_are_refused(wrong) -> None:  # type: ignore[n
 
 @pytest.fixture(scope="module")
 def axis() -> MotionFriction:
-    """The prismatic axis."""
     data = loadmat(measured(EMPS))
     return regress_motion(Motion("joint 1", 1e3, data["qm"].ravel(), 35.1507 * data["vir"].ravel(), slides=True))
 
@@ -146,7 +145,6 @@ def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction)
 
 
 def test_its_stiction_is_refused_by_name(axis: MotionFriction) -> None:
-    """Three speeds are dwelt at."""
     assert distinct_speeds(plateau.velocity for plateau in axis.plateaus) == pytest.approx(
         [0.042, 0.083, 0.125], rel=0.02
     )

@@ -21,7 +21,6 @@ SPEEDS = (8.0, 60.0, 200.0)
 
 
 def level_of(speed: FloatArray, T: FloatArray) -> FloatArray:
-    """At no load."""
     return 26 * published_friction.torque(np.asarray(speed), np.zeros_like(speed), np.asarray(T))
 
 
@@ -65,7 +64,6 @@ def first_half(whole: WarmUp) -> WarmUp:
 
 
 def without_tests(whole: WarmUp) -> WarmUp:
-    """The thermometer alone."""
     none = np.zeros(0, int)
     return replace(whole, test=none, test_speed=none, level=none, level_std=none)
 

@@ -46,7 +46,6 @@ def motion(
 
 
 def linear_of(robot: Robot, angles: tuple[float, ...], form: str | None = None) -> tuple[ElasticModel, LinearModel]:
-    """Motor angles by motor torques."""
     linearisation = Linearisation.of_robot(robot, ModelSpec(form))
     model, posture = linearisation.model, Configuration("c", angles)
     return model, linearisation.at(posture, model.theta, model.inputs, "position")

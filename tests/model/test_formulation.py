@@ -191,7 +191,6 @@ def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held() ->
 
 @pytest.mark.parametrize("formulation", [None, "serial", "constrained"])
 def test_variants_and_independent_coordinates_are_choices_of_the_minimal_formulation(formulation: str | None) -> None:
-    """Each alone."""
     for choice in ({"variant": "rigid_loop"}, {"independent": ("joint 2",)}):
         with pytest.raises(ValueError, match=f"{next(iter(choice))} is a choice of the minimal formulation"):
             ModelSpec(formulation, **choice)  # type: ignore[arg-type]

@@ -160,7 +160,6 @@ def test_a_periodic_motion_is_exact_between_its_samples() -> None:
 
 
 def test_a_logged_velocity_keeps_its_value_at_the_start() -> None:
-    """A swing that is fastest there."""
     omega = 2 * np.pi * 37 * RATE / N
     logged = replace(record_of(0.1 * omega * np.cos(omega * TIME)), quantities=("velocity",))
     motion = motion_of(logged, "motor 1")

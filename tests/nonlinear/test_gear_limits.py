@@ -34,7 +34,6 @@ class Case:
 
     @property
     def words(self) -> str:
-        """The refusal."""
         return refusal(replace(self.whole, lines=self.data), self.drives, self.result)
 
 

@@ -22,7 +22,6 @@ PARAMETERS = Parameters((Parameter("k_1", K, "N*m/rad", log=True), Parameter("d_
 
 
 def plain_fit(x: np.ndarray) -> Result:
-    """Of two parameters, without anything else."""
     none = np.zeros(2, bool)
     return Result(PARAMETERS, x, 1e-6 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
 

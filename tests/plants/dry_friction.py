@@ -47,7 +47,6 @@ def robot(coulomb: tuple[float, float] = COULOMB, law: str = "coulomb") -> Robot
 
 
 def _bristles(level: float, law: str) -> Friction | None:
-    """Friction of a motor, motor side."""
     if law == "lugre":
         bristle = LuGre(level / BENDING, 0.05)
         return Friction(coulomb=level, stiction=1.4 * level, stribeck_velocity=3e-3, lugre=bristle)

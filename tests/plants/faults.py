@@ -58,7 +58,6 @@ def true_case() -> Case:
 
 
 def loaded(robot: Robot) -> Robot:
-    """The robot with its payload."""
     return replace(robot, payload=Payload(8.0, (0.9, 0.1, 0.15), (0.1, 0.15, 0.2), "fore"))
 
 

@@ -68,7 +68,6 @@ def write_log(path: Path, q: FloatArray, torque: FloatArray, temperature: FloatA
 
 
 def logs(*files: FileSpec, channels: tuple[ChannelSpec, ...] = CHANNELS, **changes: Any) -> ExperimentSpec:
-    """The section `experiment` of logs."""
     return ExperimentSpec(recorded=RecordedSpec(RATE, channels, files, **changes))
 
 

@@ -18,12 +18,10 @@ GRAVITY, NOISE, INERTIA = 78.0, 0.5, 8.2
 
 
 def template(*overrides: str) -> LoadedStudy:
-    """The study of the template."""
     return load(TEMPLATE / "study.yml", overrides)
 
 
 def simulated(loaded: LoadedStudy) -> Robot:
-    """The true robot of a study."""
     return true_robot(loaded.study.as_robot(), loaded.study.experiment.as_simulated().truth)
 
 

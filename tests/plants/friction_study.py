@@ -42,14 +42,12 @@ def motion() -> MotionFriction:
 
 
 def number(name: str, symbol: str, value: float, std: float, truth: float | None) -> FrictionNumber:
-    """A row of the table."""
     return FrictionNumber(
         name, symbol, "a meaning", "N*m", value, std, value - 2 * std, value + 2 * std, "10 levels", truth
     )
 
 
 def friction_result() -> FrictionResult:
-    """Both joints."""
     elbow = JointFriction(
         "elbow", False, levels(), None, StaticLaw.of(levels(), LawSpec(stribeck="no")),
         Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1),

@@ -90,7 +90,6 @@ def multisine(peak: float, rng: np.random.Generator) -> FloatArray:
 
 
 def rich(seconds: float) -> FloatArray:
-    """Reversals at many speeds."""
     t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
     return 30 * np.sin(2 * np.pi * 0.7 * t) + 20 * np.sin(2 * np.pi * 0.23 * t + 1) + 8 * np.sin(2 * np.pi * 2.1 * t)
 

@@ -53,7 +53,6 @@ class Resonances:
         return sum(f * lfilter([1.0], a, u, axis=0) for f, a in self.denominators)
 
     def G(self, freq_hz: FloatArray) -> ComplexArray:
-        """The response (F,)."""
         z = np.exp(-2j * np.pi * freq_hz / self.rate_hz)
         return sum(f / (a[0] + a[1] * z + a[2] * z**2) for f, a in self.denominators)
 

@@ -7,7 +7,6 @@ from elastid.base.errors import Note
 
 
 def said(notes: Iterable[Note]) -> tuple[str, ...]:
-    """Each note in words."""
     return tuple(map(str, notes))
 
 

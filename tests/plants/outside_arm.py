@@ -26,7 +26,6 @@ class Outside:
 
     @cached_property
     def driven(self) -> list[int]:
-        """Joints with motors."""
         return [i for i, (_, _, joint) in enumerate(self.chain) if joint.motor is not None]
 
     def frames(self, q: np.ndarray) -> list[np.ndarray]:

@@ -30,5 +30,4 @@ class Reader:
         return done.stdout
 
     def run_shell(self, text: str) -> str:
-        """What a block of commands prints."""
         return self.run("bash", "-e", "-o", "pipefail", "-c", text)

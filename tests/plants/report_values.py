@@ -113,7 +113,6 @@ def report_content(**changes):
 
 
 def full_content():
-    """A report of everything."""
     content = report_content(modes=(mode_row(),))
     return replace(content, dense=tuple((G, 0.01 * np.abs(G.G)) for _, G in content.frf))
 

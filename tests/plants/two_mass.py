@@ -28,7 +28,6 @@ def response(G, std=None, dof=math.inf, freq_hz=FREQ_HZ):
 
 
 def circular(rng, shape):
-    """Complex noise of unit variance."""
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / math.sqrt(2)
 
 

@@ -46,5 +46,4 @@ def _converted(value: Any, unit: str) -> Any:
 
 
 def record_in_other_units(record: Record) -> Record:
-    """Of the angles of motors."""
     return replace(record, rate_hz=record.rate_hz * factor("Hz"), u=record.u * factor("N*m"))

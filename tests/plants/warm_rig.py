@@ -54,7 +54,6 @@ def warm_log(hours: float, thermometer_std: float = 0.3, count: float = 0.0) -> 
 
 
 def _temperatures(velocity: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Gear and housing (n,) in degC."""
     per_s = round(rate_hz)
     seconds = np.abs(velocity)[: len(velocity) // per_s * per_s].reshape(-1, per_s)
     T, S, path = ROOM, ROOM, [(ROOM, ROOM)]

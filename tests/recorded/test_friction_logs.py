@@ -115,7 +115,6 @@ def folder(log: WarmLog, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def warm_up(folder: Path, log: WarmLog) -> WarmUp:
-    """The log read once."""
     return read_warm_up(folder, log, FileSpec("warm.csv", purpose="warm_up"))
 
 

@@ -64,7 +64,6 @@ def measure(base: Path, spec: ExperimentSpec) -> Record:
 
 
 def write_log(path: Path, signals: Mapping[str, FloatArray]) -> None:
-    """One dataset a channel."""
     with h5py.File(path, "w") as file:
         for name, values in signals.items():
             file[name] = values

@@ -39,20 +39,17 @@ TX40 = (
 
 
 def link(i: int, d: float, a: float, alpha: float, mass: float, center: list[float], inertia: Any) -> dict[str, Any]:
-    """A link of a robot's file."""
     frame = {"d": d, "a": a, "alpha": f"{alpha} deg"}
     weight = {"mass": mass, "center_of_mass": center, "inertia": list(inertia)}
     return {"joint": {"name": str(i), "motor": MOTOR}, **frame, **weight}
 
 
 def puma() -> dict[str, Any]:
-    """The document of a robot's file."""
     links = [link(i, *frame, m, list(c), inertia) for i, (*frame, m, c, inertia) in enumerate(PUMA, start=1)]
     return {"name": "puma", "convention": "standard", "links": links, "tool": {"xyz": [0.01, 0.02, 0.1]}}
 
 
 def tx40() -> dict[str, Any]:
-    """The document of a robot's file."""
     links = [
         link(i, *frame, m, [each / m for each in moment], inertia) | {"offset": f"{offset} deg"}
         for i, (*frame, offset, m, moment, inertia) in enumerate(TX40, start=1)
@@ -85,7 +82,6 @@ def scara() -> dict[str, Any]:
 
 
 def read(document: dict[str, Any], folder: Path) -> Robot:
-    """As a user's file."""
     path = folder / "robot.yml"
     YAML(typ="safe").dump(document, path)
     return load_robot(path)

@@ -42,7 +42,6 @@ def test_a_law_on_the_link_side_gives_the_same_curve_as_on_the_motor() -> None:
     ],
 )
 def test_there_and_back_through_the_gear_is_the_same_law(law: Friction) -> None:
-    """Every number comes back."""
     back = through_gear(through_gear(law, -80.0, to_motor=False), -80.0, to_motor=True)
     for name, value in vars(law).items():
         if isinstance(value, float):

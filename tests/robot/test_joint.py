@@ -46,6 +46,5 @@ def test_a_joint_with_a_zero_stands_where_one_is_at_its_position_plus_that() -> 
     ],
 )
 def test_numbers_that_no_gear_has_are_refused(make: Callable[[], object], words: str) -> None:
-    """With the key and the number."""
     with pytest.raises(ValueError, match=words):
         make()

@@ -50,7 +50,6 @@ def written(seed: int) -> tuple[str, list[str]]:
 
 
 def read(urdf: str, joints: dict[str, object], folder: Path, **more: object) -> Robot:
-    """As a user's files."""
     (folder / "robot.urdf").write_text(urdf)
     YAML(typ="safe").dump({"urdf": "robot.urdf", "joints": joints, **more}, folder / "robot.yml")
     return load_robot(folder / "robot.yml")
@@ -142,7 +141,6 @@ def test_joints_that_are_not_named_beside_the_file_are_asked_for(tmp_path):
 
 
 def test_a_file_that_is_not_there_is_looked_for_beside_the_robots_file(tmp_path):
-    """With the path that was tried."""
     YAML(typ="safe").dump({"urdf": "no.urdf", "joints": {}}, tmp_path / "robot.yml")
     with refused("study/invalid", holds="no.urdf"):
         load_robot(tmp_path / "robot.yml")

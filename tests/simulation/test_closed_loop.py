@@ -112,7 +112,6 @@ def is_machine_code(function: ca.Function) -> bool:
 
 
 def compiler_script(folder: Path, body: str) -> str:
-    """A stand-in for a compiler."""
     path = folder / "compiler"
     path.write_text(f"#!/bin/sh\n{body}\n")
     path.chmod(0o755)

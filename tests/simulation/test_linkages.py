@@ -49,7 +49,6 @@ def without(model: ElasticModel, *letters: str) -> ElasticModel:
 
 
 def on_the_loops(model: ElasticModel, q, v):
-    """The nearest-by state with closed loops."""
     close = projection(model)
     for _ in range(6):
         q, v = (value.full()[:, 0] for value in close(q, v))

@@ -16,7 +16,6 @@ REFIT = Refit("failed", "why", 3, np.inf, 2, {"a": Fold("a", 1 / 7, np.nan, 3.0)
 
 @pytest.fixture
 def kept(tmp_path: Path) -> Checkpoint:
-    """A folder with one of each."""
     there = Checkpoint(tmp_path / "parts", "one")
     there.update({"start-0": START, "start-a/b": START, "refit-0": REFIT})
     return there

@@ -184,7 +184,6 @@ while turns < 15:
 
 
 def test_a_file_is_no_folder_of_results(tmp_path: Path) -> None:
-    """It stays as it was."""
     (tmp_path / "run").write_text("kept")
     with refused("files/folder"), one_writer(tmp_path / "run"):
         pass

@@ -76,7 +76,6 @@ MODELS = (
 
 
 def test_a_comparison_of_other_responses_or_a_damaged_one_is_not_there(tmp_path):
-    """Nor is a missing file."""
     path = tmp_path / "compare.json"
     assert read_comparison(path, STAMP) is None
     write_comparison(path, Comparison(("a", "b"), MODELS, ""), STAMP)

@@ -49,7 +49,6 @@ KINDS: dict[str, tuple[str, ...]] = {
 
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
-    """Two axes, four configurations, simulated."""
     (tmp_path / "robot.yml").write_text(ROBOT)
     (tmp_path / "study.yml").write_text(STUDY)
     (tmp_path / "a.csv").write_text("u,y\n1,2\n")
@@ -211,7 +210,6 @@ def test_load_tests_of_a_table_are_those_of_the_study(study: Path) -> None:
     ],
 )
 def test_what_cannot_be_designed_or_simulated_the_first_stage_refuses(study: Path, override: str, code: str) -> None:
-    """Before anything is measured."""
     run = Run(load(study, [override]), study.parent / "run", 1)
     with refused(code):
         carry_out(run, "design")

@@ -27,7 +27,6 @@ def fleet(tmp_path: Path) -> Path:
     ],
 )
 def test_a_table_without_members_is_refused(fleet: Path, table: str, message: str) -> None:
-    """By a sentence."""
     (fleet.parent / "members.csv").write_text(table)
     fleet.write_text(fleet.read_text() + "table: members.csv\n")
     with refused("files/table", "study/invalid", holds=message):

@@ -33,7 +33,6 @@ def edited(study: Path, old: str, new: str, file: str = "study.yml") -> Path:
 
 
 def test_a_good_study_is_read_in_si(tiny: Path) -> None:
-    """Units, the robot's file and defaults."""
     study = load(edited(tiny, "k_1: 60 N*m/rad", "k_1: 0.06 kN*m/rad")).study
     assert study.experiment.simulated is not None
     assert study.experiment.simulated.truth == {"k_1": 60.0}

@@ -8,7 +8,6 @@ from elastid.fit.fitted_robot import FittedRobot
 
 @pytest.fixture(params=SERIAL)
 def serial_model(request: pytest.FixtureRequest) -> FittedRobot:
-    """Of a robot without loops."""
     return fitted_model(request.param)
 
 
@@ -20,5 +19,4 @@ def looped_model(request: pytest.FixtureRequest) -> FittedRobot:
 
 @pytest.fixture(params=[*SERIAL, *LOOPED])
 def model(request: pytest.FixtureRequest) -> FittedRobot:
-    """Of any robot."""
     return fitted_model(request.param)

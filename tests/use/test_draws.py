@@ -12,7 +12,6 @@ from elastid.use.draws import draw_robots
 
 
 def test_draws_scatter_as_the_fit_says() -> None:
-    """Relative std and independence."""
     draws = draw_robots(result(), 80, seed=2)
     np.testing.assert_allclose(np.std(np.log(draws.values), axis=0), STD, rtol=0.25)
 

@@ -56,7 +56,6 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
     ],
 )
 def test_a_file_that_is_no_path_is_refused_with_the_reason(tmp_path: Path, text: str, place: str) -> None:
-    """Columns, cells and rows."""
     path = tmp_path / "path.csv"
     path.write_text(text, encoding="utf-8")
     with refused("use/path", "files/table", "use/unreachable", holds=place):

@@ -59,7 +59,6 @@ def test_two_dates_of_one_number_are_no_trend() -> None:
 
 
 def test_a_softer_gear_and_a_drift_are_found_and_named() -> None:
-    """Both first, with their sizes."""
     found = find_changes(fleet(1, 64, softened=0.06, drift=0.08), 0.05)
     (off,) = [finding for finding in found if finding.kind == "differs" and finding.robot == "r3"]
     (drifting,) = [finding for finding in found if finding.kind == "drifts"]

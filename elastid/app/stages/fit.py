@@ -144,7 +144,6 @@ def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult 
 
 
 def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
-    """How good the numbers are, where the model fails, what to do next; a page has the details."""
     is_linear = gears is None or not gears.explains_misfit  # the responses of a validation are of a linear model
     judged = read_validation(run.path("validate")).configurations if is_linear and run.is_current("validate") else ()
     # Of other fits the line `fit` has the message.

@@ -75,8 +75,7 @@ def torque_spectra(
         if closed_loop is None:
             raise StudyError(
                 "excitation/power",
-                f"flat {excitation.flat}, compress {', '.join(excitation.compress)} and inject "
-                f"{excitation.inject} need the closed-loop response of the robot. Call make_plan with "
+                "flat, compress and inject need the closed-loop response of the robot. Call make_plan with "
                 "closed_loop=closed_loop_of(robot, experiment.simulated.controller, excitation.rate_hz, "
                 "excitation.inject), or set all three to torque",
                 "excitation",

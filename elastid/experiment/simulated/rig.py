@@ -105,7 +105,6 @@ class SimulatedRig:
 
     @property
     def _end(self) -> int:
-        """Samples of a run without the way out, which is not measured."""
         return self.plan.run_samples - self.plan.first_sample
 
     @property

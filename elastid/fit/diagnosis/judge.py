@@ -307,7 +307,6 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
 
 
 def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatArray, float, float]:
-    """Steps (n_m,) of a candidate, the drop of V, and what Occam's factor and the prior of its size take of 2 ln O."""
     tau2 = temper(scores)
     # Less than that is neither significant nor like what is.
     if test.most(candidate) < LIMITS.equal_drop * min(scores.significant.values()):

@@ -148,7 +148,6 @@ def _with_spring(
 
 
 def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> ModificationIndex | None:
-    """V and the parameters of the fit where the solver follows a spring; None where V does not fall."""
     assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
     models = _models(evidence, scores.held, assembly.responses)
     fit = _with_spring(optimum.fit, spring.name, spring.stiffness, spring.damping_ratio, models, assembly)

@@ -188,7 +188,6 @@ READINGS = tuple(Hypothesis(family, changes=changes, advice=advice) for family, 
 
 
 def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str, float, FloatArray]]:
-    """Channels that are off by factors, from each start, in words, with V and x (n_x,) of their optimum."""
     for x in starts:
         V, words = math.inf, ""
         for _ in range(LIMITS.scale_rounds):

@@ -145,21 +145,18 @@ def _in_deviations(effects: FloatArray, result: Result) -> FloatArray:
 
 
 def _matters(change: FloatArray, result: Result) -> BoolArray:
-    """True for each parameter asked for (n,) that a change of x by so much moves by what a user asks for."""
     asked = result.parameters.asked
     size = [LIMITS.effect_on_damping if p.unit in DAMPING_UNITS else LIMITS.effect for p in asked]
     return change > size * np.where([p.log for p in asked], 1.0, np.abs(result.x[: len(asked)]))
 
 
 def _shifts(evidence: Evidence) -> FloatArray:
-    """Deviations by blocks (n,) over those by noise and floor; 0 of parameters whose interval by blocks is narrow."""
     result = evidence.result
     std = np.sqrt(np.diag(result.covariance)[: len(result.parameters.asked)])
     return np.where(_matters(std, result), evidence.uncertainty.shift[: len(std)], 0.0)
 
 
 def _decides(evidence: Evidence) -> BoolArray:
-    """True for each parameter asked for (n,) that the status is about: those of fit.focus, all if it names none."""
     names, wanted = [p.name for p in evidence.result.parameters.asked], evidence.assembly.spec.focus
     matched = {name for key in wanted for name in matching(key, names)}
     return np.array([name in matched or not matched for name in names])
@@ -229,15 +226,10 @@ def _by_held_number(evidence: Evidence) -> str:
     worst = int(np.argmax(moved))
     if moved[worst] <= LIMITS.shift:
         return ""
-    left = max(result.cost - index.drop, 0.0) / max(result.cost_expected, 1e-300)
-    return (
-        f"{fault(index, evidence)}. Freeing it lowers rms residual / noise from {result.residual_ratio:.3g} to "
-        f"{math.sqrt(left):.3g} and moves {result.parameters.free_names[worst]} by {moved[worst]:.1f} std"
-    )
+    return f"{fault(index, evidence)}. It biases {result.parameters.free_names[worst]} by {moved[worst]:.1f} std"
 
 
 def _beyond_declared(evidence: Evidence) -> str:
-    """A misfit beyond the model error that the study declares; a smaller one that moves no parameter is none."""
     result = evidence.result
     if result.model_error <= USUAL_FLOOR or result.error_ratio < LARGE or not _blocks_disagree(evidence):
         return ""

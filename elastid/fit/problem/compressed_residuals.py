@@ -119,7 +119,6 @@ class Packed:
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
-    """R U (F, n_e, n) of each line; R may be given by its diagonal."""
     if R.ndim == 2:
         return np.asarray((np.ascontiguousarray(U).view(R.dtype) * R[:, :, None]).view(U.dtype))
     return R @ U
@@ -195,7 +194,6 @@ class CompressedResiduals(Kept):
 
     @cached_property
     def _places(self) -> tuple[IntArray, IntArray]:
-        """Places in a line, row by row, of each element and its mirror image."""
         (rows, columns), n_u = self.elements, self.measured.shape[2]
         return rows * n_u + columns, columns * n_u + rows if self.is_symmetric else rows * n_u + columns
 

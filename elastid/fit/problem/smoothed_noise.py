@@ -200,7 +200,6 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
 
 
 def _model(response: Response, known: Covariance, S: ComplexArray) -> ComplexArray:
-    """Model of S: of the outputs in Kronecker form, otherwise input by input."""
     weakness = None if known.left is None else np.mean(np.einsum("faa->fa", known.left).real, axis=1)
     shapes = NoiseShapes.of(response.freq_hz, response.G, response.quantity, weakness)
     if known.left is not None:

@@ -73,7 +73,6 @@ def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma:
 
 
 def _is_singular(C: ComplexArray, sigma: FloatArray) -> bool:
-    """True if the correlations of the elements that count are, at any line."""
     deviation = np.sqrt(np.einsum("faa->fa", C).real)
     deviation[deviation == 0] = np.inf
     used = np.swapaxes(np.isfinite(sigma), 1, 2).reshape(len(sigma), -1)

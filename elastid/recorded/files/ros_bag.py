@@ -60,7 +60,6 @@ class _Topic:
             yield f"{self.name}.{field}", _stored(shape, partial(self._column, field))
 
     def _joint_arrays(self) -> Iterator[tuple[str, StoredArray]]:
-        """Arrays by joint: several nodes may publish different joints under one topic."""
         times, joints = self._joints
         shared = all(len(numbers) == len(times) for numbers, _ in joints.values())
         if shared:

@@ -287,7 +287,6 @@ def _quoted(content: str, delimiter: str | None) -> list[str]:
 
 
 def _without_comment(line: str, comment: str, is_quoted: bool) -> str:
-    """A line up to its comment, whose sign has no meaning within quotes."""
     start = line.find(comment) if comment else -1
     while start >= 0 and is_quoted and line.count('"', 0, start) % 2:
         start = line.find(comment, start + 1)

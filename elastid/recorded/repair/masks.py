@@ -131,7 +131,6 @@ def without_standstill(signals: FloatArray, L: int, log: Log) -> Repaired:
 
 
 def _elsewhere(x: FloatArray, start: int, end: int, L: int) -> list[FloatArray]:
-    """The samples of the other repetitions at the phases from a start to an end."""
     return [x[a : a + end - start] for a in range(start % L, len(x) - end + start + 1, L) if a != start]
 
 

@@ -192,7 +192,6 @@ def _with_missing(both: FloatArray, c: int) -> FloatArray:
 
 
 def _bridged(signals: FloatArray) -> FloatArray:
-    """Straight lines where samples are missing: good enough to compare periods with."""
     result, rows = np.copy(signals), np.arange(len(signals))
     for c in np.flatnonzero(~np.isfinite(signals).all(axis=0)):
         known = np.isfinite(signals[:, c])

@@ -197,7 +197,6 @@ def _refined(rho: FloatArray, peak: int) -> tuple[float, float]:
 
 
 def _from_later(rho: FloatArray, period: float) -> float:
-    """The period from later repetitions, each searched for near its prediction from the earlier ones."""
     for repeats in range(2, int(len(rho) / period) + 1):
         around: IntArray = np.arange(-3, 4) + round(repeats * period)
         if around[0] <= 0 or around[-1] >= len(rho) - 1:  # the peak may lie beyond what is known

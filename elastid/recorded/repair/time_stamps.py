@@ -134,7 +134,6 @@ def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
 
 
 def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
-    """Both ends continued periodically, each shifted so that a drift makes no jump."""
     n = len(x)
     # Each end and its continuation, taken one period further inside.
     left = _inside(x, np.arange(-before, 1.0) + period, period)

@@ -39,7 +39,6 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of configs/gear.yml."""
     path = tmp_path_factory.mktemp("gear")
     assert cli.run_command(["run", str(STUDY), "--run", str(path), "-q"]) == 0
     return path

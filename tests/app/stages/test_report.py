@@ -90,7 +90,6 @@ def test_exports_are_read_back(bench: Path, target: str, file: str) -> None:
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_universal_files_become_configurations_of_a_study(count: int, bench: Path, tmp_path: Path) -> None:
-    """One each."""
     pytest.importorskip("pyuff")
     files = [str(exported(bench, "uff") / "bench.uff")] * count
     assert run_command(["new", str(tmp_path), "--from", *files]) == 0

@@ -77,7 +77,6 @@ def measured(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order") -> 
 
 
 def study(hold: Hold) -> ExperimentSpec:
-    """The log's channels."""
     channels = (
         ChannelSpec("u", "motor 1", "u"),
         ChannelSpec("y", "motor 1", "motor", quantity="position"),

@@ -37,7 +37,6 @@ def decayed(parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def decay(parameters: Parameters) -> LeastSquares:
-    """a exp(-b t) fitted to DATA."""
     return problem(parameters, lambda x: decayed(parameters, x))
 
 

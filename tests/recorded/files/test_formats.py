@@ -233,7 +233,6 @@ def test_a_file_holds_the_same_here_and_in_the_process_that_reads(
 def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs_it(
     start: bytes, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In one sentence, for each extra."""
     (tmp_path / "log").write_bytes(start)
     package, _, rest = module.partition(".")
     (tmp_path / package).mkdir()

@@ -40,7 +40,6 @@ def test_the_time_of_a_topic_is_the_stamp_of_its_messages(tmp_path: Path, log: L
 
 
 def test_joints_that_several_nodes_publish_under_one_topic_have_their_own_time(tmp_path: Path, log: LogArrays) -> None:
-    """Each message holds one joint only."""
     bag = write_bag(tmp_path / "bag", log, publishers=2)
     found = contents(bag, TEXT)
     assert "joint_states.time" not in found
@@ -49,7 +48,6 @@ def test_joints_that_several_nodes_publish_under_one_topic_have_their_own_time(t
 
 
 def test_a_folder_that_is_no_bag_and_a_damaged_bag_are_refused(tmp_path: Path, log: LogArrays) -> None:
-    """With what is missing."""
     (tmp_path / "logs").mkdir()
     with refused("files/missing", holds=("logs", "metadata.yaml")):
         contents(tmp_path / "logs", TEXT)

@@ -130,7 +130,6 @@ def table(visit, written):
 
 
 def sticks(page):
-    """Where the swinging sticks are drawn."""
     return page.locator("#mode-viewer svg").first.locator(".moving path").evaluate_all(
         "paths => paths.map(path => path.getAttribute('d')).join('')"
     )  # fmt: skip

@@ -18,7 +18,6 @@ from elastid.use.map import WorkspaceMap, map_workspace
 
 @pytest.fixture(scope="module")
 def workspace() -> WorkspaceMap:
-    """Of twenty postures."""
     angles = np.random.default_rng(0).uniform(-1.5, 1.5, (20, 2))
     return map_workspace(result(), angles, lines_hz=np.geomspace(2, 80, 50), name="<b>arm</b>")
 

@@ -239,7 +239,6 @@ def write_response(folder: Path) -> tuple[Mistake, ...]:
 
 @pytest.fixture(scope="module")
 def rigs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, tuple[Mistake, ...]]]:
-    """Folder and mistakes of each rig."""
     folders = {name: tmp_path_factory.mktemp(f"rig-{i}") for i, name in enumerate(RIGS)}
     return {name: (folder, write_rig(folder, name)) for name, folder in folders.items()}
 

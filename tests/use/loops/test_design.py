@@ -28,7 +28,6 @@ def start(family: PostureFamily) -> Cascade:
 
 
 def motors(inertia: float | FloatArray) -> Plants:
-    """Motors alone."""
     J, T = np.atleast_1d(inertia)[:, None], 1 / RATE_HZ
     A, C = (np.broadcast_to(part, (len(J), *np.shape(part))) for part in ([[1.0, T], [0.0, 1.0]], [[1.0, 0.0]]))
     return Plants(RATE_HZ, A, np.array([[T**2 / 2], [T]]) / J[:, :, None], C, J)

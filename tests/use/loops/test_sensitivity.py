@@ -20,7 +20,6 @@ CASCADE = Cascade(
 
 
 def plants() -> Plants:
-    """Of two postures."""
     postures = [Configuration("a", np.array([0.3, 0.5])), Configuration("b", np.array([0.5, -1.2]))]
     return PostureFamily.of(result(), postures, RATE_HZ).estimate
 
