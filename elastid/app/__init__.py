@@ -1,1 +1,1 @@
-"""The application: command line, stages, runs and what people see of them."""
+"""The application: command line, stages, runs and their output."""

@@ -82,7 +82,7 @@ def finish(run: Run, comparison: Comparison) -> None:
 
 
 def variants(loaded: LoadedStudy, further: Sequence[LoadedStudy] = ()) -> Iterator[ComparedVariant]:
-    """The study's own model, its variants, and those of other studies; StudyError where one cannot be made."""
+    """Yield the model of the study, its variants and models of other studies; raise StudyError for an invalid one."""
     study = loaded.study
     yield ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
     for spec in study.compare.variants or _default(study, bool(further)):
@@ -149,7 +149,7 @@ def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
 
 
 def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
-    """The study's own model but for what is given; StudyError where there is no such model."""
+    """Return the study's own model with changes; raise StudyError for an invalid one."""
     given = loaded.study
     study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else given
     robot = study.as_robot() if spec.motor_coupling else without_motor_coupling(study.as_robot())

@@ -12,7 +12,7 @@ from elastid.study.reference import explain, explain_parameter
 
 
 def explained(asked: str, study: Path | None = None, folder: Path | None = None) -> str:
-    """Explain a name.  study: path of a study, for the nominal value.  folder: of a run, for the estimate."""
+    """Explain a name, with its nominal value in a study and its estimate in the folder of a run."""
     fit, gears, friction = (Path(folder or "") / f"{stage}.h5" for stage in ("fit", "gears", "friction"))
     result = read_fit(fit) if folder is not None and not friction.is_file() else None
     robot = result.robot if result is not None else None if study is None else load(study).study.robot

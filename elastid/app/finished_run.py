@@ -201,7 +201,7 @@ class FinishedRun:
 
     @property
     def result(self) -> Result | FrictionResult:
-        """The elastic parameters, or those of friction, with intervals and status."""
+        """Elastic or friction parameters with intervals and status."""
         if self.run.study.friction is not None:
             return read_friction_result(self._path("friction"))
         return read_fit(self._path("fit"))

@@ -1,4 +1,4 @@
-"""fleet: one study over robots and dates -> a run folder each, fleet.parquet, and a page of what differs and drifts.
+"""fleet: one study over robots and dates -> a run folder each, fleet.parquet, and a page of differences and drifts.
 
 Members are independent tasks, on the cores of this machine or on a Dask cluster. What is finished is kept: a fleet that
 was interrupted goes on, and a worker that dies costs the member that it was at.
@@ -141,7 +141,7 @@ def _summary(folder: Path) -> dict[str, Any]:
 
 
 def rows_of(folder: Path, member: Member) -> Iterator[Row]:
-    """The parameters in a member's summary, then what was seen at its gears."""
+    """Return the parameters in a member's summary, then its gear parameters."""
     summary = _summary(folder / MEMBERS / member.name)
     parameters, gears = summary.get("parameters", {}), (summary.get("gears") or {}).get("numbers", {})
     known = {name: _numbers_of(number) for name, number in parameters.items()}

@@ -73,7 +73,7 @@ def contents(
 def truth(
     robot: Robot, simulated: SimulatedSpec | None, fitted: Collection[str], friction: FrictionTakenOut | None = None
 ) -> dict[str, float] | None:
-    """The simulated robot's numbers by name, in SI, as far as a fit can meet them; None where it is recorded.
+    """Return the simulated robot's identifiable parameters by name, in SI; None for logs.
 
     fitted: names of parameters in the study.  friction: taken out of the responses; viscous coefficients that contain
     dry friction have no truth.
@@ -95,7 +95,7 @@ def with_identified_friction(robot: Robot, result: "FrictionResult") -> Robot:
 
 
 def robot_of_friction(name: str, robot: Robot, result: "FrictionResult") -> str:
-    """The file of that robot; name: of the study."""
+    """Return the robot file. name: study."""
     laws = _identified(robot, result)
     comments = (
         f"Robot {robot.name} with the friction that study {name} has identified at the motors of "
@@ -118,7 +118,7 @@ def robot_files(
     configurations: Sequence[str],
     gears: GearResult | None = None,
 ) -> Iterator[tuple[str, str]]:
-    """Name and text of identified_robot.yml; of each group with parameters of its own identified_robot-<group>.yml.
+    """Return name and text of identified_robot.yml, or of identified_robot-<group>.yml for each group.
 
     Not robot.yml: a study may lie in its own run folder, together with the robot that it reads.
     """
@@ -131,7 +131,7 @@ def robot_files(
 def robot_of_fit(
     name: str, robot: Robot, friction: FrictionTakenOut | None, known: tuple[str, ...], gears: GearResult | None = None
 ) -> str:
-    """The file of a fitted robot: elastic numbers, viscous friction, and what was found at its motors and gears.
+    """Return the file of a fitted robot: elastic parameters, friction, and effects of motors and gears.
 
     known: lines on the intervals of its numbers.
     """

@@ -66,7 +66,7 @@ DRAWS = 2  # robots at twice the deviations of the fit, on which the limits are 
 
 
 def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None) -> None:
-    """DIR/live and the run folder of its logs; FitError where the goal is not reached, with what limits it.
+    """Write DIR/live and the run folder of its logs; raise FitError with the reason if the goal is not reached.
 
     robot_time: in s, None for that of the study's own plan.  StudyError for a study without a plan, or a folder of
     another study; DataError for a log that contradicts its plan.
@@ -85,7 +85,7 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
 
 @dataclass(frozen=True)
 class Session:
-    """A live identification: run: of the study that was asked for, in the folder of the results.
+    """A live identification. run: the study in the folder of the results.
 
     path: its folder live.  outputs: places in its logs.  simulate: by the study's rig.  budget_s: robot time that may
     be used.

@@ -85,7 +85,7 @@ def _rotation(quaternion: Any) -> Any:
 
 
 def main(path: Path) -> dict[str, str]:
-    """The robot's file, or why there is none."""
+    """Return the robot file, or the reason for a failure."""
     import mujoco
 
     try:

@@ -83,7 +83,7 @@ stage_options = options_of("run", "set", "jobs", "dask", "verbose", "quiet")
 
 
 def run_of(study: Path, options: dict[str, Any]) -> "Run":
-    """The run of a study under the options of a command, which are taken out of them: its own are left."""
+    """Return the run of a study, and remove its options from the options of a command."""
     from elastid.app.console import Console
     from elastid.app.run import Run, all_cores
     from elastid.base.execution import on_dask

@@ -91,7 +91,7 @@ class Work:
             yield Execution(self.jobs, progress, {} if checkpoint is None else checkpoint)
 
     def checkpoint(self) -> "Checkpoint":
-        """Finished parts of the interrupted stage: of the same values, by the same code, from the very same files."""
+        """Finished parts of the interrupted stage, if values, code and input files are unchanged."""
         from elastid.store.results import Checkpoint  # brings the solvers, which most stages do not need
 
         key = hash_of([self.stamp.inputs, self.stamp.code, [file_hash(path) for path in self.sources.values()]])
@@ -108,7 +108,7 @@ def text(content: str) -> Write:
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file's content; of a folder (a ROS bag) of the names and contents of its files."""
+    """Return the SHA-256 of a file, or of the names and contents of a folder (a ROS bag)."""
     if path.is_dir():
         return hash_of([[file.name, file_hash(file)] for file in sorted(path.iterdir()) if file.is_file()])
     return content_hash(path)
@@ -187,7 +187,7 @@ class Run:
         return self.folder / self.stages[stage].leaves[0]
 
     def say_files(self, names: Iterable[str]) -> None:
-        """Say which of some files and folders there are."""
+        """Print the files and folders that exist."""
         files = [self.folder / name for name in names]
         self.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
 
@@ -244,14 +244,14 @@ class Run:
         )
 
     def require(self, stage: str) -> None:
-        """Refuse to go on without the stage, or the results that it reads; StudyError says which command makes them."""
+        """Raise StudyError with the command to run if the stage or its inputs are missing."""
         self.require_stage(stage)
         for source, may_miss in self.stages[stage].sources.items():
             if source in self.stages and not may_miss:
                 self.require_result(source)
 
     def require_result(self, name: str) -> None:
-        """Refuse to go on without the result of a stage; StudyError says which command makes it."""
+        """Raise StudyError with the command to run if the result of a stage is missing."""
         path, wanted = self.path(name), self.stamps[name]
         stamp = read_stamp(path)
         command = f"Run `elastid run {self.loaded.path} {name}` first, with the same options"

@@ -53,7 +53,7 @@ def is_robot_file(path: Path) -> bool:
 
 
 def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
-    """The robot, and study.yml and robot.yml by name; StudyError where there is none.
+    """Return the robot, and study.yml and robot.yml by name; raise StudyError for an unreadable robot.
 
     Motors and gears of URDF and MJCF files are guessed; a robot in elastid's own format stays as it is.
     """

@@ -176,6 +176,6 @@ def stages_of(kind: str) -> dict[str, Stage]:
 
 
 def stages_of_study(study: "Study") -> dict[str, Stage]:
-    """The stages of a study by name, in order: those of its kind, without those that need a section it has not."""
+    """Return the stages of a study by name, in order, without stages whose section is missing."""
     stages = (stage for stage in STAGES if study.kind in stage.kinds)
     return {stage.name: stage for stage in stages if not stage.needs or getattr(study, stage.needs) is not None}

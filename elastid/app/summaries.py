@@ -92,7 +92,7 @@ def summary(
     notes: Sequence[Note],
     friction: FrictionTakenOut | None = None,
 ) -> dict[str, Any]:
-    """The content of summary.json; notes of the fit come first, then those of friction and of measured responses.
+    """Return the content of summary.json; notes of fit, friction and measured responses, in this order.
 
     name, robot: of the study.  rows: of the free parameters.
     """
@@ -136,7 +136,7 @@ def summary(
 
 
 def validation_summary(name: str, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
-    """The content of validation.json: that of validation.h5 without its curves.
+    """Return the content of validation.json: validation.h5 without curves.
 
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  predictions: of responses at the
     tool.  verdict: the same in words.  torque: shares of the parts of the model.  twin: errors of the model
@@ -293,7 +293,7 @@ def _nuisance_parameters(result: Result) -> dict[str, dict[str, Any]]:
 
 
 def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[dict[str, Any]] | None:
-    """The section `friction` of summary.json, an entry a motor; None where the study asked for none.
+    """Return the section `friction` of summary.json, one entry per motor; None without compensation.
 
     Torques in the motor's unit on the link side, thresholds in rad (m) there, of a sign in rad/s (m/s).  before, after:
     amplitude of the torque that no response explains, by configuration.  coulomb: F_c on the motor side, as the robot's

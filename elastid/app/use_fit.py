@@ -61,7 +61,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Used:
-    """files: name in the run folder -> write(path).  figure(): of the page; data: of a map, to explore in its place."""
+    """Files (name in the run folder -> write(path)), figure of the page, and data of an explorable map."""
 
     answer: Answer
     files: Mapping[str, Callable[[Path], Any]]
@@ -99,7 +99,7 @@ def map_study(
         raise StudyError("options/invalid", str(error)) from None
 
     def work(fit: Result) -> Used:
-        """Map of the fitted robot, with what is written of it."""
+        """Map of the fitted robot, with its files."""
         asked, seed = posture.Asked(frame=frame, axes="world"), run.study.seed
         family = with_gears(fit, gears_of(run)).family(asked)
         if path is not None:
@@ -129,7 +129,7 @@ def tune_study(
         raise StudyError("options/invalid", "--time and --fastest are exclusive. Give one of them")
 
     def work(result: Result) -> Used:
-        """Move of the fitted robot, with what is written of it."""
+        """Move of the fitted robot, with its files."""
         given = _given(run, result, frame, samples, (rate_hz, bandwidth_hz, error_mm / 1e3))
         move = read_move(path, given.identified, given.frame, 0.0 if fastest else duration)
         with run.console.progress("tune") as progress:
@@ -190,7 +190,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
         raise StudyError("options/invalid", "the study has no rate of the controller. Give --rate", run.loaded.path)
 
     def work(result: Result) -> Used:
-        """Loops of the fitted robot, with what is written of them."""
+        """Loops of the fitted robot, with their files."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         stated_delay = 0 if today is None else today.delay_samples
         asked_delay = stated_delay if delay is None else delay

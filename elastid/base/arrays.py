@@ -292,7 +292,7 @@ def _stored_rows(path: Path, offset: int, columns: int, first: int, last: int) -
 
 @dataclass(frozen=True)
 class ValueRange:
-    """first: first value, or NaN. low, high: range of finite values, or NaN. missing: number of other values."""
+    """First value, range low to high of finite values (NaN without any), and number of missing values."""
 
     first: float
     low: float

@@ -35,7 +35,7 @@ class BoxSpec:
 
 @section
 class CandidateSpec:
-    """Candidate configurations: random (200 by default), on a grid, or given by name."""
+    """Candidate configurations: random (200 by default), on a grid, or listed with names."""
 
     # fmt: off
     random: Annotated[int | None, Key("Number of random candidates, uniform within the joint limits (default: 200 "

@@ -31,11 +31,10 @@ class MultisineSpec:
     band_hz: Annotated[tuple[Frequency, Frequency], Key("Lowest and highest excited frequency.", "from a fifth of the "
         "first antiresonance to twice the highest mode of the model; wider bands leave less torque per "
         "line.", above=0, rising=True)]
-    torque_rms: Annotated[AskedTorque, Key("Root mean square of the torque on the link side (N for a sliding joint): "
-        "one number, one per motor, `limits` (as much as the robot's limits allow), or a list of such lists, the "
-        "amplitudes at which every configuration is measured; torques that violate a limit are lowered.",
-        "more torque improves the ratio to noise and dry friction; two amplitudes, [[200, 60], [100, 30]], show "
-        "whether responses depend on amplitude.")]
+    torque_rms: Annotated[AskedTorque, Key("Root mean square of the link-side torque (N for a sliding joint): one "
+        "number, or one per motor. `limits` uses the limits of the robot. A list of lists gives several amplitudes for "
+        "every configuration. Torques that violate a limit are lowered.", "more torque improves the ratio to noise and "
+        "dry friction; two amplitudes, [[200, 60], [100, 30]], show whether responses depend on amplitude.")]
     grid: Annotated[Grid, Key("Grid of the excited lines: `full`, `odd` (detects even nonlinearities), `odd-odd` (1, "
         "5, 9 ...), `odd-random` (odd with random gaps, detects odd nonlinearities too), `quasi-log`, `odd-quasi-log` "
         "(spacing by `ratio`), or `lines`.", "`odd` separates even distortion such as friction and backlash from the "
@@ -48,11 +47,11 @@ class MultisineSpec:
         "to avoid mains frequency or harmonics of the gear, for example.")] = ()
     margin: Annotated[float, Key("Margin to every limit of the robot, as a fraction of the limit.", "larger for an "
         "uncertain robot model, which predicts the movement; 0.1 covers errors of ten percent in the masses.")] = 0.1
-    flat: Annotated[Signal | Literal["information"], Key("Quantity with the same predicted amplitude at all lines, in "
-        "closed loop with the nominal model: injected `torque`; `position`, `velocity` or `acceleration` of the motor "
-        "(lower near resonances within 10 % tolerance); or `information` (D-optimal spectrum for the parameters of the "
-        "fit).", "`torque` needs no model; `acceleration` shifts power to lines with a small response; `information` "
-        "gives the smallest intervals if the parameters are roughly known.")] = "torque"
+    flat: Annotated[Signal | Literal["information"], Key("Quantity with equal predicted amplitude at all lines, in "
+        "closed loop with the nominal model. `torque`: injected torque. `position`, `velocity`, `acceleration`: motion "
+        "of the motor, reduced near resonances (10 % tolerance). `information`: D-optimal spectrum for the parameters "
+        "of the fit.", "`torque` needs no model; `acceleration` shifts power to lines with a small response; "
+        "`information` gives the smallest intervals if the parameters are roughly known.")] = "torque"
     least: Annotated[float, Key("Minimum power per line with flat: information, as a fraction of a flat torque "
         "spectrum.", "larger for uncertain nominal parameters, so that a shifted mode is still excited; 0.1 is a third "
         "of the amplitude.")] = 0.1
@@ -61,10 +60,10 @@ class MultisineSpec:
     spectrum: Annotated[tuple[tuple[Frequency, float], ...], Key("Relative amplitude as (frequency, amplitude) points, "
         "linear on log-log axes.", "for a spectrum of your own, such as a notch at a resonance of the cell; torque_rms "
         "scales it.")] = ()
-    phases: Annotated[Phases, Key("Phases of the lines: `random`, or `optimised` for low peaks; with realisations: 1 "
-        "also `schroeder`, `newman`, `linear-sweep`, `log-sweep` or `prbs` (band-limited).",
-        "`optimised` (crest factor 1.4 to 1.9 instead of 3.2) if limits are active; `random` averages distortion over "
-        "realisations without bias.")] = "random"
+    phases: Annotated[Phases, Key("Phases of the lines: `random`, or `optimised` for low peaks. With one realisation "
+        "also `schroeder`, `newman`, `linear-sweep`, `log-sweep` or `prbs` (band-limited).", "`optimised` (crest "
+        "factor 1.4 to 1.9 instead of 3.2) if limits are active; `random` averages distortion over realisations "
+        "without bias.")] = "random"
     orthogonal: Annotated[Orthogonal, Key("Input matrix of the experiments in a realisation: `dft`, `hadamard` (2, 4, "
         "8 ... motors) or `zippered` (separate lines per motor, exchanged between experiments).",
         "`hadamard` for equal peaks in all experiments; `zippered` if motors must not share lines, with n_u times "

@@ -245,7 +245,7 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
         raise FitError(
             "fit/not-identifiable",
             f"{names}: not identifiable, without effect on the frequency responses. Fix it "
-            f"(fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure a signal that it changes{hint}",
+            f"(`{names.split(', ')[0]}: {{fixed: true}}`), or measure a signal that it changes{hint}",
         )
 
 

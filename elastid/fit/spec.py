@@ -55,10 +55,10 @@ class WeightSpec:
     """Weights are inverse variances: var = smoothed variance of G + (model_error |G|)^2, times the factors."""
 
     # fmt: off
-    model_error: Annotated[float | None, Key("Expected model error relative to |G|, which the intervals then include "
-        "(default: estimated from the residuals, at most 0.01; exactly 0.01 without measured noise, or with "
-        "uncompensated friction).", "0.03 with strong friction, 0.1 for a rough model; with 0 the noise alone "
-        "determines the weights, and resonances dominate.", least=0)] = None
+    model_error: Annotated[float | None, Key("Expected model error relative to |G|, included in weights and intervals. "
+        "Default: estimated from the residuals, at most 0.01. Without measured noise, or with uncompensated friction, "
+        "it is 0.01.", "0.03 with strong friction, 0.1 for a rough model; with 0 the noise alone determines the "
+        "weights, and resonances dominate.", least=0)] = None
     covariance: Annotated[Literal["auto", "diagonal"], Key("Correlations in the weights: `auto` uses the inverse "
         "smoothed covariance of all elements if it was measured and is regular; `diagonal` uses variances only, as "
         "criterion `log` always does.", "`diagonal` for correlations from very few realisations, or to compare with "
@@ -114,11 +114,10 @@ class ParameterSpec:
         "equal by construction, or damping proportional to stiffness.")] = None
     prior: Annotated[PriorSpec | None, Key("Gaussian prior of the parameter (default: no prior).", "for data from a "
         "drawing or data sheet; it acts as an additional measurement.")] = None
-    per: Annotated[Literal["configuration", "robot"] | dict[FileName, tuple[str, ...]] | None, Key(
-        "Groups of configurations with separate values: `configuration`, `robot` (of fit.robots), or named groups "
-        "{warm: [c1, c2], cold: [c3]}; a value is then called fm_1@warm (default: one value for all).",
-        "for parameters that vary with temperature, load or posture, mostly friction; each group needs data that "
-        "identify its value.")] = None
+    per: Annotated[Literal["configuration", "robot"] | dict[FileName, tuple[str, ...]] | None, Key("Groups of "
+        "configurations with separate values (default: one value for all): `configuration`, `robot` (of fit.robots), "
+        "or named groups `{warm: [c1, c2], cold: [c3]}`. A value is then called fm_1@warm.", "for parameters that vary "
+        "with temperature, load or posture, mostly friction; each group needs data that identify its value.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -144,16 +143,16 @@ class FitSpec:
         "geometry such as pc1_cyl_z or pj_2b_z only by name (default: all spring stiffnesses, and all spring dampings "
         "and motor frictions that are not zero).", "fewer if parameters are ill-conditioned, more if modification "
         "indices propose them; `k_*: {}` identifies springs only.")] = field(default_factory=dict)
-    focus: Annotated[tuple[str, ...], Key("Parameters of interest, by name or pattern, which determine the status of "
-        "the study; each parameter has its own status (default: all).", "[k_*] if dampings and friction are nuisance "
+    focus: Annotated[tuple[str, ...], Key("Parameters of interest, by name or pattern (default: all stiffnesses and "
+        "dampings). They determine the status of the study.", "[k_*] if dampings and friction are nuisance "
         "parameters.")] = ("k_*", "d_*")
     ratios: Annotated[dict[PartName, RatioSpec], Key("Ratios that several ties share, by name, such as one loss factor "
         "for many springs.", "if single dampings are poorly identifiable: the variance of a common loss factor is much "
         "smaller.")] = field(default_factory=dict)
     robots: Annotated[dict[FileName, tuple[str, ...]], Key("Several robots of one type in one fit: configurations "
-        "measured on each robot, by a name of the robot; parameters with `per: robot` differ between robots.",
-        "if robots share masses or stiffnesses but not friction, as in k_*: {}, fm_*: {per: "
-        "robot}.")] = field(default_factory=dict)
+        "measured on each robot, by a name of the robot; parameters with `per: robot` differ between robots.", "if "
+        "robots share masses or stiffnesses but not friction, as in `k_*: {}, fm_*: {per: "
+        "robot}`.")] = field(default_factory=dict)
     starts: Annotated[int, Key("Number of starts of the search.", "more if few starts converge to the optimum, 1 for a "
         "local search; the time is proportional.", least=1, most=10_000)] = 20
     start_factor: Annotated[float, Key("Spread of the starts as a factor around the given start; damping and friction "
@@ -167,9 +166,9 @@ class FitSpec:
         "of two bands.", least=0, rising=True)] = None
     weights: Annotated[WeightSpec, Key("Weights of the responses.", "if a fit has status misfit although its residuals "
         "are small, check model_error first.")] = WeightSpec()
-    profile: Annotated[Literal["auto"] | tuple[str, ...], Key("Parameters, by name or pattern, with intervals by "
-        "profile likelihood; `auto`: up to 6 whose symmetric interval is inaccurate; [] for none.",
-        "name parameters on whose interval a decision depends; each costs ten to twenty evaluations.")] = "auto"
+    profile: Annotated[Literal["auto"] | tuple[str, ...], Key("Parameters with intervals by profile likelihood, by "
+        "name or pattern. `auto`: up to 6 parameters with an inaccurate symmetric interval.", "name parameters on "
+        "whose interval a decision depends; each costs ten to twenty evaluations.")] = "auto"
     bootstrap: Annotated[int, Key("Number of bootstrap repetitions: 0 or at least 40.", "200 for intervals that do not "
         "rely on the covariance, such as near a bound; the cost is as many local searches.", most=10_000)] = 0
     seed: Annotated[int | None, Key("Seed of the starts and of the bootstrap (default: seed of the study).",

@@ -129,7 +129,7 @@ def laws_of_joint(robot: Robot, joint: str) -> list[PlacedLaw]:
 
 
 def coulomb_levels(robot: Robot) -> FloatArray:
-    """Break-away F_c (n_u,) of each motor in Nm, link side: of the motor and of its rigidly driven joint.
+    """Return the break-away torque F_c (n_u,) of each motor and its rigidly driven joint, in Nm, link side.
 
     A gear spring lets the motor move against a joint that sticks: there the friction of the joint does not count.
     """

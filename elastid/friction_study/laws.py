@@ -38,7 +38,7 @@ ONE_SPEED = 0.1
 
 @dataclass(frozen=True)
 class Terms:
-    """Parameters of a friction model: linear ones, nonlinear ones found by search, fixed ones with their value."""
+    """Parameters of a friction model: linear, nonlinear (by search), and fixed with their value."""
 
     linear: tuple[str, ...]
     searched: tuple[str, ...]

@@ -186,7 +186,7 @@ class Solution:
 
 
 def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
-    """Parameters common to all logs. rate_hz: of the instants."""
+    """Parameters common to all logs; rate_hz of the samples."""
     X, R, y, states = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y", "states"))
     (n, m), n_x = y.shape, X.shape[2]
     weight, used = np.ones(m), np.any(X, axis=2).sum(axis=0)

@@ -229,7 +229,7 @@ class _Model:
     viscous: float
 
     def reaction(self, x: FloatArray, omega: FloatArray) -> ComplexArray:
-        """Torque per angle (F,) of the inertias: of a motor with an elastic link, or of a rigid joint."""
+        """Return torque per angle (F,) of the inertias, for a motor with an elastic link or a rigid joint."""
         if self.joint is None:
             return np.asarray(-(omega**2) * np.exp(x[0]) + 0j)
         joint = ElasticJoint(*(np.exp(x[:-3]) * astuple(self.joint)).tolist())

@@ -158,7 +158,7 @@ class FrictionSpec:
 
     @property
     def designed_passes(self) -> ConstantVelocitySpec:
-        """Constant-velocity runs of a design, with all defaults if none are specified."""
+        """Constant-velocity runs of a design, by default with default keys."""
         return (
             self.constant_velocity
             if isinstance(self.constant_velocity, ConstantVelocitySpec)

@@ -132,7 +132,7 @@ class _Expansion:
         return np.asarray(np.linalg.solve(self.L(omega), self.B), np.complex128)
 
     def response_change(self, omega: FloatArray, change: ComplexArray) -> ComplexArray:
-        """Change of the outputs (F, n_y, n_u), as positions, by that of equations and outputs (F, n + n_y, n)."""
+        """Return the change of outputs (F, n_y, n_u), as positions, by one of equations and outputs (F, n + n_y, n)."""
         X, of_equations, of_outputs = self.X(omega), change[:, : self.n], change[:, self.n :]
         dX = -np.linalg.solve(self.L(omega) + of_equations, of_equations @ X)
         moved = self._in_front_of_x(self.J[self.n :], omega) @ dX + of_outputs @ (X + dX)

@@ -18,10 +18,10 @@ class ModelSpec:
     """Equations of motion of the robot."""
 
     # fmt: off
-    formulation: Annotated[Formulation | None, Key("Formulation of the equations of motion: serial (tree of bodies), "
-        "constrained (all coordinates, Lagrange multipliers), minimal (independent coordinates; elastic rods become "
-        "force elements) (default: serial for a tree, constrained with loops).", "`constrained` works for every "
-        "linkage; `minimal` gives results in independent coordinates and an independent check.")] = None
+    formulation: Annotated[Formulation | None, Key("Formulation of the equations of motion (default: serial, or "
+        "constrained for loops). `serial`: tree of bodies. `constrained`: all coordinates, Lagrange multipliers. "
+        "`minimal`: independent coordinates, elastic rods as force elements.", "`constrained` works for every linkage; "
+        "`minimal` gives results in independent coordinates and an independent check.")] = None
     variant: Annotated[Variant, Key("Variant of the minimal formulation: exact, or an approximation of parallel "
         "linkages. rigid_loop: only driven springs deflect inside loops. constant_stiffness: in addition, elastic rods "
         "in series with the lever's gear, as in the start posture. series_stiffness: the same for every posture. "

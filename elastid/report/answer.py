@@ -11,7 +11,7 @@ Questions: TypeAlias = tuple[tuple[str, tuple[str, ...]], ...]
 
 @dataclass(frozen=True)
 class Answer:
-    """title: of the page.  questions: what users ask, each with its sentences.  tables: with their titles.
+    """Title of the page, questions with their sentences, tables with their titles.
 
     notes: below the tables of the page alone.  text: to copy.
     """

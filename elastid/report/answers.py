@@ -127,7 +127,7 @@ def answer_of_move(tuned: TunedMove) -> Answer:
 
 
 def answer_of_loops(loops: Loops) -> Answer:
-    """Both controllers in words, and what limits the designed one."""
+    """Describe both controllers, and the limits of the designed one."""
     designed, today = loops.designed, loops.today
     worst = int(np.argmax(designed.peak_db))
     lines = [f"{designed.name}: {_state_words(designed)}."]

@@ -85,13 +85,13 @@ class ReportContent:
 
     @property
     def missing_modes(self) -> tuple[Note, ...]:
-        """Notes on modes that the model lacks; none where one cause explains the residuals, which moves modes, too."""
+        """Notes on missing modes of the model; empty if one cause explains the residuals and shifts modes, too."""
         return () if self.result.has_lone_cause else tuple(note for row in self.measured_modes for note in row.notes)
 
 
 @dataclass(frozen=True)
 class ResponsesContent:
-    """Measured responses, the modes of each, friction taken out of them, the text of the study and its provenance."""
+    """Measured responses, their modes, compensated friction, the text of the study and its provenance."""
 
     title: str
     responses: tuple[Response, ...]
@@ -114,7 +114,7 @@ class ResponsesContent:
 
     @property
     def synthesised(self) -> tuple[Response | None, ...]:
-        """The modal model of each response; None where it is known on some of its lines only."""
+        """Return the modal model of each response; None if it covers only some lines."""
         return tuple(
             replace(response, G=modes.synthesis, notes=(), quality=None, noise=None, total=None)
             if modes.n_modes and len(modes.at_hz) == response.n_lines
@@ -197,7 +197,7 @@ class ParameterRow:
 
     @property
     def reference(self) -> float:
-        """The value it is compared with: the truth, the estimate where none is known, the start where that is zero."""
+        """The reference value: true value, otherwise the estimate, or the start if the estimate is zero."""
         candidates = (self.truth, self.estimate, self.start)
         return next((value for value in candidates if value is not None and value != 0), 1.0)
 

@@ -59,7 +59,7 @@ class ModeDrawing:
 
 
 def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[float]) -> ModeDrawing | None:
-    """The drawing of mode shapes (n_l, n_m) in joint coordinates; None where no point is seen to move.
+    """Return the drawing of mode shapes (n_l, n_m) in joint coordinates; None if no visible point moves.
 
     Motors are behind their gears and move no point. Each shape is turned to the phase in which its points are furthest
     from rest, so that the drawing does not depend on the phase and length of the shape.
@@ -88,7 +88,7 @@ def measured_modes_row(modes: Modes, geometry: GeometrySpec | None) -> ModeRow:
 
 
 def measured_drawing(modes: Modes, geometry: GeometrySpec) -> ModeDrawing | None:
-    """Points that move as the places of the shapes at them do; None where none has a point."""
+    """Return points with the motion of their places in the shapes; None without points."""
     names = list(geometry.points)
     points = np.array([geometry.points[name] for name in names], dtype=float)
     moved = np.zeros((len(names), 3, modes.n_modes), complex)
@@ -140,7 +140,7 @@ class ModeRow:
 
     @property
     def modes(self) -> list[tuple[float, float, float, float, str, str]]:
-        """Rows by mode: frequency, std, damping ratio, std (NaN: unknown), energy by spring, what moves most."""
+        """Rows by mode: frequency, std, damping ratio, std (NaN: unknown), energy by spring, largest coordinates."""
         unknown = [np.nan] * len(self.frequency_hz)
         columns = (self.frequency_hz, self.frequency_std, self.damping_ratio, self.damping_std)
         numbers = [list(column) if len(column) else unknown for column in columns]

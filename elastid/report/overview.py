@@ -33,7 +33,7 @@ WIDTH_WORDS = ("±2 % or less", "±2 to 10 %", "±10 to 50 %", "wider")
 
 @dataclass(frozen=True)
 class Cell:
-    """An element in one configuration: residual over its standard deviation, NaN where none is known; dB otherwise."""
+    """An element in one configuration: residual over its standard deviation (NaN if unknown), or in dB."""
 
     configuration: int
     name: str
@@ -41,13 +41,13 @@ class Cell:
 
     @property
     def level(self) -> int:
-        """0 where the residual is noise, to 3; of an unknown value 0."""
+        """0 (noise, or unknown) to 3."""
         return int(np.searchsorted((1.3, 2.0, 4.0), self.value)) if math.isfinite(self.value) else 0
 
 
 @dataclass(frozen=True)
 class Strip:
-    """A row of cells for each configuration; measure: the quantity of the cells; worst: the cell of the largest.
+    """A row of cells per configuration, the quantity (measure) of the cells, and the worst cell.
 
     kind: the first word that all inputs and outputs share, e.g. motor; outputs, inputs: what follows it, of the titles
     over the cells; none where configurations have other ones.
@@ -73,7 +73,7 @@ def width_class(row: ParameterRow) -> int:
 
 
 def springs_and_dampers(rows: Sequence[ParameterRow]) -> list[ParameterRow]:
-    """Rows of stiffness and damping; all rows where there is none."""
+    """Return rows of stiffness and damping; all rows without them."""
     return [row for row in rows if row.name.startswith(("k", "d"))] or list(rows)
 
 
@@ -212,7 +212,7 @@ MOST_ACTIONS, NARROW = 3, 0.005
 
 @dataclass(frozen=True)
 class Action:
-    """what: an imperative.  gain: the change to expect, with numbers.  text: to copy, a command or lines of a study."""
+    """An imperative, the expected change with numbers (gain), and a command or keys to copy (text)."""
 
     what: str
     gain: str

@@ -113,7 +113,7 @@ class Chain:
         }
 
     def at(self, role: str, places: Iterable[str]) -> list[tuple[Channel, ...]]:
-        """Return the listed channels of a role at each place, those of all places included."""
+        """Return the listed channels of a role at each place, including channels for all places."""
         of_role = [channel for channel in self.channels if channel.role == role]
         return [tuple(channel for channel in of_role if channel.at in ("", place)) for place in places]
 

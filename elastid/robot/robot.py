@@ -140,10 +140,10 @@ class Robot:
         "joint.")] = ()
     chain: Annotated[Chain, Key("Measurement chain: lags and gains of drives, sensors and filters.", "if the phase "
         "falls faster with frequency than the delay explains.")] = Chain()
-    tolerances: Annotated[FileTolerances, Key("Prior standard deviations of the numbers in this file that are not "
-        "parameters, {} for typical ones, or `exact` (default: typical ones for measured data; exact for a simulated "
-        "rig unless `truth` changes such a number).", "`exact` only if all numbers were identified or calibrated; "
-        "otherwise the intervals include the tolerances.")] = None
+    tolerances: Annotated[FileTolerances, Key("Prior standard deviations of the values in this file: `{}` for typical "
+        "ones, or `exact`. Default: typical for measured data, exact for a simulated robot unless `truth` changes such "
+        "a value.", "`exact` only if all numbers were identified or calibrated; otherwise the intervals include the "
+        "tolerances.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -402,7 +402,7 @@ class Robot:
 
 
 def with_frames(robot: Robot, names: Iterable[str]) -> Robot:
-    """Robot with a frame for each of these names; raise StudyError for a name that is neither frame nor body.
+    """Return the robot with a frame for each name; raise StudyError for an unknown frame or body.
 
     `tool`, where no frame has this name, is at the centre of mass of the last body.
     """

@@ -14,7 +14,7 @@ from elastid.robot.robot import Robot
 
 @dataclass(frozen=True)
 class ElasticCoordinate:
-    """Deflection with a spring that can be made rigid. name: of its joint or loop.
+    """Deflection with a spring that can be made rigid; name of its joint or loop.
 
     kind: `gear` of a driven joint, with its own spring and that of the motor's shaft; `joint` that is not driven;
     `rod` of a loop.
@@ -106,7 +106,7 @@ def with_straight_springs(robot: Robot) -> Robot:
 
 
 def with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:
-    """Robot with each joint changed, without the joints changed to None."""
+    """Return the robot with changed joints; None removes a joint."""
     kept = ((body, tuple(filter(None, map(changed, body.joints)))) for body in robot.bodies)
     return replace(robot, bodies=tuple(replace(body, joints=joints) for body, joints in kept))
 

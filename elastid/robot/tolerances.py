@@ -21,18 +21,18 @@ class BodyTolerances:
     # fmt: off
     name: Annotated[PartName, Key("Name of the body, of a rod's loop, or `payload`.", "for a weighed body, a body with "
         "a pendulum test, or a body with cables that CAD lacks.")]
-    mass: Annotated[Ratio | Exact | None, Key("Relative standard deviation of the mass (default: of all bodies).",
+    mass: Annotated[Ratio | Exact | None, Key("Relative standard deviation of the mass (default: as for all bodies).",
         "0.5 % for a weighed body; `exact` for a calibrated weight.", above=0)] = None
     inertia: Annotated[Ratio | Exact | None, Key("Relative standard deviation of the inertia, one factor for all "
-        "entries (default: of all bodies).", "2 % after a pendulum test; 20 % without cables and covers.",
+        "entries (default: as for all bodies).", "2 % after a pendulum test; 20 % without cables and covers.",
         above=0)] = None
-    motor_inertia: Annotated[Ratio | Exact | None, Key("Relative standard deviation of the inertia of its joints' "
-        "motors (default: of all bodies).", "2 % if brake and pinion are included.", above=0)] = None
+    motor_inertia: Annotated[Ratio | Exact | None, Key("Relative standard deviation of the inertia of its motors "
+        "(default: as for all bodies).", "2 % if brake and pinion are included.", above=0)] = None
     center_of_mass: Annotated[Length | Exact | None, Key("Standard deviation of each coordinate of the centre of mass "
-        "(default: of all bodies).", "2 mm for a body that was balanced on an edge.", above=0)] = None
+        "(default: as for all bodies).", "2 mm for a body that was balanced on an edge.", above=0)] = None
     length: Annotated[Length | Exact | None, Key("Standard deviation of the lengths of joints and placement (default: "
-        "of all bodies).", "`exact` for a link measured on a coordinate measuring machine.", above=0)] = None
-    angle: Annotated[Angle | Exact | None, Key("Standard deviation of the zeros of its joints (default: of all "
+        "as for all bodies).", "`exact` for a link measured on a coordinate measuring machine.", above=0)] = None
+    angle: Annotated[Angle | Exact | None, Key("Standard deviation of the zeros of its joints (default: as for all "
         "bodies).", "0.02 deg if the zeros were set with a dial gauge.", above=0)] = None
     # fmt: on
 

@@ -107,7 +107,7 @@ def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
 
 
 def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
-    """Write compare.json. stamp: of the fitted frequency responses."""
+    """Write compare.json with the stamp of the fitted frequency responses."""
     head = {"schema": SCHEMA, "responses": stamp.inputs, "code": stamp.code, "made by": stamp.software}
     ranking = {"models": comparison.rows, "search": comparison.trials}
     content = {**head, "verdict": comparison.verdict, "configurations": comparison.configurations, **ranking}

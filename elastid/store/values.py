@@ -395,7 +395,7 @@ def write_artefact(
     parts: Mapping[str, tuple[Any, Any]],
     entries: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """Write a file of one kind from named parts, each a value and its annotation; omit parts that are None.
+    """Write a file of one kind from named parts, each a value and its annotation; omit empty parts.
 
     entries: attribute that names each value of a part that is a tuple.
     """

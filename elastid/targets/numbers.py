@@ -1,4 +1,4 @@
-"""Parameters in exported files, in full precision; fitted ones with intervals, fixed ones without std."""
+"""Parameters in exported files, in full precision, with intervals if fitted."""
 
 import math
 from collections.abc import Iterable

@@ -366,7 +366,7 @@ TODAY, DESIGNED = "today's controller", "designed controller"
 
 @frozen_value
 class Loops:
-    """today: present gains, None if the study lacks them. designed: with its gains. count: of samples."""
+    """Present gains (None if the study lacks them), designed gains, and number of posterior samples (count)."""
 
     name: str
     joints: tuple[str, ...]

@@ -162,7 +162,7 @@ _RATE_S, _RIPPLE = 0.02, 1e-5  # t_0, and the same of what differs from knot to 
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """Motion q(t) (n_q,) as a spline over time in s. status: of IPOPT. violation: of the constraints."""
+    """Trajectory q(t) (n_q,) as a spline over time in s, with the status of IPOPT and the constraint violation."""
 
     q: BSpline
     status: str

@@ -55,7 +55,7 @@ Elastic: TypeAlias = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Refit:
-    """Outcome of a fit without some configurations. cost, n_free and dof: of the fit. folds: by configuration.
+    """Cross-validation of one model: cost, n_free and dof of the fit, and folds by configuration.
 
     status: that of the fit, or `failed`, with the reason as message.
     """

@@ -93,7 +93,7 @@ def fitted_rows(
 
 
 def current_fit(run: Run) -> Result:
-    """The fit of a study; StudyError where there is none of its robot, or an outdated one."""
+    """Return the fit of a study; raise StudyError if it is missing or outdated."""
     run.study.as_robot()
     run.require_stage("fit")
     run.require_result("fit")

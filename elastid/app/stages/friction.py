@@ -193,7 +193,7 @@ def _level_words(joint: JointLevels) -> str:
 
 
 def follow_friction(study: Study, work: Work) -> Artefacts:
-    """filter.h5: of each joint the followed numbers over time with their bands, and the consistency of the filter."""
+    """Write filter.h5: tracked friction of each joint over time with bands, and the consistency of the filter."""
     measured = stored.read_friction_records(work.sources["measure"])
     result = stored.read_friction_result(work.sources["friction"])
     followed, notes = follow_joints(study.as_robot(), result.joints, measured.records, study.filter or FilterSpec())

@@ -1,4 +1,4 @@
-"""gears: records, responses and a fit -> gears.h5, and the fit's summary.json and robot file with what was found.
+"""gears: records, responses and a fit -> gears.h5, and the fit's summary.json and robot file with the effects.
 
 k and d of the linear fit are those of the amplitude of the records; k found beside the effects is that at zero torque.
 """
@@ -38,7 +38,7 @@ from elastid.study import Study
 
 
 def gears(study: Study, work: Work) -> Artefacts:
-    """gears.h5; summary.json and identified_robot.yml of the fit are written again with what was found."""
+    """Write gears.h5, and add the effects to summary.json and identified_robot.yml of the fit."""
     robot, model, files_of = study.as_robot(), study.model, work.sources
     every, friction = read_responses(files_of["estimate"]), read_friction(files_of["estimate"])
     responses, result = study.fitted(every), read_fit(files_of["fit"])

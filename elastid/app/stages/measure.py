@@ -60,7 +60,7 @@ def measure_parts(
     noun: str,
     is_large: Callable[[Any], bool] = lambda part: False,
 ) -> tuple[Iterator[R], Callable[[Console], None]]:
-    """Measure each part, an experiment or motion, into a file of its own; those of an interrupted run are kept.
+    """Measure each experiment or motion into its own file; keep the files of an interrupted run.
 
     A worker writes the record itself: no record travels between processes.  is_large: true of a part whose record goes
     straight to the result, as it is measured: a file of its own would be written, hashed and read once more.

@@ -29,16 +29,16 @@ class ChannelSpec:
     """
 
     # fmt: off
-    role: Annotated[Literal["r", "u", "d", "y", "t", "reference"], Key("Role of the signal: u acting torque, y "
-        "position, velocity or acceleration, r injected torque, d measured disturbance torque at a motor that u lacks; "
-        "in friction studies also t joint temperature, and reference (commanded position).", "u is the torque at the "
-        "motor, measured or computed from current; r is added to the controller's output; d is a measured external "
-        "force.")]
+    role: Annotated[Literal["r", "u", "d", "y", "t", "reference"], Key("Role of the signal. `u` is the acting torque, "
+        "`r` the injected torque, and `y` a position, velocity or acceleration. `d` is a measured disturbance torque "
+        "that u does not include. Friction studies also use `t` (joint temperature) and `reference` (commanded "
+        "position).", "u is the torque at the motor, measured or computed from current; r is added to the controller's "
+        "output; d is a measured external force.")]
     at: Annotated[Name, Key("Location on the robot: `motor 1`, `joint 1`, `body arm z`, `frame tool x`, or "
         "`accelerometer tool x` for a sensor that measures gravity; without a robot any name.", "location of the "
         "sensor; a motor encoder displayed as joint angle is `motor 1` with side: link.")]
-    channel: Annotated[str, Key("Name of the signal in the file: MATLAB variable (`theta_m`, `rec.torque`), CSV column "
-        "heading or HDF5 path (default: none; then column).", "copy the name from `elastid inspect FILE`.")] = ""
+    channel: Annotated[str, Key("Name of the signal in the file: MATLAB variable (`theta_m`, `rec.torque`), CSV "
+        "column heading or HDF5 path (default: the key column).", "copy the name from `elastid inspect FILE`.")] = ""
     column: Annotated[int | None, Key("Number of the column in a matrix, from 1 (default: none; then channel).",
         "for files without headings; for a matrix, in addition to its name.")] = None
     quantity: Annotated[Literal["torque", "force", "current", "voltage", "position", "velocity", "acceleration",
@@ -65,8 +65,8 @@ class ChannelSpec:
     delay: Annotated[Time, Key("Time delay of the channel relative to the true signal, of either sign, which elastid "
         "corrects (roles u and y).", "the cycle by which a drive reports its current late; if it is unknown, identify "
         "delay_u in fit.parameters.")] = 0.0
-    low_pass_hz: Annotated[Frequency | None, Key("Corner frequency of a first-order low-pass filter in the channel, "
-        "which elastid corrects (default: no filter; roles u and y).", "the corner of the current filter in the "
+    low_pass_hz: Annotated[Frequency | None, Key("Corner frequency of a first-order low-pass filter in the channel "
+        "(roles u and y), which elastid corrects (default: no filter).", "the corner of the current filter in the "
         "drive's parameters.", above=0)] = None
     hold: Annotated[Hold | None, Key("Behaviour of an acting torque (role u) between its samples (default: hold of the "
         "section).", "if one log contains commanded and measured torques.")] = None
@@ -99,7 +99,7 @@ class ChannelSpec:
 
     @property
     def errors(self) -> tuple[Channel, ...]:
-        """Delay and low pass of the channel, none where it has neither."""
+        """Delay and low-pass filter of the channel; empty without them."""
         low_pass_s = 0.0 if self.low_pass_hz is None else 1 / (2 * math.pi * float(self.low_pass_hz))
         is_exact = not (self.delay or low_pass_s)
         return () if is_exact else (Channel(cast(Literal["u", "y"], self.role), delay=self.delay, low_pass=low_pass_s),)

@@ -76,9 +76,9 @@ class FileSpec:
     joint: Annotated[str, Key("Name of the joint that moves (default: every moving joint with torque and position).",
         "if several joints move and only one is to be identified.")] = ""
     purpose: Annotated[Literal["motion", "presliding_loops", "presliding_test", "warm_up", "coast_down"], Key(
-        "Purpose of the log in a friction study: `motion` (constant-velocity runs and any other motion), "
-        "`presliding_loops` (growing torque, no sliding), `presliding_test` (small multisine or noise, zero velocity), "
-        "`warm_up` (motion to and fro until the joint is warm) or `coast_down` (one direction until standstill).",
+        "Purpose of the log in a friction study. `motion`: constant-velocity runs and any other motion. "
+        "`presliding_loops`: growing torque, no sliding. `presliding_test`: small multisine or noise, zero velocity. "
+        "`warm_up`: motion to and fro until the joint is warm. `coast_down`: one direction until the joint stops.",
         "presliding_loops identify friction before sliding, presliding_test the stiffness and damping of the bristles, "
         "warm_up the thermal time constants. coast_down identifies friction relative to a known inertia, with drive "
         "off or its torque known.")] = "motion"
@@ -128,10 +128,10 @@ class RecordedSpec:
         "noise.")] = False
     time: Annotated[str, Key("Name of the channel with time stamps in s, from which the samples are interpolated to "
         "rate_hz (default: uniform sampling).", "for logs with dropouts or jitter, or with an uncertain rate.")] = ""
-    hold: Annotated[Hold, Key("Behaviour of the acting torques between samples: `zero-order` for logged commands, "
-        "whose hold adds half a sample of delay, a sinc and aliases to the model; `band-limited` for torques measured "
-        "through a filter or much faster than the drive's update.", "`zero-order` for commands; a wrong choice shows "
-        "as a misfit that grows towards half the sampling rate.")] = "band-limited"
+    hold: Annotated[Hold, Key("Behaviour of the acting torques between samples. `zero-order`: logged commands; the "
+        "model then includes half a sample of delay, a sinc and aliases. `band-limited`: torques measured through a "
+        "filter, or much faster than the update of the drive.", "`zero-order` for commands; a wrong choice shows as a "
+        "misfit that grows towards half the sampling rate.")] = "band-limited"
     controller: Annotated[CascadeSpec | None, Key("Controller of the robot, for `elastid loops` and for validation of "
         "friction studies with reference channels (default: unknown controller).", "give it to validate friction in "
         "closed loop, otherwise from torques alone.")] = None
@@ -283,13 +283,12 @@ class ResponsesSpec:
     relative_std: Annotated[float | None, Key("Standard deviation of G relative to |G| for files without one (default: "
         "unknown; the status is then noise_unknown).", "0.01 to 0.05; the weights are then a guess, and the intervals "
         "rely on the scatter of the residuals.", above=0)] = None
-    hold: Annotated[Hold, Key("Behaviour of the inputs between samples; `zero-order` for responses to commands, whose "
-        "hold elastid removes, with its aliases in the model for positions; a frf.h5 contains its own.",
-        "`zero-order` for responses from commands to encoder angles, as most controllers export "
-        "them.")] = "band-limited"
-    rate_hz: Annotated[Frequency | None, Key("Sampling rate of the held commands (default: none; needed with hold: "
-        "zero-order, here or in the channels).", "rate of the controller; half a sample is the delay that elastid "
-        "removes.", above=0)] = None
+    hold: Annotated[Hold, Key("Behaviour of the inputs between samples. `zero-order`: responses to commands; elastid "
+        "removes the hold. A frf.h5 contains its own value.", "`zero-order` for responses from commands to encoder "
+        "angles, as most controllers export them.")] = "band-limited"
+    rate_hz: Annotated[Frequency | None, Key("Sampling rate of the commands, needed with hold: zero-order here or in "
+        "the channels (default: none).", "rate of the controller; half a sample is the delay that elastid removes.",
+        above=0)] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -306,5 +305,5 @@ class ResponsesSpec:
             raise ValueError("hold: zero-order needs the sampling rate of the commands. Give rate_hz")
 
     def hold_of(self, channel: ChannelSpec) -> Hold:
-        """Hold of an input: of its channel, by default of the section."""
+        """Return the hold of an input from its channel, or else from the section."""
         return channel.hold or self.hold

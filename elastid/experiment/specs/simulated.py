@@ -109,8 +109,8 @@ class HeatSpec:
         "joints: the final rise is the heat of friction over it, commonly 10 to 40 K.", above=0)]
     time_constant: Annotated[Time, Key("Thermal time constant C / h of the joint.", "45 minutes are usual for gears of "
         "medium robots; larger gears take up to two hours.", above=0)] = 2700.0
-    ambient: Annotated[Temperature, Key("Temperature T_a of the room.", "the temperature of the hall. It is the start "
-        "temperature of the joints unless `start` is given.")] = 20.0
+    ambient: Annotated[Temperature, Key("Temperature T_a of the room.", "the temperature of the hall. The joints start "
+        "at this temperature unless `start` is given.")] = 20.0
     start: Annotated[Temperature | None, Key("Temperature T of every joint at the start (default: ambient).",
         "above ambient for a robot that has worked before; the warm-up then shows less of the fall.")] = None
     thermometer_std: Annotated[TemperatureRise | None, Key("Standard deviation of the logged temperature, one error "
@@ -129,20 +129,18 @@ class CarrierSpec:
     """A slow movement of every driven joint around its configuration, so that friction slides instead of sticking."""
 
     # fmt: off
-    amplitude: Annotated[JointPosition | tuple[JointPosition, ...] | None, Key("Amplitude on the link side, one for "
-        "all joints or one per joint; in m for sliding joints (default: none; needed for a sine).", "so large that the "
-        "peak speed 2 pi cycles / period times it exceeds the speed of the multisine over most of the "
-        "period.", above=0)] = None
+    amplitude: Annotated[JointPosition | tuple[JointPosition, ...] | None, Key("Link-side amplitude of a sine, one for "
+        "all joints or one per joint, in m for sliding joints (default: none).", "so large that the peak speed 2 pi "
+        "cycles / period times it exceeds the speed of the multisine over most of the period.", above=0)] = None
     cycles: Annotated[int, Key("Cycles of a sine or square per period of the multisine.", "1 has the largest distance "
         "to the band; more cycles give a higher speed at the same amplitude.", least=1)] = 1
-    kind: Annotated[Literal["sine", "square", "offset"], Key("Shape of the motion: `sine` of `amplitude`; `square`, a "
-        "square wave of `velocity` filtered at 1 Hz; `offset`, constant `velocity` without reversals, which limits the "
-        "multisine.", "`sine` sticks briefly at its reversals; `square` reverses fast; `offset` removes dry friction "
-        "from the response and needs a range of velocity times record length.")] = "sine"
-    velocity: Annotated[JointVelocity | tuple[JointVelocity, ...] | None, Key("Speed on the link side, one for all "
-        "joints or one per joint; in m/s for sliding joints (default: none; needed for square and offset).",
-        "above the Stribeck velocity of the gear and the peak speed of the multisine, so that friction keeps its "
-        "sign.")] = None
+    kind: Annotated[Literal["sine", "square", "offset"], Key("Shape of the motion. `sine`: sine of `amplitude`. "
+        "`square`: square wave of `velocity`, filtered at 1 Hz. `offset`: constant `velocity` without reversals, which "
+        "limits the multisine.", "`sine` sticks briefly at its reversals; `square` reverses fast; `offset` removes dry "
+        "friction from the response and needs a range of velocity times record length.")] = "sine"
+    velocity: Annotated[JointVelocity | tuple[JointVelocity, ...] | None, Key("Link-side speed of square and offset, "
+        "one for all joints or one per joint, in m/s for sliding joints (default: none).", "above the Stribeck "
+        "velocity of the gear and the peak speed of the multisine, so that friction keeps its sign.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

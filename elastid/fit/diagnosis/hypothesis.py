@@ -1,4 +1,4 @@
-"""Hypothesis: a kind of cause for residuals beyond the noise; Evidence: the fit and score test that it is judged by.
+"""Hypothesis: a kind of cause for excess residuals. Evidence: fit and score test for the judgement.
 
 A hypothesis proposes its causes in one of these ways, each a plain function:
 
@@ -39,7 +39,7 @@ Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Readin
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the diagnosis, far beyond what fits of true models reach (scripts/studies/results.csv).
+    """Thresholds of the diagnosis, far above the values of correct models (scripts/studies/results.csv).
 
     Measured there: V 1.13 of its expectation, and the disagreement of blocks, whose noise is less well known than that
     of all lines together, 1.4; of 330 true models, some with a variance of two degrees of freedom, no number reached a
@@ -207,7 +207,7 @@ class Scores:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A fit that ended, the hypotheses it is judged by, and the scores of what it held where they are known.
+    """A finished fit, the hypotheses to judge it, and the scores of fixed values if known.
 
     apart: notes on configurations that differ, where that is the likeliest cause.
     """
@@ -257,14 +257,14 @@ class Evidence:
 
     @property
     def best(self) -> ModificationIndex:
-        """The first index, one that explains nothing where there is none."""
+        """The first index, or one without effect."""
         return self.result.indices[0] if self.result.indices else ModificationIndex("", "")
 
 
 def against(
     index: ModificationIndex, cost: float, x: FloatArray, evidence: Evidence, scores: Scores
 ) -> ModificationIndex:
-    """The index where V (cost) and x (n_x,) are those of a fit with it."""
+    """Return the index with cost V and x (n_x,) of a fit that includes it."""
     drop = scores.cost - cost if math.isfinite(cost) else 0.0
     share = drop / max(scores.cost - scores.noise, drop, 1e-300)
     return replace(index, drop=drop, explained_fraction=share, effects=x - evidence.result.x)

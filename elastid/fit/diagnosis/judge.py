@@ -95,7 +95,7 @@ def score(evidence: Evidence) -> Scores:
 def _with_priors(
     A: FloatArray, b: FloatArray, evidence: Evidence, lines: float
 ) -> tuple[FloatArray, FloatArray, list[HeldNumber], float]:
-    """A and b with priors and static loads, and numbers that are off by more than their tolerance; those, and that V.
+    """Return A and b with priors and static loads, the values beyond their tolerance, and V.
 
     Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
     """
@@ -181,7 +181,7 @@ def _held_numbers(
 
 
 def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
-    """Candidates: each number alone, then common factors of several, then what one cause changes together.
+    """Return candidates: single values, then common factors of several, then values with a common cause.
 
     A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.  A
     payload changes mass, centre and inertia of a body; the angle of an axis may be off in every posture.
@@ -233,7 +233,7 @@ def log_odds(index: ModificationIndex, count: int, evidence: Evidence, scores: S
 
 
 def modification_indices(evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, ...]:
-    """Causes that lower V by more than chance: the likeliest and what explains more with it, then each alone."""
+    """Return causes that lower V significantly: the most likely with further ones, then each alone."""
     indices = ranked(scores.test, scores)
     # What linear steps do not show is looked for where residuals are more than the noise.
     for search in (h.search for h in evidence.hypotheses if h.search is not None and evidence.is_unexplained):

@@ -253,7 +253,7 @@ class Late(NamedTuple):
 
 
 def as_delay(name: str) -> str:
-    """The delay that a form of lateness is to first order; any other name as it is."""
+    """Return the first-order equivalent delay of a delay or filter; other names unchanged."""
     form = next((form for form in FORMS if name.startswith(form)), name)
     return f"delay{name.removeprefix(form)}" if form in FORMS else name
 
@@ -290,7 +290,7 @@ def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated,
 
 
 def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """The indices with the forms of lateness of the delays that explain a part."""
+    """Return the indices with the forms (delay, filter) of significant delays."""
     optimum, result = evidence.optimum, evidence.result
     if not optimum.fit.n_residuals:
         return indices

@@ -93,7 +93,7 @@ class ScoreTest:
         return cls(tuple(numbers), S * np.outer(scale, scale), g * scale, response, known)
 
     def step(self, candidate: Candidate) -> tuple[FloatArray, float]:
-        """Steps (n_m,) of a candidate, shortened to what is plausible, and the drop of V; 0 where no data constrain it.
+        """Return steps (n_m,) of a candidate, limited to plausible sizes, and the decrease of V; 0 without information.
 
         Several numbers have a prior of the width of what is plausible, which decides where the data do not.
         """
@@ -186,7 +186,7 @@ STARTS = ((3.0, (0.3, 0.0, 0.0)), (3.0, (0.0, 0.3, 0.0)), (3.0, (0.0, 0.0, 0.3))
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """steps (n_m,): of the members, in ln p where log.  drop: of V.  information (4, 4): on mass and place."""
+    """Load with steps (n_m,) of its members (ln p if log), decrease of V, and information (4, 4) on mass and place."""
 
     mass: float
     place: FloatArray
@@ -196,9 +196,7 @@ class Load:
 
 
 def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float) -> Load | None:
-    """The best load of a body, within the priors; None where all its numbers together lower V by less than `least`,
-    or where it has no mass to speak of.
-    """
+    """Return the best load of a body within the priors; None if V decreases by less than `least` or it has no mass."""
     places, numbers = candidate.places, [test.numbers[i] for i in candidate.places]
     S, g = test.S[np.ix_(places, places)], test.g[places]
     mass = next((n.value for n in numbers if n.name.startswith("m_")), 0.0)
@@ -261,7 +259,7 @@ def _of_moments(numbers: list[HeldNumber]) -> FloatArray:
 
 
 def steps_of(numbers: list[HeldNumber], p: FloatArray) -> FloatArray:
-    """The changes of the numbers themselves, in ln p where log: the centre is that of both masses."""
+    """Return the changes of mass, common centre and inertia, as ln p if log."""
     mass = numbers[0].value
     changes, both = _of_moments(numbers) @ _moments(p), mass / (mass + p[0])
     inertial = np.where([n.name.startswith(("c_", "I_")) for n in numbers], both, 1.0)

@@ -104,7 +104,7 @@ def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:
 
 
 def explains(now: SecondSource, T: float, least: float) -> bool:
-    """True if T falls with a cause, to `least`, by more than half of what is beyond its degrees of freedom."""
+    """Return True if a cause lowers T to `least`, by more than half of the excess over its degrees of freedom."""
     return T - least > LIMITS.half * (T - now.n_residuals)
 
 
@@ -151,7 +151,7 @@ def _tool_residuals(
 
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
-    """Responses at the tool, those of `assembly`, next to `alone`, the fit to the motors' responses."""
+    """Compare the responses at the tool in `assembly` with `alone`, the fit to the motor responses."""
     fit, now = _beside(assembly.with_floor(alone.model_error), alone)
     result, with_factor = agreement(now, alone)
     is_misread = False

@@ -55,7 +55,7 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 @dataclass(frozen=True, eq=False)
 class HeldModel:
-    """linearisation: of the robot with its geometry, gains and stiff springs among the parameters.
+    """linearisation: robot with geometry, gains and stiff springs as parameters.
 
     rigid: the parameters of the stiff springs, k_arm_x, and the name of the compliance that each stands for.
     loads: the torque at rest of each driven joint, N m, by configuration.
@@ -84,7 +84,7 @@ class HeldModel:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of theta: those of the equations, and the delay."""
+        """Names of theta: parameters of the equations, and the delay."""
         return (*self.linearisation.model.parameters, DELAY)
 
     def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
@@ -191,7 +191,7 @@ class HeldResponse:
     loads: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def value(self, name: str) -> float:
-        """The value of a number of the equations, 0 where it has none."""
+        """Return the value of a parameter of the equations; 0 if absent."""
         return float(self.theta[self.model.parameters.index(name)]) if name in self.model.parameters else 0.0
 
 
@@ -202,7 +202,7 @@ def evaluate_held(
     columns: Sequence[Callable[[HeldResponse], Mapping[str, ComplexArray]]],
     part: Part,
 ) -> Evaluated:
-    """One configuration of a fit with these parameters, on its lines, at x (n_x,); columns: of the hypotheses."""
+    """One configuration of a fit at x (n_x,), on its lines; columns: hypotheses."""
     model, theta = held.at(fitted, part.kernel.model, x)
     known = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}
     kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))
@@ -265,7 +265,7 @@ def posture_angles(response: HeldResponse) -> dict[str, ComplexArray]:
 
 
 def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
-    """Derivatives to what differs in this configuration alone.
+    """Return derivatives with respect to values of this configuration only.
 
     delay@c1 of all its channels, s; torques@c1: ln of the torques that are read per torque; spring_1@c1: ln k_1;
     m_fore@c1 ...: the numbers of the last body, which carries a load.  None of a single configuration.

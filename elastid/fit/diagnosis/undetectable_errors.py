@@ -28,7 +28,7 @@ SAID = 3.0  # standard deviations, by which a number that is held moves one of t
 
 @dataclass(frozen=True)
 class UndetectableError:
-    """name: of a held number, or of a factor of several.  per_std: its error that moves a parameter by one deviation.
+    """Fixed value, or common factor of several; per_std: its error that shifts a parameter by one std.
 
     number: the first of them.  parameter: its place in x.  error: the largest common one that nothing finds.
     """

@@ -111,7 +111,7 @@ def with_factors(
 
 
 def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, c: FloatArray) -> FloatArray:
-    """c (n_b,) after one joint Gauss-Newton step in x and c. fit: of the responses without their errors for c."""
+    """Return c (n_b,) after one joint Gauss-Newton step in x and c. fit: responses corrected for c."""
     factors = find_factors(responses)
     distance, slope = fit.priors(x)
     A, g = np.diag(np.concatenate([slope**2, np.ones(len(c))])), np.concatenate([slope * distance, c])

@@ -129,8 +129,7 @@ def _ratio(measured: FloatArray, expected: FloatArray) -> FloatArray:
 
 @frozen_value
 class SmoothedNoise(Kept):
-    """measured: sample covariance. smooth: covariance smoothed over neighbouring lines, so that weights 1 / v are
-    unbiased.
+    """Sample covariance (measured) and covariance smoothed over neighbouring lines, for unbiased weights 1 / v.
 
     Both in the same form: matrices of all elements are worked out where they are needed and not kept.
     own_variance, own_matrix (F,): kappa, how much of variance and matrix is the line's own (`smooth_covariance`).

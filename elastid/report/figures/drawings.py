@@ -72,7 +72,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
 
 
 def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
-    """Drawings of friction that was searched for in records, with that of the robot's file; none without a search."""
+    """Yield drawings of compensated friction and of the friction of the robot model."""
     if taken_out is not None and taken_out.configurations:
         caption = (
             "Identified friction (link side) over the distance from a velocity reversal, or over velocity; F_c of the "

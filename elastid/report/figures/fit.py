@@ -38,7 +38,7 @@ from elastid.validation.torque_balance import (
 
 
 def forest(rows: Sequence[ParameterRow]) -> Figure:
-    """Left: ratio of start and estimate to a reference; right: deviation from it in percent.
+    """Draw start and estimate relative to a reference (left) and the deviation in percent (right).
 
     The reference is the truth, or the estimate where no truth is known. Bars are 95 % intervals.
     """
@@ -146,7 +146,7 @@ def limit_use(use: LimitUse) -> Figure:
 
 
 def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
-    """Two panels a gear: torsion with its 95 % band; the same less that of the stiffness at zero torque."""
+    """Draw two panels per gear: torsion with its 95 % band, and its difference to a linear spring."""
     above, below = [], []
     for sheet in gears.sheets:
         slides = robot is not None and robot.slides(f"motor {sheet.joint}")
@@ -176,7 +176,7 @@ if TYPE_CHECKING:
 
 
 def configuration_title(measured: Response, left_out: bool) -> str:
-    """Name, angles of the driven joints, and if the configuration was fitted; of a structure the name."""
+    """Return the name, angles of the driven joints, and whether it was fitted; for a structure only the name."""
     if not measured.configuration.angles.size:
         return measured.configuration.name
     angles = ", ".join(f"{angle:.4g}°" for angle in np.degrees(measured.configuration.angles))

@@ -1,4 +1,4 @@
-"""Friction over speed, load and temperature, with levels and band; friction taken out of the responses."""
+"""Friction over speed, load and temperature, with measured torques and band; compensated friction."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Condition:
 
 
 def friction_curve(law: StaticLaw) -> Figure:
-    """Levels by direction with 95 % intervals over log speed, the law with its 95 % band; below, what it leaves.
+    """Draw measured torques by direction and the friction model over log speed, with 95 % intervals; below, residuals.
 
     Shaded: the speeds that were measured, beyond which the law is dashed.  Grey: levels of other loads, temperatures.
     """

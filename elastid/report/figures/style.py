@@ -99,7 +99,7 @@ def in_db(values: ComplexArray | FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Curve:
-    """y (n,) over x (n,), as a line or as dots; band: both ends of an interval about it; looks: of matplotlib."""
+    """Plot y (n,) over x (n,), as a line or dots, with an interval band; looks are options of matplotlib."""
 
     x: ArrayLike
     y: ArrayLike
@@ -269,7 +269,7 @@ def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
 
 
 def set_names(axis: Axis, names: Sequence[str], **options: Any) -> None:
-    """A name at 0, 1, 2 ...; options: of the text, such as rotation."""
+    """Set names at 0, 1, 2 ...; options of the text, such as rotation."""
     axis.set_ticks(range(len(names)), [plain(name) for name in names], **options)
 
 

@@ -52,7 +52,7 @@ STICKS = {"arm": 5.0, "strut": 2.5, "mass": 1.5}
 
 
 def joint_groups(robot: Robot) -> list[tuple[str, ...]]:
-    """Names of the joints at each drawn joint, in the order of `StickFigure.joints`: those of a body share a point."""
+    """Return the names of the joints at each drawn point, in the order of `StickFigure.joints`."""
     groups: list[tuple[str, ...]] = []
     for body in robot.all_bodies:
         for i, joint in enumerate(body.joints):
@@ -133,7 +133,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
 
 
 def correlated(result: Result) -> dict[str, tuple[str, float]]:
-    """Parameter whose estimate is most correlated with that of each free one, and how; "" below 0.5."""
+    """Return the most correlated parameter of each free one, with the correlation; "" below 0.5."""
     names, partners = result.parameters.free_names, {}
     correlation = np.nan_to_num(result.correlation, nan=0.0) - np.eye(len(names))
     for i, name in enumerate(names):
@@ -192,7 +192,7 @@ DPI = 110
 
 @dataclass(frozen=True)
 class EmbeddedFigure:
-    """A figure of the page: PNG in base64, empty where it is only in a file, or in none."""
+    """A figure of the page: PNG in base64, empty if it is not on the page."""
 
     name: str
     section: str
@@ -260,7 +260,7 @@ def render(
     scripts: Sequence[str] = (),
     **values: Any,
 ) -> str:
-    """A page of a template of this package; curves: data of the explorer, values: further names."""
+    """Render a page from a template; curves are the data of the explorer, values further names."""
     names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts} | values
     names = {"mode_viewer": ""} | names
     return _environment().get_template(template).render(names, asset=asset, policy=script_policy(scripts))
