@@ -241,7 +241,7 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
     if without.any():
         names = ", ".join(name for name, none in zip(fit.parameters.free_names, without, strict=True) if none)
         places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
-        hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start" * places
+        hint = ". Coordinates along the axis of a joint have no effect" * places
         raise FitError(
             "fit/not-identifiable",
             f"{names}: not identifiable, without effect on the frequency responses. Fix it "

@@ -64,7 +64,6 @@ FOUND = {
 
 
 def result(found: dict[GearEffect, float]) -> GearResult:
-    """Of a search without parameters."""
     covariance = np.eye(len(found))
     return GearResult(np.zeros(0), covariance, tuple(found), np.array([*found.values()]))
 

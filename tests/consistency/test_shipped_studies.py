@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.measured import BENCH, DATA, measured, with_records
-from plants.notes import said
 
 from elastid.app import cli
 from elastid.base.arrays import ComplexArray, FloatArray
@@ -77,6 +76,7 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
     study = BENCH_STUDY
     summary = run(study, tmp_path)
     value = {name: p["value"] for name, p in summary["parameters"].items()}
+    assert summary["status"] == "converged"
     assert value["Jm_1"] == pytest.approx(8e-4, rel=0.1)
     assert value["I_load"] == pytest.approx(8e-4, rel=0.1)
     assert value["k_1"] == pytest.approx(95, rel=0.03)
@@ -96,9 +96,10 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_bench_is_a_misfit_where_its_error_is_not_declared(tmp_path: Path) -> None:
-    """Residuals 48 times the noise: exit code 3 and a whole report, and the intervals by blocks hold the stiffness."""
-    options = ("--set", "fit.weights.model_error=0.01", "--set", "fit.starts=4")
+@pytest.mark.parametrize("error", [0.01, 0.05])
+def test_the_bench_is_a_misfit_where_its_error_is_not_declared(error: float, tmp_path: Path) -> None:
+    """Residuals 48 times the noise, of 16 %: exit code 3, a whole report, and the intervals include the stiffness."""
+    options = ("--set", f"fit.weights.model_error={error}", "--set", "fit.starts=4")
     assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 3
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["status"] == "misfit"
@@ -206,11 +207,11 @@ def relative(result: Result, name: str) -> float:
 def test_a_single_posture_is_said_to_confuse_gear_and_rod():
     """Below the third mode k_3 and k_rod are one spring there; with the angle spread they are two."""
     one = fitted(SPREAD[:1])
-    assert any("k_3 and k_rod cannot be distinguished" in word for word in said(one.notes))
+    assert "k_3 and k_rod" in str(one.notes)
     names = one.parameters.free_names
     assert one.correlation[names.index("k_3"), names.index("k_rod")] < -0.98
     six = fitted(SPREAD)
-    assert not any("k_3 and k_rod" in word for word in said(six.notes))
+    assert "k_3 and k_rod" not in str(six.notes)
     for name in ("k_3", "k_rod"):
         assert relative(six, name) < 0.3 * relative(one, name)
 

@@ -48,9 +48,9 @@ def test_a_light_resonance_goes_to_the_local_method_and_heavy_noise_to_segments(
     noisy = replace(record, y=quiet.y + 3 * quiet.y.std() * rng.normal(size=quiet.y.shape))
     chosen = {name: estimate([each], AUTO) for name, each in (("quiet", quiet), ("noisy", noisy))}
     assert "local_rational: stated error" in _choice(chosen["quiet"])
-    assert ", h1 " in _choice(chosen["quiet"])
+    assert "; h1: " in _choice(chosen["quiet"])
     assert "h1: stated error" in _choice(chosen["noisy"])
-    assert ", local_rational " in _choice(chosen["noisy"])
+    assert "; local_rational: " in _choice(chosen["noisy"])
     np.testing.assert_array_equal(chosen["quiet"].G, estimate([quiet], LOCAL).G)
     np.testing.assert_array_equal(chosen["noisy"].G, estimate([noisy], replace(AUTO, method="h1")).G)
 

@@ -106,9 +106,9 @@ def test_mass_and_coriolis_equal_pinocchio_with_rotors_as_bodies(seed):
     ("on", "axis", "says"),
     [
         ("leg", "z", "joint 1: motor.on: no body is called leg; there are base, arm, other"),
-        ("other", "z", "joint 1: its motor is on other, a branch that neither carries the joint nor is moved by it"),
-        ("arm", None, "give both `on`, the body, and `axis`"),
-        ("", "z", "give both `on`, the body, and `axis`"),
+        ("other", "z", "joint 1: its motor is on other, "),
+        ("arm", None, "got arm.*got nothing"),
+        ("", "z", "got nothing.*got z"),
         ("arm", (0.0, 0.0, 0.0), "axis is the zero vector"),
     ],
 )

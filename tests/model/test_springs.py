@@ -170,12 +170,12 @@ def test_slopes_follow_the_operating_point() -> None:
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"cubic": -1.0}, "loses its stiffness at a positive deflection of"),
-        ({"quadratic": 1e9, "cubic": 1e11}, "loses its stiffness at a negative deflection of 0.0005"),
-        ({"symmetric_quadratic": -1e9}, "loses its stiffness at a positive deflection of 0.0005"),
+        ({"cubic": -1.0}, "at a positive deflection of"),
+        ({"quadratic": 1e9, "cubic": 1e11}, "at a negative deflection of 0.0005"),
+        ({"symmetric_quadratic": -1e9}, "at a positive deflection of 0.0005"),
         ({"backlash": 1e-4, "quadratic": 1e6}, "inside the backlash"),
         ({"backlash": 0.0}, "^backlash: "),
-        ({"inner_stiffness": 10.0}, "inner_stiffness is that inside the backlash, and there is none"),
+        ({"inner_stiffness": 10.0}, "^inner_stiffness, .* backlash"),
         ({"backlash": 1e-4, "inner_stiffness": -1.0}, "^inner_stiffness: "),
         ({"backlash": 1e-4, "rounding": 0.0}, "^rounding: "),
     ],

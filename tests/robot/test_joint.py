@@ -20,7 +20,7 @@ def test_a_sliding_joint_has_no_point_and_units_of_a_translation() -> None:
     rail = Joint("rail", motion="translation", spring=Spring(1e6))
     assert (rail.unit, rail.numbers["k_rail"][0], rail.numbers["f_rail"][0]) == ("m", "N/m", "N*s/m")
     assert rail.geometry == {}
-    with pytest.raises(ValueError, match="leave out point"):
+    with pytest.raises(ValueError, match="joint rail"):
         Joint("rail", motion="translation", point=(0.0, 0.0, 0.1))
 
 

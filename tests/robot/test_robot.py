@@ -35,7 +35,7 @@ def one_joint(**body: object) -> Robot:
 def test_an_inertia_that_no_body_can_have_is_refused(inertia: tuple[float, ...]) -> None:
     """The triangle inequality of the principal moments, and their signs."""
     one_joint(inertia=(1.0, 1.0, 2.0))  # the limit: a flat body
-    with pytest.raises(ValueError, match="no body has the principal inertias"):
+    with pytest.raises(ValueError, match="inertia of body arm: "):
         one_joint(inertia=inertia)
 
 
@@ -54,7 +54,7 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float
     ("make", "says"),
     [
         (lambda: Motor(1e-3, 0.0), "^ratio is 0"),
-        (lambda: Spring(1.0, quadratic=1.8, cubic=1.0), "loses its stiffness at a negative deflection"),
+        (lambda: Spring(1.0, quadratic=1.8, cubic=1.0), "at a negative deflection of 0.437 rad"),
         (lambda: Loop("l", (Anchor("arm"), Anchor("arm"))), "both ends are on arm"),
         (lambda: Compensator("c", (Anchor("arm"), Anchor("arm")), CoilSpring(1.0)), "both ends are on arm"),
         (lambda: Joint("1", (0.0, 0.0, 0.0)), "zero vector"),

@@ -357,7 +357,7 @@ def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -
     Without slopes to anything else: a fraction to carry to other processes.
     """
     if model.parameters != parameters.names:
-        raise ValueError(f"parameters in the model {model.parameters} are not those of the set {parameters.names}")
+        raise ValueError(f"the model has parameters {model.parameters}, the set {parameters.names}")
     moved, theta = parameters.moved(model.configuration.name), parameters.expand(parameters.x, model.configuration.name)
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     slopes = {name: model.slopes[name] for name in moved if name in model.slopes}

@@ -45,7 +45,6 @@ def test_a_velocity_loop_is_stable_up_to_the_gain_of_its_delay(inertia: float, d
 
 
 def test_slopes_of_peaks_are_exact(family: PostureFamily) -> None:
-    """By central differences."""
     scene, own = Scene.of(family.estimate, lines=2000), start(family)
     _, slopes = room(scene, own, LIMIT_DB)
     for p in range(len(own.vector)):
