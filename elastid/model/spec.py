@@ -23,9 +23,9 @@ class ModelSpec:
         "`minimal`: independent coordinates, elastic rods as force elements.", "`constrained` works for every linkage; "
         "`minimal` gives results in independent coordinates and an independent check.")] = None
     variant: Annotated[Variant, Key("Variant of the minimal formulation: exact, or an approximation of parallel "
-        "linkages. rigid_loop: only driven springs deflect inside loops. constant_stiffness: in addition, elastic rods "
-        "in series with the lever's gear, as in the start posture. series_stiffness: the same for every posture. "
-        "bending_outside: loops ignore their elastic joints. lumped_rod: rods are point masses at their ends.",
+        "linkages. `rigid_loop`: only driven springs deflect inside loops. `constant_stiffness`: as rigid_loop, with "
+        "elastic rods in series with the lever's gear, as in the start posture. `series_stiffness`: the same for every "
+        "posture. `bending_outside`: loops ignore their elastic joints. `lumped_rod`: rods are point masses.",
         "an approximation only to quantify its error, or to match another tool; its parameters differ from the "
         "robot's.")] = "exact"
     independent: Annotated[tuple[str, ...], Key("Names of the independent coordinates of the minimal formulation, such "

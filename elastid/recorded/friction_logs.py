@@ -158,7 +158,6 @@ class _LogReader:
         )
 
     def _of_part(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[FrictionRecord, ...]:
-        """Records between two gaps; none where no joint moves."""
         repaired, N, rate_hz = self._repaired(gathered, recorded)
         values, known = in_joints(gathered.channels, repaired.signals, self.robot)
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]

@@ -29,7 +29,7 @@ _COUNTS = re.compile(r"inc|count|cnt|tick|pulse|puls|digit|lsb|step|raw|^c$|qc",
 
 @dataclass(frozen=True)
 class HeadingUnit:
-    """The unit that a heading states, by its name in the table of units, or a text in its place that is none."""
+    """Unit in a heading, by its name in the table of units, or the unknown text instead."""
 
     unit: str = ""
     unknown: str = ""
@@ -45,7 +45,7 @@ class HeadingUnit:
 
     @property
     def question(self) -> str:
-        """What to give for an unknown unit."""
+        """The remedy for an unknown unit."""
         if "%" in self.unknown or "rated" in self.unknown.lower():
             remedy = "scale = rated torque or current / the number that means it (1000 for 0.1 %)"
         elif _COUNTS.search(self.unknown):
@@ -76,7 +76,7 @@ def unit_of_heading(name: str, stated: str = "") -> HeadingUnit:
 
 
 def unit_of_text(text: str) -> str:
-    """Return the name in the table of a unit that stands alone, empty if there is none.
+    """Return the name in the table of a unit that stands alone, empty for other texts.
 
     >>> unit_of_text("N·m"), unit_of_text("U/min"), unit_of_text("Arms")
     ('N*m', 'rpm', '')

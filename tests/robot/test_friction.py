@@ -17,7 +17,7 @@ from elastid.robot import Friction, Joint, LuGre, MaxwellSlip, Motor
         (lambda: Motor(1e-3, 10, 0.4, 1.0, friction=Friction(1.0)), "both given"),
         (
             lambda: Motor(1e-3, 1, 0.4, friction=Friction(1.0, 1.5, 1e-3, lugre=LuGre(1e5, 316.0))),
-            r"not passive.*>= damping .* = 158 .* got 0.4.*damping_velocity: 0.027",
+            r"not passive.*>= damping .* = 158 .*got 0.4.*damping_velocity: 0.027",
         ),
         (
             lambda: Joint("1", friction=Friction(1.0, 1.5, 1e-3, lugre=LuGre(1e5, 316.0, 0.05))),
