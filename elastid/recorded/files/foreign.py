@@ -128,7 +128,7 @@ def _common_samples(waveforms: Sequence[tuple[Mapping[str, Any], int]]) -> list[
 
 
 def _start_s(properties: Mapping[str, Any]) -> float | None:
-    """Time of the first sample of a waveform in s, None where it is not stated."""
+    """Return the time of the first sample of a waveform in s, None if unknown."""
     start = properties.get("wf_start_time")
     if start is None:
         return None
