@@ -46,7 +46,7 @@ def sets_of(path: Path, *types: int) -> list[dict[str, Any]]:
 
 
 def place_of(data_set: dict[str, Any], side: str) -> str:
-    """Node and direction of a function: 3z, 3rz about z; side: rsp of the output, ref of the input."""
+    """Return node and direction of a function, 3z or 3rz (about z), on its side: rsp (output) or ref (input)."""
     direction = abs(int(data_set[f"{side}_dir"]))
     name = _DIRECTIONS[direction] if direction < len(_DIRECTIONS) else f"?{direction}"
     return f"{int(data_set[f'{side}_node'])}{name}"
@@ -64,7 +64,7 @@ def time_histories(path: Path) -> dict[str, dict[str, Any]]:
 
 @contextmanager
 def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """Time histories as a log, with rate and unit; DataError where a file has none."""
+    """Return time histories as a log, with rate and unit; raise DataError without any."""
     histories = time_histories(path)
     if not histories:
         raise DataError(
