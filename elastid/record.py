@@ -144,7 +144,9 @@ class Record:
     y : array (n_samples, n_y)
         Outputs in SI. Large signals are `base.arrays.LargeArray`: x[a:b] reads these samples.
     r : array (n_samples, n_u) or None
-        Injected torque.
+        Injected torque, or the commanded positions of the motors, rad.
+    r_is_reference : bool
+        True for commanded positions, which only serve as instruments of the estimator `joint`.
     hold : str
         Behaviour of u between samples: "band-limited", or "zero-order" for commands.
     half_wave : bool
@@ -187,7 +189,8 @@ class Record:
     quantities: tuple[Motion, ...] = labelled("quantity of each output", axes="outputs")
     u: FloatArray = labelled("torque that acts, link side", "{units_of_inputs}", "time_s inputs")
     y: FloatArray = labelled("motion, link side", "{output_units}", "time_s outputs")
-    r: FloatArray | None = labelled("injected torque, link side", "{units_of_inputs}", "time_s inputs", default=None)
+    r: FloatArray | None = labelled("injected torque or reference, link side", "SI", "time_s inputs", default=None)
+    r_is_reference: bool = False
     rate_is_known: bool = True
     notes: tuple[Note, ...] = field(default=())
     hold: Hold = "band-limited"

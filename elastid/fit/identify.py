@@ -34,6 +34,7 @@ from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import RESIDUALS, diagnose, judge
+from elastid.fit.diagnosis.readings import common_delay
 from elastid.fit.diagnosis.second_source import static_agreement, tool_agreement
 from elastid.fit.diagnosis.sensitivities import thinning
 from elastid.fit.diagnosis.status import at_bound
@@ -48,12 +49,12 @@ from elastid.fit.problem.weights import check_factors, weigh, with_floor
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, NEAR, multistart, solve, spread
 from elastid.fit.spec import USUAL_FLOOR, FitSpec
-from elastid.linear.linear_model import is_load
+from elastid.linear.linear_model import DELAY, is_load
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.response import Response
-from elastid.robot import Robot
+from elastid.robot import Robot, channel_name
 
 
 def identify(
@@ -160,10 +161,23 @@ def _search(
         few = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
         raise DataError("fit/not-identifiable", f"{few}; fix some, or use more lines")
     check_effects(fit, robot)
+    assembly, fit = _from_common_delay(assembly, fit, spec)
     starts, hits = _from_all_starts(assembly, fit, spec, execution)
     if next(tolerances_of(robot), None) is not None:
         assembly, starts = release(assembly, starts, robot, loads)
     return assembly, (starts, hits)
+
+
+def _from_common_delay(assembly: Assembly, fit: ElasticFit, spec: FitSpec) -> tuple[Assembly, ElasticFit]:
+    """Start free delays of zero at the common delay of the responses. Returns the fit at its new start."""
+    unknown = [p.name for p in fit.parameters.free if p.name.startswith(DELAY) and p.value == 0]
+    if not unknown or not (T := common_delay(fit, fit.parameters.x)):
+        return assembly, fit
+    of_torques = [name for name in unknown if name.startswith(channel_name(DELAY, "u"))]  # log T late: motion early
+    moved = dict.fromkeys(of_torques, -T) or dict.fromkeys(unknown, T)
+    of_all = (replace(p, value=float(np.clip(moved.get(p.name, p.value), p.lower, p.upper))) for p in fit.parameters)
+    assembly = replace(assembly, parameters=Parameters(tuple(of_all)))
+    return assembly, assembly.at(assembly.parameters.x, spec.criterion)
 
 
 def check_responses(responses: Sequence[Response], robot: Robot) -> None:

@@ -12,7 +12,7 @@ samples beyond a tenth of the largest one; two within 0.15 s are one hit that bo
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -100,7 +100,12 @@ def separated_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], metho
     """Flags (F,) of lines with separate inputs, in each realisation if averaged, else in all; DataError without any."""
     if method == "arithmetic":
         return np.asarray(np.all([_separated(*pair) for pair in zip(data.blocks, groups, strict=True)], axis=0))
-    return _separated(data.every, groups[0])
+    block, R = data.every, data.every.R
+    if method == "joint" and R is not None:  # what the instruments explain of U; twice the level, as lines are pooled
+        _, n_u, E = block.U.shape
+        explained = block.U @ np.linalg.pinv(R) @ R
+        block = replace(block, U=explained, input_noise=MIN_SNR * n_u / E * block.input_noise)
+    return _separated(block, groups[0])
 
 
 def _separated(block: Block, group: Sequence[Record]) -> BoolArray:

@@ -223,6 +223,8 @@ def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Me
             "jointly over all realisations, since one has fewer experiments than inputs, and h1 is biased by noise "
             "and friction fed back into u",
         )
+    if all(record.r_is_reference for group in groups for record in group):
+        return chosen("joint", "the references are independent of noise and friction in the loop")
     # It pairs torque and motion of each realisation, while noise and friction in the loop bias h1.
     return "arithmetic", ()
 
@@ -319,7 +321,7 @@ def _feedback(
     """(3, n_m, n_m) from motor angles q (E, K, n_m) at s (K,); None if the angles do not explain the torques."""
     order = [records[0].inputs.index(motor) for motor in motors]
     drive = np.stack([_amplitudes(record, record.u, order)[1 : len(s) + 1] for record in records])
-    injected = [record.r for record in records if record.r is not None]
+    injected = [record.r for record in records if record.r is not None and not record.r_is_reference]
     if len(injected) == len(records):
         of_r = [_amplitudes(record, r, order)[1 : len(s) + 1] for r, record in zip(injected, records, strict=True)]
         drive = drive - np.stack(of_r)

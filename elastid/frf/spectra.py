@@ -81,8 +81,8 @@ class RecordSpectra:
 
     @property
     def driver_role(self) -> Role:
-        """The signal that excites: a slow carrier is in u but not in r."""
-        return "u" if self.record.r is None else "r"
+        """The signal that excites: a slow carrier is in u but not in r, and most of a commanded position."""
+        return "u" if self.record.r is None or self.record.r_is_reference else "r"
 
     @property
     def is_large(self) -> bool:

@@ -25,6 +25,7 @@ from elastid.recorded.files.text import TextLog
 from elastid.recorded.headings import unit_of_heading
 from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
 from elastid.recorded.repair import Log as RepairLog
+from elastid.recorded.repair import bridged
 from elastid.recorded.repair.outliers import without_lone
 from elastid.recorded.repair.time_stamps import even_grid
 from elastid.robot import Joint, Robot
@@ -297,9 +298,9 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
                 x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
             except DataError:  # words, or two columns with one heading
                 continue
-            known = np.flatnonzero(np.isfinite(_without_lone(x)))
-            if len(known) > _MIN_KNOWN_SHARE * len(x) and np.ptp(x[known]) > 0:
-                result.append((guess_by_name(name, number, units), np.interp(np.arange(len(x)), known, x[known])))
+            x = _without_lone(x)
+            if np.isfinite(x).sum() > _MIN_KNOWN_SHARE * len(x) and np.ptp(whole := bridged(x)) > 0:
+                result.append((guess_by_name(name, number, units), whole))
     return result
 
 
@@ -524,9 +525,7 @@ def channel_doubts(
     yield from by_names
     if by_names or constant or len(values) < LIMITS.min_samples or not isinstance(robot, Robot):
         return
-    known, rows = [np.isfinite(x) for x in values.T], np.arange(len(values))
-    whole = [np.interp(rows, rows[k], x[k]) for x, k in zip(values.T, known, strict=True)]
-    si = [x * link_side_factor(c, robot) for x, c in zip(whole, channels, strict=True)]
+    si = [bridged(x) * link_side_factor(c, robot) for x, c in zip(values.T, channels, strict=True)]
     signals, joints = np.stack(si, axis=1) @ to_joints(channels, robot).T, []
     for joint in robot.driven:
         ours = [i for i, c in enumerate(channels) if c.at in (f"motor {joint.name}", f"joint {joint.name}")]

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias, cast
 
 import numpy as np
 
@@ -15,13 +16,24 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.record import MOTION_ORDER, Motion
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.masks import rest_before
 from elastid.recorded.repair.missing import bridged_gaps, filled
 from elastid.recorded.repair.periodicity import period_samples, rounded_samples
-from elastid.recorded.repair.time_stamps import CLOCK, PASSBAND, at_times, clock_drift, delay, on_grid
+from elastid.recorded.repair.time_stamps import (
+    CLOCK,
+    PASSBAND,
+    at_times,
+    clock_drift,
+    delay,
+    delay_by_torque,
+    on_grid,
+)
+
+Signals: TypeAlias = dict[tuple[str, str, str], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -80,10 +92,6 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
     may_rest = ("u",) if file.purpose == "coast_down" else ()
     notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0], may_rest)]
-    unused = [] if recorded.controller is not None else [c.name_in_file for c in channels if c.role == "reference"]
-    if unused:
-        text = f"{', '.join(unused)}: reference not used; it needs experiment.recorded.controller"
-        notes.append(Note("records/unused-reference", text, severity="information"))
     converted = []
     for part in parts:
         pairs = [link_side(channels[i], columns[i], robot) for i in part.members]
@@ -120,6 +128,16 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         notes=tuple(notes),
         findings=(*periods, *(finding for part in at_rate for finding in part.findings), *shifts, *rests),
     )
+
+
+def unused_references(channels: Sequence[ChannelSpec], used: Sequence[int] = ()) -> tuple[Note, ...]:
+    """A note on references that are not among the used channels."""
+    names = [c.name_in_file for i, c in enumerate(channels) if c.role == "reference" and i not in used]
+    text = (
+        f"{', '.join(names)}: reference not used; friction studies need experiment.recorded.controller, others one "
+        "reference per input and no r"
+    )
+    return (Note("records/unused-reference", text, severity="information"),) if names else ()
 
 
 def _begin(drivers: FloatArray, period: float | None, log: Log) -> tuple[int, tuple[Finding, ...]]:
@@ -233,15 +251,11 @@ def _aligned(
                 own[i] = replace(part, signals=at_times(part.signals, times, whole))
             text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
             findings.append(Finding("logs at one clock", 1, f"{text} of {paths[0].name}"))
-        shift, is_exact = _delay_of(base, own, N, channels, paths[number - 1])
+        shift, by = _delay_of(base, own, N, channels, paths[number - 1])
         shifts[number] = shift
         moved += own
         up_to = "" if N is None else " (up to whole periods)"
-        about = "" if is_exact else "; only to whole samples: log r in both files, or name delay in fit.parameters"
-        text = f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned{about}"
-        if not _by_motor(own, "r", N, channels):
-            clock = "row by row, as many samples" if own[0].first_s is None else f"by their times ({shift:.6g} samples)"
-            text = f"{name} has no r and is assumed synchronous with {paths[0].name} {clock}"
+        text = f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {by}"
         findings.append(Finding("logs shifted", 1, text))
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
     result = [replace(part, signals=part.signals[start:]) for part in base]
@@ -262,45 +276,70 @@ def _aligned(
 
 
 def _clock_of(base: Sequence[_Part], further: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> float:
-    """Samples of another file for one of the first, by the excitation that both repeat; 1 where that shows nothing."""
-    ours = _by_motor(base, "u", N, channels) | _by_motor(base, "r", N, channels)
-    theirs = _by_motor(further, "r", N, channels)
-    common = [motor for motor in theirs if motor in ours]
-    if N is None or not common or min(len(x[common[0]]) for x in (ours, theirs)) < 2 * N:
+    """Samples of another file for one of the first, by signals that repeat in both; 1 if these show no difference."""
+    ours, theirs = (None if N is None else _periodic(_by_place(parts, N, channels), N) for parts in (base, further))
+    if N is None or ours is None or theirs is None:
         return 1.0
-    first, second = (
-        clock_drift(np.stack([x[motor][: len(x[motor]) // N * N] for motor in common], axis=1), N)
-        for x in (ours, theirs)
-    )
-    excess, periods = second.excess - first.excess, len(theirs[common[0]]) / N
+    first, second = clock_drift(ours, N), clock_drift(theirs, N)
+    excess, periods = second.excess - first.excess, len(theirs) / N
     of_both = [drift.left <= CLOCK.max_remaining_share * drift.unexplained for drift in (first, second)]
     is_clock = CLOCK.max_deviation <= abs(excess) * periods and abs(excess) <= CLOCK.max_error * N and any(of_both)
     return (N + second.excess) / (N + first.excess) if is_clock else 1.0
 
 
+def _periodic(signals: Signals, N: int) -> FloatArray | None:
+    """Whole periods (n, c) of the first role, in the order of its noise, with two periods; None without."""
+    for role in ("r", "reference", "u", "y"):
+        if x := [x for place, x in signals.items() if place[0] == role and len(x) >= 2 * N]:
+            return _stacked(x)[: min(map(len, x)) // N * N]
+    return None
+
+
+def _stacked(signals: Sequence[FloatArray]) -> FloatArray:
+    """Signals (n, c) of one file, some of which may be a sample longer."""
+    return np.stack([x[: min(map(len, signals))] for x in signals], axis=1)
+
+
 def _delay_of(
     base: Sequence[_Part], further: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec], path: Path
-) -> tuple[float, bool]:
-    """Samples by which a file lags the first one, from the motor whose excitation agrees best in both; if exact."""
-    sent = _by_motor(base, "r", N, channels)
-    ours = _by_motor(base, "u", N, channels) | sent
-    theirs = _by_motor(further, "r", N, channels)
-    delays = {motor: delay(ours[motor], r, N) for motor, r in theirs.items() if motor in ours}
-    best = max(delays, key=lambda motor: delays[motor][1], default="")
-    shift = None if theirs else _shift_of_one_clock(base[0], further[0], bool(sent))
-    if shift is not None:
-        return shift, True
-    if not best or delays[best][1] < CLOCK.min_correlation:
-        agree = f"best correlation {delays[best][1]:.2f} at {best}" if best else "it has no complete channel of role r"
+) -> tuple[float, str]:
+    """Samples by which a file lags the first one, and the evidence in words.
+
+    A signal in both files shows it, or r in the one and u in the other, to whole samples, since the phase of the loop
+    is part of their delay. Otherwise clock or rows do, unless torque and acceleration of the motors contradict them.
+    """
+    ours, theirs = (_by_place(parts, N, channels) for parts in (base, further))
+    sent = {place: x for place, x in theirs.items() if place[0] == "r"}
+    acting = {("r", motor, what): x for (role, motor, what), x in ours.items() if role == "u"}
+    correlation = 0.0
+    for known, candidates, is_exact in ((ours, theirs, True), (acting, sent, False)):
+        delays = {place: delay(known[place], x, N) for place, x in candidates.items() if place in known}
+        best = max(delays, key=lambda place: delays[place][1], default=None)
+        correlation = 0.0 if best is None else delays[best][1]
+        if best is not None and correlation >= CLOCK.min_correlation:
+            whole = "" if is_exact else ", to whole samples: log r in both files, or name delay in fit.parameters"
+            lag = delays[best][0]
+            return lag if is_exact else float(round(lag)), f"{best[0]} at {best[1]}{whole}"
+    has_excitation = any(place[0] == "r" for place in ours)
+    shift = None if sent else _shift_of_one_clock(base[0], further[0], has_excitation)
+    motions = {place: x for place, x in theirs.items() if place[0] == "y" and ("u", place[1], "") in ours}
+    if motions and not sent:
+        u, y = _stacked([ours["u", at, ""] for _, at, _ in motions]), _stacked([*motions.values()])
+        orders = np.array([2 - MOTION_ORDER[cast(Motion, what)] for *_, what in motions])
+        lag, agreement, stated = delay_by_torque(u, y, orders, N, shift or 0.0)
+        if agreement > max(CLOCK.min_correlation, 0.0 if shift is None else 2 * abs(stated)):
+            return lag, "torques and accelerations, to about a millisecond: add delay to fit.parameters"
+    if shift is None:
         raise DataError(
             "records/period-mismatch",
-            f"its start time is not identifiable ({agree}). Log the excitation r of a motor in it, or one period of "
-            "that excitation only; or give recorded.time if one clock stamps both",
+            f"its start time is not identifiable: the two clocks have nothing in common (best correlation "
+            f"{correlation:.2f}). Log r, reference or a motor position in both files, or give recorded.time if one "
+            "clock stamps both",
             path,
         )
-    lag = delays[best][0]
-    # Where u stands for r the phase of the loop is part of the delay: only whole samples are certain.
-    return (lag, True) if best in sent else (float(round(lag)), False)
+    if further[0].first_s is None:
+        return shift, "row number, since no signal is in both"
+    return shift, "time stamps, since no signal is in both"
 
 
 def _shift_of_one_clock(first: _Part, further: _Part, has_excitation: bool) -> float | None:
@@ -315,14 +354,11 @@ def _shift_of_one_clock(first: _Part, further: _Part, has_excitation: bool) -> f
     return shift if -len(first.signals) < shift < len(further.signals) else None
 
 
-def _by_motor(
-    parts: Sequence[_Part], role: str, N: int | None, channels: Sequence[ChannelSpec]
-) -> dict[str, FloatArray]:
-    """The complete signals of a role that hold a period, if there is one, by their motor."""
+def _by_place(parts: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> Signals:
+    """Complete signals of at least a period, if there is one, by role, location and, for motions, quantity."""
     signals = {
-        channels[i].at: column
+        (channels[i].role, channels[i].at, channels[i].quantity if channels[i].is_motion else ""): column
         for part in parts
         for i, column in zip(part.members, part.signals.T, strict=True)
-        if channels[i].role == role
     }
-    return {motor: x for motor, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}
+    return {place: x for place, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}

@@ -29,7 +29,7 @@ from elastid.friction_study.motion_signals import alike_speeds, detect_passes
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, WarmUpLog
-from elastid.recorded.channels import GatheredChannels, gather_channels
+from elastid.recorded.channels import GatheredChannels, gather_channels, unused_references
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, in_joints, link_side
 from elastid.recorded.repair import Finding, Repaired
@@ -160,7 +160,8 @@ class _LogReader:
     def _of_part(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[FrictionRecord, ...]:
         repaired, N, rate_hz = self._repaired(gathered, recorded)
         values, known = in_joints(gathered.channels, repaired.signals, self.robot)
-        notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
+        unused = () if recorded.controller is not None else unused_references(gathered.channels)
+        notes = [replace(note, place=f"record {self.name}") for note in (*gathered.notes, *unused)]
         findings = (*gathered.findings, *repaired.findings)
         notes += [finding.note(f"record {self.name}") for finding in findings]
         of_motors = [c.at for c in gathered.channels if c.role == "u"]

@@ -54,8 +54,8 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         except ValueError as error:
             if key != "unit":
                 yield i, "unit", str(error)
-        # r may be in several files, which it synchronises.
-        signal = (channel.role, channel.at, channel.file if channel.role == "r" else 1)
+        # A signal may be in several files, which it synchronises.
+        signal = (channel.role, channel.at, channel.file)
         if signal in signals:
             yield i, "at", f"two channels have role {channel.role} at '{channel.at}'; omit one"
         signals.add(signal)

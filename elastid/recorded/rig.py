@@ -29,7 +29,7 @@ from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Motion, Record
-from elastid.recorded.channels import GatheredChannels, gather_channels
+from elastid.recorded.channels import GatheredChannels, gather_channels, unused_references
 from elastid.recorded.files.formats import naming, size_in_pieces
 from elastid.recorded.link_side import UNWRAPPED, drive_notes, hold_samples, in_joints
 from elastid.recorded.repair import Repaired, counts
@@ -37,6 +37,7 @@ from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples, unstated_period_notes
 from elastid.recorded.repair.time_stamps import CLOCK, RESAMPLED, at_times, delay
+from elastid.recorded.step_images import without_step_images
 from elastid.robot import before_channels
 
 
@@ -133,7 +134,7 @@ class RecordedRig:
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
         repaired, N, rate_hz = repaired_signals(gathered, recorded, is_one_of_several)
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
-        notes = [replace(note, place=where) for note in gathered.notes]
+        notes = [replace(note, place=where) for note in (*gathered.notes, *unused_references(channels, roles["r"]))]
         notes += [finding.note(where) for finding in findings]
         notes += drive_notes(channels, signals, N, where)
         if N is not None:
@@ -143,6 +144,8 @@ class RecordedRig:
                 notes += end_notes(lost, n, N // 2 if recorded.half_wave else N, where)
         elif "none" not in (file.period, recorded.period):
             notes += unstated_period_notes(signals[:, roles["r"] or roles["u"]], where)
+        signals, images = without_step_images(signals, channels, roles, recorded, N, rate_hz, self.robot)
+        notes += [replace(note, place=where) for note in images]
         signals, _ = in_joints(channels, signals, self.robot)
         held = hold_samples(recorded, channels, rate_hz)
         inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
@@ -160,6 +163,7 @@ class RecordedRig:
             u=signals[:, roles["u"]],
             y=signals[:, roles["y"]],
             r=signals[:, roles["r"]] if roles["r"] else None,
+            r_is_reference=bool(roles["r"]) and channels[roles["r"][0]].role == "reference",
             rate_is_known=gathered.log.rate_hz is not None,
             notes=tuple(notes),
             hold="zero-order" if any(held) else "band-limited",
@@ -173,9 +177,12 @@ class RecordedRig:
 
 
 def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
-    """The columns of r, u and y; r in the order of the inputs that it acts on."""
-    roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
-    roles["r"].sort(key=lambda i: [channels[j].at for j in roles["u"]].index(channels[i].at))
+    """The columns of r, u and y; r in the order of the inputs that it acts on, or references in place of it."""
+    roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y", "reference")}
+    inputs, references = [channels[j].at for j in roles["u"]], roles.pop("reference")
+    if not roles["r"] and {channels[i].at for i in references} == set(inputs):
+        roles["r"] = references
+    roles["r"].sort(key=lambda i: inputs.index(channels[i].at))
     return roles
 
 

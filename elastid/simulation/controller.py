@@ -35,19 +35,21 @@ from elastid.model.closed_posture import followed, rates
 from elastid.model.elastic import ElasticModel
 from elastid.record import JointLoop
 from elastid.simulation.reference_path import ReferencePath
-from elastid.simulation.spec import ControllerSpec
+from elastid.simulation.spec import ControllerSpec, GainsSpec
 
 
 def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> JointLoop:
     """Gains of a controller, or gains for its bandwidth in q (n_q,)."""
-    given = controller.gains
-    if given is None:
-        return tune(
-            model, q, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time
-        )  # fmt: skip
-    position, kd = (np.broadcast_to(part, model.n_u) for part in (given.position_gain, given.velocity_gain))
+    if controller.gains is not None:
+        return loop_of(controller.gains, model.n_u)
+    return tune(model, q, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
+
+
+def loop_of(given: GainsSpec, n_u: int) -> JointLoop:
+    """Loop of each of n_u motors with stated gains."""
+    position, kd = (np.broadcast_to(part, n_u) for part in (given.position_gain, given.velocity_gain))
     ki = 0.0 if given.integral_time is None else 1 / np.asarray(given.integral_time)
-    return JointLoop(position * kd, np.asarray(kd, float), np.broadcast_to(ki, model.n_u))
+    return JointLoop(position * kd, np.asarray(kd, float), np.broadcast_to(ki, n_u))
 
 
 def filters_of(joints: Sequence[str], controller: ControllerSpec, rate_hz: float) -> "Filters | None":

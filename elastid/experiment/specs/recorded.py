@@ -8,7 +8,7 @@ from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.record import Hold
-from elastid.simulation.spec import ControllerSpec, GainsSpec
+from elastid.simulation.spec import ControllerSpec, GainsSpec, ReferencePathSpec
 
 
 @section
@@ -22,12 +22,27 @@ class CascadeSpec(GainsSpec):
     velocity_feed_forward: Annotated[float, Key("Velocity feed-forward s of the channels with role reference, 0 to 1.",
         "1 for controllers without velocity lag; a value that is too small shows as a position error proportional to "
         "speed.", least=0, most=1)] = 0.0
+    reference: Annotated[ReferencePathSpec | None, Key("Path of the references into the controller (default: unknown).",
+        "if the log has the rate of the references: images of their steps are then in the torques; elastid subtracts "
+        "them if the references are logged, else states their size.")] = None
+    ticks: Annotated[int, Key("Samples of the controller in a cycle of the references.", "4 for a controller at 1 kHz "
+        "and references every 4 ms.", least=1)] = 32
     # fmt: on
+
+    @property
+    def cycle(self) -> float:
+        """Cycle of the references in s, 0 if their path is unknown."""
+        return 0.0 if self.reference is None else self.reference.cycle
+
+    @property
+    def tick_hz(self) -> float:
+        """Sampling rate of the controller, 0 if the path of its references is unknown."""
+        return self.ticks / self.cycle if self.cycle else 0.0
 
     @property
     def spec(self) -> ControllerSpec:
         """Controller of a simulated rig with these gains, which feeds all velocity forward."""
-        return ControllerSpec(kind="cascade", gains=self)
+        return ControllerSpec(kind="cascade", gains=self, reference=self.reference)
 
 
 Period: TypeAlias = Time | Literal["find", "none"]
@@ -66,9 +81,9 @@ class FileSpec:
         "configuration with another torque; elastid estimates one response per amplitude.", least=1)] = 1
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the used samples (default: all).",
         "to remove samples before the start or after a stop; elastid selects whole periods itself.")] = None
-    also: Annotated[tuple[str, ...], Key("Other logs of the same experiment, aligned by a common reference r, by "
-        "recorded.time, or by row number.", "for signals of another logger; if it started at another time, both files "
-        "need the excitation r (or u) of one motor.")] = ()
+    also: Annotated[tuple[str, ...], Key("Other logs of the same experiment, aligned by a signal in both, by "
+        "recorded.time, by torques and accelerations, or by row number.", "for signals of another logger; log r, "
+        "reference or a motion in both files if it started at another time.")] = ()
     period: Annotated[Period | None, Key("Period of the excitation in this file (default: period of the section).",
         "for files with different excitations; `none` for a transient.")] = None
     period_samples: Annotated[float | None, Key("Period of the excitation in this file in samples (default: "

@@ -34,14 +34,17 @@ from elastid.fit.diagnosis.sensitivities import (
     Evaluated,
     Reading,
     evaluate,
+    logarithmic,
     predict,
     settle,
     squares,
     start_distance,
     thinned,
 )
+from elastid.fit.parameter_choice import MAX_TIME
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.result import ModificationIndex
+from elastid.linear.linear_model import DELAY
 from elastid.robot import channel_name, low_pass_response
 
 
@@ -289,36 +292,57 @@ def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated,
     return np.where(named[:, None] if role == "y" else named, H if role == "y" else 1 / H, 1.0) * values
 
 
+def common_delay(fit: ElasticFit, x: FloatArray) -> float:
+    """Return the delay in s of all motions relative to the torques at which V is least, with x (n_x,) fixed.
+
+    A global search: V is periodic in the delay at each line, and a solver finds the nearest minimum only.  Logarithmic
+    criterion; steps of an eighth of the shortest period, up to half the inverse of the distance of two lines.
+    """
+    few = thinned(fit, LIMITS.residuals)
+    evaluated = evaluate(replace(few, parts=tuple(map(logarithmic, few.parts))), x)
+    step = 0.125 / max(e.part.kernel.freq_hz[-1] for e in evaluated)
+    far = min(MAX_TIME[1], *(0.5 / float(np.diff(e.part.kernel.freq_hz).max(initial=1.0)) for e in evaluated))
+    delays = step * np.array(sorted(range(-int(far / step), int(far / step) + 1), key=abs))
+    costs = [sum(squares([replace(e, G=_late(delay, T, "", "", e, e.G)) for e in evaluated])) for T in delays]
+    return float(delays[np.argmin(costs)])
+
+
 def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """Return the indices with the forms (delay, filter) of significant delays."""
-    optimum, result = evidence.optimum, evidence.result
+    """Return the indices with the forms (delay, filter) of significant delays, and of one beyond the valley of V."""
+    optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     if not optimum.fit.n_residuals:
         return indices
-    fit = thinned(optimum.fit)
-    evaluated = evaluate(fit, optimum.end.x)
-    prior, free = fit.prior_slopes, ~result.at_bound
-    cost = predict(AS_READ, evaluated, prior, free)[0]
-    noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)
-    excess = max(cost - noise, 1e-300)
-    channels = {"delay": ("", "")} | {
-        channel_name("delay", role, place): (role, place)
+    fit, x, free = thinned(optimum.fit), optimum.end.x, ~result.at_bound
+    evaluated, prior, share = evaluate(fit, x), fit.prior_slopes, fit.n_residuals / optimum.fit.n_residuals
+    cost, noise = min(predict(AS_READ, evaluated, prior, free)[0], scores.cost * share), scores.noise * share
+    channels = {DELAY: ("", "")} | {
+        channel_name(DELAY, role, place): (role, place)
         for role, places in zip("yu", _channels(evaluated), strict=True)
         for place in places
     }
-    delays = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.stated_share]
-    delays = delays[: LIMITS.followed]
-    extended = [index for index in indices if index not in delays]
-    for delay in delays:
-        forms = best_forms(evaluated, prior, free, delay.name, channels[delay.name], float(delay.steps[0]))
-        best = sorted(forms, key=lambda late: late.cost)
-        least = best[0].cost
+    late = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.stated_share]
+    late = late[: LIMITS.followed]
+    others = [index for index in indices if index not in late]
+    points = {row.name: (evaluated, x, free) for row in late}
+    with suppress(ElastidError):  # no robot stands there
+        start, every = assembly.parameters.x, free | True
+        file = thinned(assembly.at(start, assembly.spec.criterion))
+        if DELAY not in result.parameters.free_names and (T := common_delay(file, start)):
+            start = settle(Reading("", "time", partial(_late, delay, T, "", "")), file, start, every)[1]
+            points[DELAY] = evaluate(file, start), start, every
+            row = ModificationIndex(DELAY, "time", (DELAY,), np.zeros(1), ("s",), (False,), np.array([T]))
+            late, others = ([row, *(r for r in late if r.name != DELAY)], [r for r in others if r.name != DELAY])
+    for row in late:
+        at, near, may_follow = points[row.name]
+        best = [*best_forms(at, prior, may_follow, row.name, channels[row.name], float(row.steps[0]))]
+        least = min(form.cost for form in best)
         tolerance = LIMITS.variances * scores.level + LIMITS.form_share * max(least - noise, 0.0)
-        equal = [late for late in best if late.cost < least + tolerance]  # cannot be distinguished
-        for late in equal:
-            share = (cost - late.cost) / excess
-            alike = (*(index.name for index in equal if index is not late), *delay.alike)
-            values, drop = delay.values * (late.name == delay.name), share * scores.excess / scores.lines
-            changed = replace(delay, name=late.name, members=(late.name,), values=values, steps=np.array([late.time]))
-            effects = late.step
-            extended.append(replace(changed, drop=drop, explained_fraction=share, effects=effects, alike=alike))
-    return extended
+        equal = [form for form in sorted(best, key=lambda form: form.cost) if form.cost < least + tolerance]
+        for form in equal:  # those that cannot be distinguished
+            explained = (cost - form.cost) / max(cost - noise, 1e-300)
+            of_form = replace(row, name=form.name, members=(form.name,), values=row.values * (form.name == row.name))
+            of_form = replace(of_form, steps=np.array([form.time]), effects=near + form.step - result.x)
+            drop = explained * scores.excess / scores.lines
+            alike = (*(other.name for other in equal if other is not form), *row.alike)
+            others.append(replace(of_form, drop=drop, explained_fraction=explained, alike=alike))
+    return others

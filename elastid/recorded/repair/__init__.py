@@ -81,6 +81,12 @@ def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     return X if sign > 0 else np.asarray(X * float(sign) ** np.arange(len(X))[:, None])
 
 
+def bridged(x: FloatArray) -> FloatArray:
+    """Signal (n,) with straight lines where samples are missing, 0 without any sample."""
+    known = np.flatnonzero(np.isfinite(x))
+    return np.interp(np.arange(len(x)), known, x[known]) if known.size else np.zeros(len(x))
+
+
 def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """X (P, L): the repetitions of a signal, each without its line."""
     X = blocks(x, L, sign)

@@ -15,7 +15,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.statistics import runs
-from elastid.recorded.repair import Finding, Log, Repaired
+from elastid.recorded.repair import Finding, Log, Repaired, bridged
 from elastid.recorded.repair.interpolation import MAX_BRIDGED, interpolate, largest_step, period_noise
 from elastid.recorded.repair.masks import (
     LIMITS,
@@ -192,8 +192,4 @@ def _with_missing(both: FloatArray, c: int) -> FloatArray:
 
 
 def _bridged(signals: FloatArray) -> FloatArray:
-    result, rows = np.copy(signals), np.arange(len(signals))
-    for c in np.flatnonzero(~np.isfinite(signals).all(axis=0)):
-        known = np.isfinite(signals[:, c])
-        result[:, c] = np.interp(rows, rows[known], signals[known, c]) if known.any() else 0.0
-    return result
+    return np.stack([bridged(x) for x in signals.T], axis=1)

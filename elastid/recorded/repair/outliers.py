@@ -22,7 +22,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
-from elastid.recorded.repair import Finding, Log, Repaired, flat
+from elastid.recorded.repair import Finding, Log, Repaired, bridged, flat
 from elastid.recorded.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolate, largest_step, period_noise
 from elastid.recorded.repair.masks import MASKED, step
 
@@ -184,8 +184,7 @@ def _interpolated(x: FloatArray, L: int, sign: int) -> FloatArray:
     for start, end in runs(~np.isfinite(x)):
         gap = interpolate(x, start, end, L, sign, max_step)
         result[start:end] = np.nan if gap is None else gap.values
-    rows, good = np.arange(len(x)), np.isfinite(result)
-    return result if good.all() else np.interp(rows, rows[good], result[good]) if good.any() else np.zeros(len(x))
+    return bridged(result)
 
 
 def _spikes(
@@ -210,26 +209,20 @@ def _spikes(
     is_spike = np.zeros(len(e), dtype=np.bool_)
     if not short:
         return is_spike
-    bridged, usual = _bridged(e, short), _usual(d)
+    straight, usual = np.copy(e), _usual(d)
+    for first, end in short:
+        straight[first:end] = np.nan
+    straight = bridged(straight)
     for first, end in short:
         # Near an end a spike cannot be distinguished from a bend.
         if not judged[first:end].any() or first <= n or end >= len(e) - n:
             continue
         around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
-        distance, scatter = _from_parabola(e, bridged, first, end)
+        distance, scatter = _from_parabola(e, straight, first, end)
         is_lone = d[first:end].max() > max(LIMITS.min_ratio * np.quantile(around, LIMITS.quiet_share), usual)
         if is_lone and distance > max(least[first], LIMITS.min_ratio * scatter):
             is_spike[first:end] = True
     return is_spike & judged
-
-
-def _bridged(e: FloatArray, gaps: Sequence[tuple[int, int]]) -> FloatArray:
-    """Signal (n,) with straight lines across gaps."""
-    good = np.ones(len(e), dtype=np.bool_)
-    for start, end in gaps:
-        good[start:end] = False
-    rows = np.arange(len(e))
-    return np.interp(rows, rows[good], e[good])
 
 
 def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
@@ -251,11 +244,11 @@ def _usual(d: FloatArray) -> float:
     return LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
 
 
-def _from_parabola(e: FloatArray, bridged: FloatArray, first: int, end: int) -> tuple[float, float]:
-    """Distances of a run of e (n,), the largest, and of its bridged neighbours from the parabola through these."""
+def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int) -> tuple[float, float]:
+    """Distances of a run of e (n,), the largest, and of its neighbours (n,) from the parabola through these."""
     n = LIMITS.neighbours
     sides = np.r_[first - 1 - n : first - 1, end + 1 : end + 1 + n]
-    away = np.abs(np.r_[bridged[sides], e[first:end]] - _PARABOLAS[end - first] @ bridged[sides])
+    away = np.abs(np.r_[beside[sides], e[first:end]] - _PARABOLAS[end - first] @ beside[sides])
     return float(away[len(sides) :].max()), float(np.quantile(away[: len(sides)], LIMITS.quiet_share))
 
 

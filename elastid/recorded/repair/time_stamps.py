@@ -23,13 +23,14 @@ Interpolation is by a sinc in a Kaiser window of half width W samples (Kaiser an
 with b = 1, or the ratio of the rates where the new one is lower.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, Repaired, blocks, scaled
+from elastid.recorded.repair import Finding, Log, Repaired, scaled
 
 RESAMPLED, JITTER = "samples resampled", "time stamps with jitter"
 # Half width W in samples and shape beta of the Kaiser window; it passes frequencies up to this part of the rate.
@@ -66,22 +67,48 @@ CLOCK = ClockLimits()
 
 
 def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, float]:
-    """Delay of the second signal (n,) against the first, in samples from -N/2 to N/2, and their correlation there.
+    """Delay of the second signal (n,) or signals (n, c), in samples from -N/2 to N/2, and their correlation there.
 
-    Of the mean periods, or of the whole signals without a period (N None); the fraction of a sample comes from the
-    phase of their cross-spectrum.
+    Relative to the first.  Of the mean periods, or of the whole signals without a period (N None); the fraction of a
+    sample comes from the phase of their cross-spectrum, summed over the columns.
     """
-    if N is None:
-        N = 2 * max(len(first), len(second))
-        first, second = (np.concatenate([x - x.mean(), np.zeros(N - len(x))]) for x in (first, second))
-    X, Y = (np.fft.rfft(blocks(x, N).mean(axis=0)) for x in (first, second))
-    C = Y * X.conj()
-    C[0] = 0.0
-    rho = np.fft.irfft(C, N)
+    (X, Y), N = _spectra([x.reshape(len(x), -1) for x in (first, second)], N)
+    C = np.sum(Y * X.conj(), axis=1)
     size = np.sqrt(np.sum(np.abs(X[1:]) ** 2) * np.sum(np.abs(Y[1:]) ** 2))
-    peak = int(np.argmax(rho))
-    tau = refined_shift(C, N, float(peak - N if peak > N // 2 else peak))
+    tau = _peak(C, N)
     return tau, correlation(C, N, tau) / size if size > 0 else 0.0
+
+
+def delay_by_torque(
+    torques: FloatArray, motions: FloatArray, orders: IntArray, N: int | None, stated: float
+) -> tuple[float, float, float]:
+    r"""Delay of motions (n, c) of some motors against their torques (n, c), agreement there and at the stated delay.
+
+    .. math:: \max_\tau\, \mathrm{Re} \sum_k e^{j \omega_k \tau} \frac{|U_k|}{|A_k|} A_k^T U_k^*
+
+    with the accelerations A (phase transform: Knapp and Carter, IEEE Trans. ASSP 24, 1976).  Most lines are those of an
+    inertia, whose torque and acceleration are in phase.  orders (c,): of the derivatives that are accelerations.
+    """
+    (U, Y), N = _spectra((torques, motions), N)
+    A = Y * (1j * np.arange(len(Y))[:, None]) ** orders
+    C = np.sum(A * U.conj(), axis=1) * np.linalg.norm(U, axis=1) / np.maximum(np.linalg.norm(A, axis=1), 1e-300)
+    size, tau = max(float(np.linalg.norm(U[1:]) ** 2), 1e-300), _peak(C, N)
+    return tau, correlation(C, N, tau) / size, correlation(C, N, stated) / size
+
+
+def _spectra(signals: Sequence[FloatArray], N: int | None) -> tuple[list[ComplexArray], int]:
+    """Spectra (F, c) of the mean periods of signals (n, c), without a period of padded signals; samples of a period."""
+    if N is None:
+        N = 2 * max(map(len, signals))
+        signals = [np.pad(x - x.mean(axis=0), ((0, N - len(x)), (0, 0))) for x in signals]
+    return [np.fft.rfft(x[: len(x) // N * N].reshape(-1, N, x.shape[1]).mean(axis=0), axis=0) for x in signals], N
+
+
+def _peak(C: ComplexArray, N: int) -> float:
+    """The shift with the largest correlation of a cross-spectrum (N // 2 + 1,), whose mean is removed."""
+    C[0] = 0.0
+    peak = int(np.argmax(np.fft.irfft(C, N)))
+    return refined_shift(C, N, float(peak - N if peak > N // 2 else peak))
 
 
 def correlation(C: ComplexArray, N: int, shift: float) -> float:

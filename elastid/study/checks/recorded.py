@@ -70,7 +70,9 @@ def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     """Gains for each driven joint; `elastid loops` reads them."""
     if recorded.controller is not None and study.robot is not None:
         joints = study.as_robot().driven_names
-        for keys, refused in recorded.controller.refusals(joints, recorded.known_rate_hz):
+        for keys, refused in recorded.controller.refusals(
+            joints, recorded.controller.tick_hz or recorded.known_rate_hz
+        ):
             yield Problem((*_RECORDED, "controller", *keys), refused)
 
 

@@ -1,0 +1,74 @@
+"""Logs at the rate of the references: images of their steps are subtracted, or their size is stated."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from plants.limited_arm import EXCITATION, arm
+from plants.measured_robots import deviation
+
+from elastid.experiment.plan.movement import references
+from elastid.experiment.plan.plan import make_plan
+from elastid.experiment.simulated.plant import closed_loop_of
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import CascadeSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
+from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.recorded.rig import RecordedRig
+from elastid.robot import Limits
+from elastid.robot.simplified import without_dry_friction
+from elastid.simulation.spec import ReferencePathSpec
+
+CYCLE, RATE, POSTURES = 0.004, 1000.0, {"a": (0.2, 0.4), "b": (-0.3, 0.9)}
+GAINS: dict[str, Any] = {"position_gain": 20.0, "velocity_gain": (3000.0, 1500.0), "low_pass_hz": 200.0}
+CONTROLLER = CascadeSpec(**GAINS, reference=ReferencePathSpec(CYCLE, "linear"), ticks=4)
+ROBOT = replace(without_dry_friction(arm(Limits())), gravity=(0.0, 0.0, 0.0))
+U, Y, R = (
+    tuple(ChannelSpec(role, f"motor {i}", f"{role}{i}", quantity=what) for i in (1, 2))  # type: ignore[arg-type]
+    for role, what in (("u", "torque"), ("y", "position"), ("reference", "position"))
+)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Whole periods of a robot with a controller at 1 kHz, one row for each of its references every 4 ms."""
+    folder, noise = tmp_path_factory.mktemp("logs"), NoiseSpec(torque_std=0.5, encoder_counts=1 << 20)
+    simulated = SimulatedSpec(substeps=2, controller=CONTROLLER.spec, noise=noise)
+    spec = ExperimentSpec(POSTURES, 2, periods=4, transient_periods=2, simulated=simulated)
+    excitation = replace(EXCITATION, rate_hz=RATE, torque_rms=60.0, inject="position")
+    loop = closed_loop_of(ROBOT, CONTROLLER.spec, RATE, "position")
+    rig = SimulatedRig(ROBOT, spec, make_plan(excitation, spec, ROBOT, 0, closed_loop=loop), 0)
+    for trial in rig.experiments:
+        record, first = rig.measure(trial), rig.plan.measured.start // 4
+        u, y = record.u[::4], record.y[::4]
+        table = np.hstack([u, y, references(rig.plan, None, trial)[first : first + len(u)]])
+        header = ",".join(channel.channel for channel in (*U, *Y, *R))
+        np.savetxt(folder / f"{trial.name}.csv", table, delimiter=",", header=header, comments="")
+    return folder
+
+
+@pytest.mark.parametrize("is_logged", [True, False])
+def test_images_of_reference_steps_are_subtracted_or_stated(is_logged: bool, logs: Path) -> None:
+    """Torques at the cycle without a filter, delay free: k within 1 % and 3 std with references, else beyond 1 %."""
+    files = tuple(FileSpec(f"{p}-r{m}-e{e}.csv", p, m, e) for p in POSTURES for m in range(2) for e in range(2))
+    channels = (*U, *Y, *(R if is_logged else ()))
+    recorded = RecordedSpec(1 / CYCLE, channels, files, period=1.0, controller=CONTROLLER)
+    rig = RecordedRig(ROBOT, ExperimentSpec(POSTURES, recorded=recorded), logs)
+    records = [rig.measure(trial) for trial in rig.experiments]
+    warned = {note.code for record in records for note in record.notes if note.severity != "information"}
+    assert warned == (set() if is_logged else {"records/step-images"})
+    each = [[r for r in records if r.configuration.name == name] for name in POSTURES]
+    responses = [estimate(of_one, EstimatorSpec(friction="none")) for of_one in each]
+    free = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*", "delay")}
+    start = ROBOT.with_parameters({"k_1": 2.4e5, "k_2": 2.4e5})
+    result = identify(responses, start, FitSpec(parameters=free, starts=1, profile=()))
+    truth = {name: ROBOT.parameters()[name][0] for name in ("k_1", "k_2")}
+    assert (max(abs(result.values[name] / k - 1) for name, k in truth.items()) < 0.01) == is_logged
+    assert (max(deviation(result, name, k) for name, k in truth.items()) < 3) or not is_logged
