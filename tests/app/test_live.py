@@ -157,11 +157,11 @@ def test_a_goal_out_of_reach_ends_with_a_sentence(study: Path, measured: Path) -
     shutil.copytree(measured, folder)
     _, reached, words = session(study, folder, "k_*: 0.02 %").work()
     assert not reached
-    assert "s of the robot's time are used" in words
     assert "--robot-time" in words
     _, reached, words = session(study, folder, "k_*: 0.00001 %").work()
     assert not reached
-    assert "whatever is measured further" in words
+    assert "--robot-time" not in words
+    assert "robot.tolerances" in words
 
 
 @pytest.mark.slow

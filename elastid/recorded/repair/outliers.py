@@ -73,7 +73,8 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     at = []
     for x, is_motion in zip(signals.T, are_motions or [False] * signals.shape[1], strict=True):
         least = LIMITS.min_over_usual * float(np.quantile(np.abs(np.diff(x)), 0.99)) if is_motion else 0.0
-        at.append(np.flatnonzero(_spikes(x, x, everywhere, len(x), least, MAX_BRIDGED, step(x))))
+        # Without a period, a step that swings is no spike: all neighbours are quieter.
+        at.append(np.flatnonzero(_spikes(x, x, everywhere, len(x), least, MAX_BRIDGED, step(x), quiet_share=1.0)))
     return _masked(signals, at, "their neighbours", log)
 
 
@@ -188,7 +189,14 @@ def _interpolated(x: FloatArray, L: int, sign: int) -> FloatArray:
 
 
 def _spikes(
-    x: FloatArray, e: FloatArray, judged: BoolArray, L: int, smallest: float, max_run: int, q: float
+    x: FloatArray,
+    e: FloatArray,
+    judged: BoolArray,
+    L: int,
+    smallest: float,
+    max_run: int,
+    q: float,
+    quiet_share: float = LIMITS.quiet_share,
 ) -> BoolArray:
     """Flags (n,) of the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
 
@@ -218,8 +226,8 @@ def _spikes(
         if not judged[first:end].any() or first <= n or end >= len(e) - n:
             continue
         around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
-        distance, scatter = _from_parabola(e, straight, first, end)
-        is_lone = d[first:end].max() > max(LIMITS.min_ratio * np.quantile(around, LIMITS.quiet_share), usual)
+        distance, scatter = _from_parabola(e, straight, first, end, quiet_share)
+        is_lone = d[first:end].max() > max(LIMITS.min_ratio * np.quantile(around, quiet_share), usual)
         if is_lone and distance > max(least[first], LIMITS.min_ratio * scatter):
             is_spike[first:end] = True
     return is_spike & judged
@@ -244,12 +252,12 @@ def _usual(d: FloatArray) -> float:
     return LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
 
 
-def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int) -> tuple[float, float]:
+def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quiet_share: float) -> tuple[float, float]:
     """Distances of a run of e (n,), the largest, and of its neighbours (n,) from the parabola through these."""
     n = LIMITS.neighbours
     sides = np.r_[first - 1 - n : first - 1, end + 1 : end + 1 + n]
     away = np.abs(np.r_[beside[sides], e[first:end]] - _PARABOLAS[end - first] @ beside[sides])
-    return float(away[len(sides) :].max()), float(np.quantile(away[: len(sides)], LIMITS.quiet_share))
+    return float(away[len(sides) :].max()), float(np.quantile(away[: len(sides)], quiet_share))
 
 
 def _parabola(length: int) -> FloatArray:

@@ -6,7 +6,7 @@ optionally CovarianceData (n_y, n_u, F, 2, 2) of real and imaginary part, InputN
 G = real + j imaginary,   or   G = magnitude exp(j phase),   dB -> 10^(dB / 20)
 
 Universal files hold responses (data sets 58, text or binary), units (164), and geometry (15, 2411, lines 82), read by
-pyuff, the extra `uff`. Nodes and directions are the names of inputs and outputs: 3z is node 3 along z, 3rz about z; a
+pyuff. Nodes and directions are the names of inputs and outputs: 3z is node 3 along z, 3rz about z; a
 negative direction is the same place with the other sign.
 """
 
