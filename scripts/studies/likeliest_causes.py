@@ -110,11 +110,11 @@ def judged(number: int, seed: int) -> Row:
         return any(fnmatch(name, pattern) for pattern in injection.right)
 
     named = first.alike[: LIMITS.named]
-    is_certain = first.share >= CERTAIN and not first.alike
+    is_certain = first.explained_fraction >= CERTAIN and not first.alike
     wrong = "wrong" if injection.right or is_certain else "doubt"
     verdict = "right" if is_right(first.name) else "apart" if any(map(is_right, named)) else wrong
     about = injection.name, injection.plant, first.name, verdict, is_certain
-    return Row(*about, float(first.share), float(first.drop), result.status, named, off)
+    return Row(*about, float(first.explained_fraction), float(first.drop), result.status, named, off)
 
 
 def _other(result: Result) -> str:
