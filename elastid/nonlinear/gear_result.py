@@ -14,9 +14,8 @@ from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import DISTORTED, Result, Status
-from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.effects import ANSWERED, GearEffect
 from elastid.parameters import Parameter, Parameters
-from elastid.response import UNEXPLAINED
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
 from elastid.robot.friction_numbers import with_laws
 from elastid.robot.simplified import with_joints, with_straight_springs, without_dry_friction
@@ -25,8 +24,6 @@ from elastid.robot.simplified import with_joints, with_straight_springs, without
 # at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
 EXPLAINED = 0.25
 NOT_EXPLAINED = "the effects found in its gears do not explain it"
-# Codes of notes on a fit and its responses that ask for what effects of gears have explained.
-ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
 NOT_OPENED = "the effects of the gears were not estimated (see the line `gears`)"
 # Makers' units over SI.
 ARCMIN, ARCSEC = 180 * 60 / math.pi, 180 * 3600 / math.pi
@@ -148,11 +145,6 @@ class GearResult:
     def numbers(self) -> tuple[GearNumber, ...]:
         """Numbers of all gears."""
         return tuple(number for sheet in self.sheets for number in sheet.numbers)
-
-
-def notes_before_gears(notes: Iterable[Note], is_next: bool) -> tuple[Note, ...]:
-    """Notes of a fit and its responses, without those that the stage gears answers or repeats if it is next."""
-    return tuple(note for note in notes if not (is_next and note.code in ANSWERED))
 
 
 def with_gears(result: Result, gears: GearResult | None) -> Result:

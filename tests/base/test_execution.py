@@ -18,7 +18,8 @@ def test_a_script_that_would_begin_anew_in_every_worker_is_told_what_it_lacks(tm
     script.write_text(f"from elastid.base.execution import Execution\n{work}")
     run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
     assert run.returncode != 0
-    assert "ElastidError: a script that works in several processes is read by each of them: put what it" in run.stderr
+    assert "ElastidError: " in run.stderr
+    assert "if __name__ == '__main__':" in run.stderr
     script.write_text(f"from elastid.base.execution import Execution\nif __name__ == '__main__':\n    {work}")
     assert subprocess.run([sys.executable, str(script)], capture_output=True, text=True).stdout == "[1, 2]\n"
 

@@ -10,7 +10,7 @@ POINTS = {"foot": (0.0, 0.0, 0.0), "tip": (0.0, 0.0, 1.0)}
 @pytest.mark.parametrize(
     ("keys", "says"),
     [
-        ({"lines": (("foot", "head"),)}, "head is none of the points"),
+        ({"lines": (("foot", "head"),)}, r"head.*foot, tip"),
         ({"motion": {"a": ("tip", "up")}}, "direction of a is up; give x, y or z"),
     ],
 )

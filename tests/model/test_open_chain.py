@@ -100,7 +100,7 @@ def test_wrong_compensators_are_refused() -> None:
         Compensator("c", ends)
     with pytest.raises(ValueError, match="compensator c: give one of coil and gas"):
         Compensator("c", ends, coil, gas)
-    with pytest.raises(ValueError, match="both ends are on arm, so that it never moves"):
+    with pytest.raises(ValueError, match=r"compensator c: .* arm"):
         Compensator("c", (ends[1], ends[1]), coil)
     with pytest.raises(ValueError, match="compensator c: no body is called fore; there are base, arm"):
         arm(Compensator("c", (ends[0], Anchor("fore")), coil))

@@ -213,7 +213,7 @@ def bomb(file: Any, secret: Path) -> None:
     ("harm", "message"),
     [
         (external_values, "the values of /a lie in another file, which is not opened"),
-        (external_link, "/g/a is a link into another file"),
+        (external_link, "/g/a is a link "),
         (virtual_values, "the values of /v lie in another file, which is not opened"),
         (group_in_itself, "the group /g/again contains itself"),
         (link_to_the_root, "the group /g/again contains itself"),

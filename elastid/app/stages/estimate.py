@@ -16,9 +16,9 @@ from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.effects import notes_before_gears
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.friction import FrictionTakenOut
-from elastid.nonlinear.gear_result import notes_before_gears
 from elastid.nonlinear.take_out import estimate_without_friction, on_shafts, shaft_couplings
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming

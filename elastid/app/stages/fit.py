@@ -14,8 +14,9 @@ from elastid.fit.identify import identified
 from elastid.fit.parameter_choice import AT_TOOL
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.result import Result
+from elastid.nonlinear.effects import notes_before_gears
 from elastid.nonlinear.friction import FrictionTakenOut
-from elastid.nonlinear.gear_result import GearResult, notes_before_gears, with_gears
+from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
 from elastid.report.overview import (
     OPEN_GEARS,
