@@ -49,7 +49,7 @@ _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
 @dataclass(frozen=True)
 class Clock:
-    """Return the rate of a log in Hz, None if unknown, and the name of its time channel.
+    """Rate of a log in Hz, None if unknown, and the name of its time channel.
 
     is_even: its samples need not be brought to the rate.
     """

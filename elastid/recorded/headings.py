@@ -23,7 +23,7 @@ _SPELLINGS = (
 _LAST = ((r"g", "g"), (r"kn", "kN"), (r"dan", "daN"), (r"mn", "mN"), (r"n", "N"))
 _IN_BRACKETS = ((r"a", "A"), (r"v", "V"), (r"kv", "kV"), (r"m", "m"), (r"rev|turns?", "rev"))
 # Words in brackets that are no unit.
-_NO_UNIT = re.compile(r"[^A-Za-z%°µμ]*|.*\b(joint|axis|achse|motor|link|actual|filtered|raw)\b.*", re.IGNORECASE)
+_NO_UNIT = re.compile(r"[^A-Za-z%°µμ]*|.*\b(joint|axis|achse|motor|link|actual|filtered)\b.*", re.IGNORECASE)
 _COUNTS = re.compile(r"inc|count|cnt|tick|pulse|puls|digit|lsb|step|raw|^c$|qc", re.IGNORECASE)
 
 

@@ -145,8 +145,9 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
             "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5",
             path,
         )
-    lines = _decoded(raw).splitlines()
-    numbers = tuple(plain_numbers(line, text) for line in lines)
+    content = _decoded(raw)
+    lines, plain = content.splitlines(), plain_numbers(content, text)
+    numbers = tuple(lines if plain is content else plain.splitlines())
     first = text.header_lines
     while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
         first += 1
@@ -165,24 +166,30 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     yield TextLog(path, text, numbers, headings, first, n_columns, units)
 
 
-# Groups of three digits: 1.512,5 and 1'512,5 with a decimal comma; 1'512.5 and, between other delimiters, 1,512.5.
+# Groups of three digits, and the signs that separate them: 1.512,5 and 1'512,5 with a decimal comma; 1'512.5 and,
+# between other delimiters, 1,512.5.
 _FIRST = r"([-+]?[1-9]\d{0,2})"
-_DECIMAL_COMMA = re.compile(rf"(?<![\w.,'’]){_FIRST}((?:[.'’]\d{{3}})+)(?![\d.'’])")
-_APOSTROPHES = re.compile(rf"(?<![\w.'’]){_FIRST}((?:['’]\d{{3}})+)(?![\d'’])")
-_COMMAS = re.compile(rf"(?<![\w.,]){_FIRST}((?:,\d{{3}})+)(?=\.\d)")
+_DECIMAL_COMMA = ".'’", re.compile(rf"(?<![\w.,'’]){_FIRST}((?:[.'’]\d{{3}})+)(?![\d.'’])")
+_APOSTROPHES = "'’", re.compile(rf"(?<![\w.'’]){_FIRST}((?:['’]\d{{3}})+)(?![\d'’])")
+_COMMAS = ",", re.compile(rf"(?<![\w.,]){_FIRST}((?:,\d{{3}})+)(?=\.\d)")
 
 
-def plain_numbers(line: str, text: TextFormatSpec) -> str:
-    """Return a line with points as decimals, and without the separators of thousands that its format can have.
+def plain_numbers(content: str, text: TextFormatSpec) -> str:
+    """Return a text with points as decimals, and without the separators of thousands of its format.
 
     >>> plain_numbers("1.512;-4,55043", TextFormatSpec(";", ","))
     '1512;-4.55043'
     """
-    comma = text.decimal == ","
-    patterns = (_DECIMAL_COMMA,) if comma else (_APOSTROPHES,) if text.delimiter == "," else (_APOSTROPHES, _COMMAS)
-    for pattern in patterns if any(separator in line for separator in ".,'’") else ():
-        line = pattern.sub(lambda m: m[1] + re.sub(r"\D", "", m[2]), line)
-    return line.replace(",", ".") if text.decimal == "," else line
+    has_comma = text.decimal == ","
+    groups = (_DECIMAL_COMMA,) if has_comma else (_APOSTROPHES,) if text.delimiter == "," else (_APOSTROPHES, _COMMAS)
+    for separators, pattern in groups:
+        if any(separator in content for separator in separators):
+            content = pattern.sub(_digits, content)
+    return content.replace(",", ".") if has_comma else content
+
+
+def _digits(number: re.Match[str]) -> str:
+    return number[1] + re.sub(r"\D", "", number[2])
 
 
 def guess_format(path: Path) -> TextFormatSpec:
@@ -196,7 +203,7 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
         lines = _decoded(file.read(65536)).splitlines()[-21:-1]
 
     def numbers_less_words(text: TextFormatSpec) -> int:
-        plain = [plain_numbers(line, text) for line in lines]
+        plain = plain_numbers("\n".join(lines), text).splitlines()
         return sum(1 if _is_number(field) else -1 for line in plain for field in _fields(line, text))
 
     scored = [(numbers_less_words(text), text) for text in (TextFormatSpec(*spec) for spec in _FORMATS)]
