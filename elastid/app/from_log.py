@@ -205,7 +205,7 @@ def _study(
     period: Sequence[str] = (),
     frame: str = "",
 ) -> Iterator[str]:
-    """A study down to its channels, with its configurations and period. A hammer hits at the frame."""
+    """The study file up to its channels. frame: where a hammer hits."""
     names = robot.driven_names if robot is not None else []
     if guess.is_motion and robot is None:
         names = [str(i + 1) for i in range(len(guess.joints))]
@@ -213,12 +213,12 @@ def _study(
     elif robot is not None:
         yield "robot: robot.yml"
     elif frame:
-        yield "# One study per direction of the hits: the x axis of a frame of the robot, whose study takes"
+        yield "# One study per hit direction, the x axis of a frame. In the study of the robot, add"
         yield "# tool: {motors: locked, responses: {files: [{path: runs/responses/frf.h5, configuration: bench}]}}"
     else:
         yield "# Stiffness and damping of gears need a robot, too: `elastid new DIR --template recorded` shows how."
     if guess.is_motion:
-        yield "# Slow motions do not identify stiffness. Plan for it: `elastid new DIR --template position-reference`."
+        yield "# Slow motions do not identify stiffness. For that: `elastid new DIR --template position-reference`."
         yield "friction: {constant_velocity: detect} # guessed: slow motion of joints, whose friction can be found"
     yield from ("experiment:", *configurations, "  recorded:")
     rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
@@ -388,9 +388,9 @@ def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bo
         motion, ratio = guess.motion, 1.0 if joint.slides else robot.ratio(joint.name)
         if unit and motion.quantity == "position" and not joint.slides and "assumed" in motion.why:
             or_motor = "" if on_motor or ratio == 1 else " or rad with side: motor"
-            motion = replace(motion, unit=unit, why=f"deg{or_motor}, as rad exceed the limits of the robot")
+            motion = replace(motion, unit=unit, why=f"deg{or_motor}: link-side rad exceed the limits of the robot")
         if on_motor and ratio != 1:
-            motion = replace(motion, ratio=ratio, why=f"{motion.why}; motor-side, or it would exceed these limits")
+            motion = replace(motion, ratio=ratio, why=f"{motion.why}; motor-side: link-side values exceed the limits")
         is_before |= guess.relation.is_before_gear(joint, ratio, motion.to_si / guess.motion.to_si)
         torque = replace(guess.torque, ratio=ratio, why=guess.torque.why + "; before the gear" * (ratio != 1))
         result.append((guess.torque, replace(guess, torque=torque, motion=motion)))

@@ -55,7 +55,7 @@ def _experiments(study: Study) -> Iterator[str]:
 
 
 def _questions(study: Study) -> Iterator[str]:
-    """Numbers of channels that their logs do not state: unknown units, and a torque constant of exactly 1."""
+    """Questions on channels: unknown units, and torque constants of exactly 1."""
     channels = () if study.experiment.recorded is None else study.experiment.recorded.channels
     for i, channel in enumerate(channels):
         heading, place = unit_of_heading(channel.channel), f"question: experiment.recorded.channels[{i}]"
@@ -72,9 +72,7 @@ def _margin(study: Study, excitation: MultisineSpec) -> str:
     problem = problem_of(study)
     use = expected_use(problem.rig(problem.plan(study.experiment)), excitation.margin)
     left = 1 - use.used.max()
-    return (
-        f"  {excitation.inject} references, loop gains up to 30 % off: margin {left:.0%} of the limits; {use.closest}"
-    )
+    return f"  {excitation.inject} references, loop gains within 30 %: margin {left:.0%} of the limits; {use.closest}"
 
 
 def _plural(number: int, noun: str) -> str:

@@ -130,7 +130,7 @@ def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Largest peaks (8, n_u) of one run, of references also with the largest gains; twice the limits if one is lost."""
+    """Largest peaks (8, n_u) of a run, if it has references also at the largest gains; 2 limits if a motor is lost."""
     rigs = [rig] if rig.plan.inject == "torque" else [rig, rig.with_gains(1 + GAIN_ERROR, 1 + GAIN_ERROR)]
     try:
         return np.asarray(np.max([peaks_of_run(each, each.rehearse(experiment)) for each in rigs], axis=0))
@@ -282,7 +282,7 @@ def _rehearse(
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Factors (Q, n_u) with which every run keeps inside `allowed` (Q, 8, n_u), and each run's peaks (8, n_u) there.
 
-    base (Q, 8, n_u): without multisine.  Peaks are those of the rehearsal, of runs far from all limits the expected.
+    base (Q, 8, n_u): peaks without multisine.  Runs far from all limits have expected peaks, the others rehearsed ones.
     """
     plan = rig.plan
     runs: dict[str, FloatArray] = {}

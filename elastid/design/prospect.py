@@ -200,7 +200,7 @@ class Prospect:
     def _torques(self, configuration: Configuration, motion: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """(I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): the injected torques less the controller's reaction.
 
-        I and R where references are injected, by which R acts.
+        If references are injected: I and R, the planned torques.
         """
         freq_hz, rate_hz, controller = self.plan.freq_hz, self.plan.rate_hz, self.simulated.controller
         if self.plan.inject != "torque":

@@ -69,7 +69,7 @@ class MultisineSpec:
         "`hadamard` for equal peaks in all experiments; `zippered` if motors must not share lines, with n_u times "
         "fewer lines per motor.")] = "dft"
     inject: Annotated[Injected, Key("Quantity that the robot accepts from outside: `torque`, or the `velocity` or "
-        "`position` reference whose acting torque has the planned spectrum.", "`position` for robots that accept "
+        "`position` reference that gives the acting torque the planned spectrum.", "`position` for robots that accept "
         "position references or corrections only; then describe experiment.simulated.controller.reference. "
         "`velocity` opens the position loop.")] = "torque"
     compress: Annotated[tuple[Signal, ...], Key("Signals whose peaks optimised phases reduce.", "name the signal with "

@@ -173,7 +173,9 @@ def _from_common_delay(assembly: Assembly, fit: ElasticFit, spec: FitSpec) -> tu
     unknown = [p.name for p in fit.parameters.free if p.name.startswith(DELAY) and p.value == 0]
     if not unknown or not (T := common_delay(fit, fit.parameters.x)):
         return assembly, fit
-    of_torques = [name for name in unknown if name.startswith(channel_name(DELAY, "u"))]  # log T late: motion early
+    of_torques = [
+        name for name in unknown if name.startswith(channel_name(DELAY, "u"))
+    ]  # torques logged T late: motions seem T early
     moved = dict.fromkeys(of_torques, -T) or dict.fromkeys(unknown, T)
     of_all = (replace(p, value=float(np.clip(moved.get(p.name, p.value), p.lower, p.upper))) for p in fit.parameters)
     assembly = replace(assembly, parameters=Parameters(tuple(of_all)))

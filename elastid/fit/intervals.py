@@ -197,7 +197,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
         names, left = choose_profiles(problem.parameters, variance)
-        further = f"; {', '.join(left)} also, but with the symmetric interval: name them in fit.profile"
+        further = f"; {', '.join(left)}: still symmetric, add them to fit.profile"
         text = (
             f"{', '.join(names)}: interval by profile likelihood, because the std is above 10 % and the cost is not "
             f"quadratic{further * bool(left)}"

@@ -100,7 +100,7 @@ Status: TypeAlias = Literal[
     "converged", "noise_unknown", "at_bound", "misfit", "not_converged", "ill_conditioned", "model_error"
 ]
 
-# Residuals over the noise of a large model error; over noise and declared model error, the limit of the residual test.
+# Limit of the residuals over noise and declared model error; of those over the noise, a larger model error is large.
 LARGE = 1.5
 
 # The meaning for the parameters; after the full stop the next action.
@@ -314,9 +314,9 @@ class Result:
             return "no residual test, because the noise is unknown"
         limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), f"rms residual / noise {self.residual_ratio:.3g}"
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
-            error = f"rms residual / (noise and declared model error of {percent(self.model_error)})"
-            verdict = "passed" if self.is_declared else "failed"
-            return f"residual test {verdict}: {error} {self.error_ratio:.3g} (limit {LARGE:g}), {ratio}"
+            error = f"with the declared model error of {percent(self.model_error)}: {self.error_ratio:.3g}"
+            verdict = "passed" if self.is_within_declared else "failed"
+            return f"residual test {verdict}: {ratio}; {error} (limit {LARGE:g})"
         verdict = "failed" if self.exceeds_noise else "passed"
         return f"residual test {verdict}: {ratio} (limit {limit:.3g}, false-alarm rate 0.14 %)"
 
@@ -338,7 +338,7 @@ class Result:
     def cause(self) -> tuple[str, str, str]:
         """The first cause of a model error, the full stop, and its remedy; empty texts if no cause is known."""
         notes = [str(note) for note in self.notes if note.code in CAUSES]
-        if self.exceeds_noise and not self.is_declared:
+        if self.exceeds_noise and not self.is_within_declared:
             notes.append(f"{NO_CAUSE}. {self.test_of_causes}")
         return min(notes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
 
@@ -358,8 +358,8 @@ class Result:
         return self.noise_is_known and is_in_error(self.cost, self.cost_expected, self.cost_dof)
 
     @property
-    def is_declared(self) -> bool:
-        """True if the residuals exceed the noise, but not noise and declared model error (above 1 %) together."""
+    def is_within_declared(self) -> bool:
+        """True if the residuals exceed the noise, but not 1.5 times noise and declared model error (above 1 %)."""
         return self.exceeds_noise and self.model_error > USUAL_FLOOR and self.error_ratio < LARGE
 
     @property

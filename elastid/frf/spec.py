@@ -35,8 +35,8 @@ class EstimatorSpec:
     # fmt: off
     method: Annotated[Method, Key("Estimator. `arithmetic`: mean over realisations. `h1`, `joint` (joint input-output) "
         "and `errors_in_variables`: all experiments together. `local_polynomial` and `local_rational`: wide windows, "
-        "from one experiment on. `auto`: joint with logged references, else arithmetic if possible, else the smallest "
-        "predicted error.", "`arithmetic` has the smallest bias in closed loop. Use a `local` method for one "
+        "for one or more experiments. `auto`: joint with logged references, else arithmetic if possible, else the "
+        "smallest stated error.", "`arithmetic` has the smallest bias in closed loop. Use a `local` method for one "
         "experiment, `errors_in_variables` for large input noise, `h1` only for exact inputs.")] = "auto"
     quantity: Annotated[Motion, Key("Output quantity of the responses, converted exactly in the frequency domain.",
         "`position` or `velocity` for other tools; the fit does not depend on it.")] = "acceleration"

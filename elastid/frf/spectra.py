@@ -81,7 +81,7 @@ class RecordSpectra:
 
     @property
     def driver_role(self) -> Role:
-        """The signal that excites: a slow carrier is in u but not in r, and most of a commanded position."""
+        """The exciting signal: r, or u if r is a reference, which contains the slow carrier."""
         return "u" if self.record.r is None or self.record.r_is_reference else "r"
 
     @property

@@ -430,7 +430,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
         raise DataError(
             "friction/rigid-body",
             f"the motion needs rigid-body parameters that are not identified ({first}"
-            f"{', ...' if lacking.sum() > 3 else ''}). Identify friction from a log in which the same joints move",
+            f"{', ...' if lacking.sum() > 3 else ''}). Use a friction study of a log in which these joints move",
         )
     torques = _columns(robot, body.joints, rows, log, body.chosen) @ body.predicting
     return {joint: torques[:, i] for i, joint in enumerate(rows)}

@@ -341,7 +341,7 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
         place = model.outputs[int(np.argmax(model.tilt.any(axis=1)))]
         raise StudyError(
             "linear/state-space",
-            f"{place} measures gravity, which has no {model.quantity}. Set estimator.quantity: acceleration",
+            f"{place} measures gravity, too: its {model.quantity} is not defined. Set estimator.quantity: acceleration",
         )
     (M, D, K), (C, tilt) = model.matrices(theta), model.readout(theta)
     n, n_u = model.B.shape

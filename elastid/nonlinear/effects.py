@@ -242,7 +242,7 @@ def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArr
     return [("gear", motion.k * e + motion.d * slope * motion.velocity), ("motor", motion.torque * slope)]
 
 
-# Codes of notes on a fit and its responses that ask for what effects of gears have explained.
+# Codes of notes on a fit and its responses that effects of gears answer.
 ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
 
 

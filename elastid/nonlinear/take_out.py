@@ -101,9 +101,9 @@ def _unexplained(
         return ()
     text = (
         f"nonlinear distortion is {np.sqrt(ratio):.2g} times the noise, and friction of {', '.join(friction.places)} "
-        "does not explain it. Damping is biased if gears have hysteresis or link-side friction, and stiffness applies "
-        "to this amplitude only if a spring is nonlinear. Check that unit, load and time of all records agree, then "
-        "add `gears: {}` to the study"
+        "does not explain it. Damping is biased if gears have hysteresis or link-side friction; if a spring is "
+        "nonlinear, stiffness applies to this amplitude only. Check that unit, load and time of all records agree, "
+        "then add `gears: {}` to the study"
     )
     return (Note(UNEXPLAINED, text, f"configuration {response.configuration.name}"),)
 

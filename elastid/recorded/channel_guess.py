@@ -153,7 +153,7 @@ class TorqueRelation:
     is_against_motion: bool = False
 
     def is_before_gear(self, joint: Joint, ratio: float, scale: float = 1.0) -> bool:
-        """Test whether J / scale is less than half the rotor's inertia, link side, unless the torque is motor-side."""
+        """True if J / scale is below half the rotor's inertia as a link-side number, but not as a motor-side one."""
         rotor = 0.0 if joint.motor is None else joint.motor.inertia * ratio**2 * scale
         return 2 * self.largest_inertia < rotor < 2 * self.inertia * ratio**2
 

@@ -134,7 +134,7 @@ def unused_references(channels: Sequence[ChannelSpec], used: Sequence[int] = ())
     """A note on references that are not among the used channels."""
     names = [c.name_in_file for i, c in enumerate(channels) if c.role == "reference" and i not in used]
     text = (
-        f"{', '.join(names)}: reference not used; friction studies need experiment.recorded.controller, others one "
+        f"{', '.join(names)}: reference not used. Give experiment.recorded.controller in a friction study, else one "
         "reference per input and no r"
     )
     return (Note("records/unused-reference", text, severity="information"),) if names else ()
@@ -288,7 +288,7 @@ def _clock_of(base: Sequence[_Part], further: Sequence[_Part], N: int | None, ch
 
 
 def _periodic(signals: Signals, N: int) -> FloatArray | None:
-    """Whole periods (n, c) of the first role, in the order of its noise, with two periods; None without."""
+    """Whole periods (n, c) of the least noisy role that has two; None without."""
     for role in ("r", "reference", "u", "y"):
         if x := [x for place, x in signals.items() if place[0] == role and len(x) >= 2 * N]:
             return _stacked(x)[: min(map(len, x)) // N * N]
@@ -305,8 +305,8 @@ def _delay_of(
 ) -> tuple[float, str]:
     """Samples by which a file lags the first one, and the evidence in words.
 
-    A signal in both files shows it, or r in the one and u in the other, to whole samples, since the phase of the loop
-    is part of their delay. Otherwise clock or rows do, unless torque and acceleration of the motors contradict them.
+    A signal in both files shows the lag. So do r and u, to whole samples, since the phase of the loop is part of it.
+    Otherwise clock or rows do, unless torque and acceleration of the motors contradict them.
     """
     ours, theirs = (_by_place(parts, N, channels) for parts in (base, further))
     sent = {place: x for place, x in theirs.items() if place[0] == "r"}

@@ -305,11 +305,11 @@ def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     long = [(first, end) for first, end in inner if end - first >= least]
     if not long or (not len(gaps) and long == [(0, len(lacking))]):
         return (gathered,)
-    text = (
-        f"{int(lacking.sum())} of {len(lacking)} samples are missing, {len(gaps)} gaps are longer than {MAX_BRIDGED} "
-        f"samples, the first is {log.time_of(int(np.argmax(lacking)))}: divided there into {len(long)} parts"
-    )
-    of_gaps = (Finding("logs divided at gaps", len(gaps), text),) if len(gaps) else ()
+    of_gaps = tuple(
+        Finding("logs divided at gaps", len(gaps), f"{len(gaps)} gaps of more than {MAX_BRIDGED} samples, the first at "
+        f"{log.time_of(start)}: log divided into {len(long)} parts")
+        for start in gaps[:1, 0]
+    )  # fmt: skip
     return tuple(
         replace(
             gathered,

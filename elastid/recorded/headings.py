@@ -47,7 +47,7 @@ class HeadingUnit:
     def question(self) -> str:
         """The remedy for an unknown unit."""
         if "%" in self.unknown or "rated" in self.unknown.lower():
-            remedy = "scale = rated torque or current / the number that means it (1000 for 0.1 %)"
+            remedy = "scale = rated torque or current / its number in the log (1000 for 0.1 %)"
         elif _COUNTS.search(self.unknown):
             remedy = "scale = 360 / counts per turn, with unit: deg"
         else:

@@ -22,7 +22,7 @@ from elastid.recorded.repair.time_stamps import CLOCK, delay
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
 
-# Of the rate: images below it are negligible, and friction and gravity are not. Of torques with those by inertia alone.
+# Lowest frequency over the rate, below which friction dominates; least correlation of torques with those by inertia.
 _LOWEST, _MIN_CORRELATION = 0.05, 0.2
 
 
@@ -46,9 +46,9 @@ def without_step_images(
     power = np.cumsum(np.sum(np.abs(U[1:]) ** 2, axis=1))
     edge = 1 + int(np.argmax(power >= 0.99 * power[-1]))
     seen = 1 / (1 + images[edge] / forward[edge])
-    gain, late_s = np.max(np.abs(np.abs(seen) - 1)), np.max(np.angle(seen)) / (2 * np.pi * freq_hz[edge])
-    text = f"{100 * gain:.2g} % and {1e3 * late_s:.2g} ms at {freq_hz[edge]:.3g} Hz"
-    text = f"images of the reference's steps change the response by {text}"
+    gain, shift_s = np.max(np.abs(np.abs(seen) - 1)), np.max(np.abs(np.angle(seen))) / (2 * np.pi * freq_hz[edge])
+    text = f"{100 * gain:.2g} % and {1e3 * shift_s:.2g} ms at {freq_hz[edge]:.3g} Hz"
+    text = f"aliases of the reference's steps change the response by {text}"
     R = np.fft.rfft(signals[:, roles["r"]], axis=0)
     if abs(rate_hz * controller.cycle - 1) <= CLOCK.max_error and R.shape == U.shape:
         above = (freq_hz > _LOWEST * rate_hz)[:, None]
@@ -59,7 +59,7 @@ def without_step_images(
             signals = signals.copy()
             signals[:, u] = np.fft.irfft(U - images * turn * R * (freq_hz > 0)[:, None], n, axis=0)
             return signals, (Note("records/step-images", f"{text}; subtracted", severity="information"),)
-    cure = "log four times faster than the references, filter them, or excite up to a fifth of their rate"
+    cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
     return signals, (Note("records/step-images", f"{text}. Log the references, or {cure}"),)
 
 

@@ -111,11 +111,11 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     if most is None:
         return "No parameter was identified."
     if result.exceeds_noise:
-        return "With reserve: the residuals exceed the noise, and the intervals include the model error."
+        return "With caution: the residuals exceed the noise, and the intervals include the model error."
     if result.cause[0]:
-        return f"With reserve: {result.cause[0]}."
+        return f"With caution: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
-        return f"With reserve: gears and springs leave {percent(gears.after)} of the position signal unexplained."
+        return f"With caution: gears and springs leave {percent(gears.after)} of the position signal unexplained."
     reasons = {row.name: row.verdict for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))}
     if reasons:
         return f"Not all of them: {', '.join(reasons)} ({'; '.join(sorted({*reasons.values()}))})."
@@ -132,7 +132,9 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
 def _noise_and_error(result: Result, agreements: Sequence[Agreement]) -> str:
     """`noise`, and the model error if the residuals of the fitted configurations exceed the noise alone."""
     exceeds = noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
-    return f"noise and a model error of {percent(result.model_error)}" if exceeds or result.is_declared else "noise"
+    return (
+        f"noise and a model error of {percent(result.model_error)}" if exceeds or result.is_within_declared else "noise"
+    )
 
 
 def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
@@ -142,16 +144,16 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
     if result.cause[0]:
         return f"{capital(result.cause[0])}. {capital(result.residual_test)}."
     if "error" in (noise := _noise_and_error(result, agreements)):
-        return f"Nowhere beyond {noise}; the noise alone does not explain the residuals."
+        return f"No residual beyond {noise}; the noise alone does not explain the residuals."
     if DISTORTED in result.verdicts:
         return "Not in the residuals, but motor friction does not explain the nonlinear distortion (see the warning)."
-    return f"Nowhere: {result.residual_test}."
+    return f"No model error detected. {capital(result.residual_test)}."
 
 
 def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
     if result.status != "converged":
         return result.message.rstrip(".")
-    if result.exceeds_noise and not result.is_declared:
+    if result.exceeds_noise and not result.is_within_declared:
         return f"residuals {result.residual_ratio:.3g} times the noise, which the intervals include"
     return f"residuals consistent with {_noise_and_error(result, agreements)}"
 
@@ -238,7 +240,7 @@ def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ..
         candidates.reverse()
     if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
         candidates.append(None if result.exceeds_noise else _of_experiments(result, poor))
-    if result.is_declared:
+    if result.is_within_declared:
         candidates.append(Action(f"{OTHER_AMPLITUDE}.", ""))
     actions = [action for action in candidates if action is not None]
     return tuple(actions[:MOST_ACTIONS] or [USE])

@@ -68,7 +68,7 @@ def filters_of(joints: Sequence[str], controller: ControllerSpec, rate_hz: float
 
 
 def feedback_of(loop: JointLoop, inject: Injected) -> JointLoop:
-    """Return the closed loop; only the velocity loop if velocities are injected."""
+    """Return the gains of the feedback, without k_p if velocities are injected."""
     return replace(loop, kp=0 * loop.kp) if inject == "velocity" else loop
 
 

@@ -90,7 +90,7 @@ class ReferencePathSpec:
         "at the references).", "`spline` for a joint trajectory controller, `linear` for most other "
         "interfaces.")] = "linear"
     filter_hz: Annotated[Frequency | None, Key("Corner frequency of the low pass behind the interpolation (default: no "
-        "filter).", "give it if the robot smooths references; otherwise the torque is lower than planned.",
+        "filter).", "needed if the robot smooths references: without it, the torque is lower than planned.",
         above=0)] = None
     filter_order: Annotated[int, Key("Order of the low pass: number of equal first-order lags in series.", "2 for a "
         "critically damped filter of second order.", least=1, most=4)] = 1
@@ -110,7 +110,8 @@ class ReferencePathSpec:
         if abs(n - round(n)) > 1e-6 * n or round(n) < 1 or period_samples % round(n):
             return f"{self.cycle:g} s is not a multiple of 1 / {rate_hz:g} s that divides the period"
         if highest_hz * self.cycle >= 0.5:
-            return f"references every {self.cycle:g} s cannot excite {highest_hz:g} Hz; the band must end below half"
+            limit = f"end the band below {0.5 / self.cycle:g} Hz"
+            return f"references every {self.cycle:g} s cannot excite {highest_hz:g} Hz; {limit}"
         return ""
 
     def cycle_samples(self, rate_hz: float) -> int:

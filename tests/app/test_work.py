@@ -79,7 +79,7 @@ def changed(value: Any, path: tuple[Any, ...]) -> Any:
     return other
 
 
-def is_declared(stage: Stage, path: tuple[Any, ...]) -> bool:
+def is_within_declared(stage: Stage, path: tuple[Any, ...]) -> bool:
     """True if a row reads a key."""
     dotted = [".".join(map(str, path[:n])) for n in range(1, len(path) + 1)]
     declared = {"experiment", *stage.keys.split()}
@@ -109,7 +109,7 @@ def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(
             continue
         for name, stage in stages.items():
             same = stage.sees(other.study) == stage.sees(loaded.study)
-            assert same is not is_declared(stage, path), (path, name)
+            assert same is not is_within_declared(stage, path), (path, name)
             sources = [source for source in stage.sources if source in stages]
             upstream = any(after[source].inputs != before[source].inputs for source in sources)
             assert (after[name].inputs != before[name].inputs) is (not same or upstream), (path, name)

@@ -131,7 +131,7 @@ class CarrierSpec:
     # fmt: off
     amplitude: Annotated[JointPosition | tuple[JointPosition, ...] | None, Key("Link-side amplitude of a sine, one for "
         "all joints or one per joint, in m for sliding joints (default: none).", "so large that the peak speed 2 pi "
-        "cycles / period times it exceeds the speed of the multisine over most of the period.", above=0)] = None
+        "cycles amplitude / period exceeds the speed of the multisine over most of the period.", above=0)] = None
     cycles: Annotated[int, Key("Cycles of a sine or square per period of the multisine.", "1 has the largest distance "
         "to the band; more cycles give a higher speed at the same amplitude.", least=1)] = 1
     kind: Annotated[Literal["sine", "square", "offset"], Key("Shape of the motion. `sine`: sine of `amplitude`. "

@@ -274,7 +274,7 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """Notes on the causes in the order of the ranking, or one that no cause explains enough."""
     result, sequence = evidence.result, [index for index in evidence.result.indices if index.place]
     stated = [index for index in sequence if index.explained_fraction >= LIMITS.stated_share]
-    if result.is_declared and evidence.best.explained_fraction < LIMITS.reason_share:
+    if result.is_within_declared and evidence.best.explained_fraction < LIMITS.reason_share:
         return ()
     is_without = not (sequence or evidence.apart) and result.status == "misfit" and result.exceeds_noise
     if sequence and exceeded_tolerance(sequence[0], result):

@@ -55,7 +55,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     every, of_all = np.ones(len(x), dtype=bool), optimum.fit.n_residuals / max(fit.n_residuals, 1)
     costs = np.array(squares(evaluate(fit, x)))
     starts = [(fit, x, ~result.at_bound)]
-    with suppress(ElastidError):  # no robot stands there
+    with suppress(ElastidError):  # no equilibrium there
         file = thinned(assembly.at(assembly.parameters.x, assembly.spec.criterion))
         # A fit of responses that were read wrongly may have moved the numbers of the file far within their tolerances.
         starts.append((file, assembly.parameters.x, np.array([not p.is_nuisance for p in assembly.parameters.free])))
@@ -308,7 +308,7 @@ def common_delay(fit: ElasticFit, x: FloatArray) -> float:
 
 
 def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """Return the indices with the forms (delay, filter) of significant delays, and of one beyond the valley of V."""
+    """Return the indices with the forms (delay, filter) of significant delays and of `common_delay`."""
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     if not optimum.fit.n_residuals:
         return indices
@@ -324,7 +324,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     late = late[: LIMITS.followed]
     others = [index for index in indices if index not in late]
     points = {row.name: (evaluated, x, free) for row in late}
-    with suppress(ElastidError):  # no robot stands there
+    with suppress(ElastidError):  # no equilibrium there
         start, every = assembly.parameters.x, free | True
         file = thinned(assembly.at(start, assembly.spec.criterion))
         if DELAY not in result.parameters.free_names and (T := common_delay(file, start)):

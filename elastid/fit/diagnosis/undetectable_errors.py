@@ -87,10 +87,11 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     if not named:
         return ()
     free = result.parameters.free_names
-    moves = ", or of ".join(f"{error.amount(error.per_std)} moves {free[error.parameter]}" for error in named)
+    moves = "; ".join(f"{error.amount(error.per_std)} ({free[error.parameter]})" for error in named)
     text = (
         f"an error of {named[0].amount(named[0].error)} is not detectable from the residuals. The intervals assume "
-        f"exact fixed values: an error of {moves} by one std. Measure these values, or free them with a prior"
+        f"exact fixed values. Errors that move an estimate by one std: {moves}. Measure these values, or free them "
+        "with a prior"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 

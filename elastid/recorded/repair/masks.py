@@ -71,7 +71,7 @@ LIMITS = MaskLimits()
 
 
 def without_zero_rows(signals: FloatArray, log: Log) -> Repaired:
-    """Mask (NaN) the rows of signals (n, c), c > 1, in which all are exactly 0 and one leaps there: empty messages.
+    """Mask (NaN) rows of signals (n, c), c > 1, whose channels are all 0, one of them after a leap: empty messages.
 
     As for a channel that drops out, a leap is longer than the steps between 99 % of the other rows.
     """
@@ -81,7 +81,7 @@ def without_zero_rows(signals: FloatArray, log: Log) -> Repaired:
         return Repaired(signals)
     steps = np.nanquantile(np.abs(np.diff(signals[others], axis=0)), 0.99, axis=0)
     beside = signals[others[np.minimum(np.searchsorted(others, np.arange(len(signals))), len(others) - 1)]]
-    # Near zero of all signals nothing leaps; there a row counts as empty where most other rows of zeros are.
+    # If all signals are near 0, no channel leaps: a row is then empty if most rows of zeros leap.
     leaps = is_zero & np.any(np.abs(beside) > LIMITS.leap_of_rows * steps, axis=1)
     if 2 * leaps.sum() < is_zero.sum():
         return Repaired(signals)

@@ -253,7 +253,7 @@ def _usual(d: FloatArray) -> float:
 
 
 def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quiet_share: float) -> tuple[float, float]:
-    """Distances of a run of e (n,), the largest, and of its neighbours (n,) from the parabola through these."""
+    """Largest distance of a run of e (n,) from a parabola through its neighbours, and quantile of their distances."""
     n = LIMITS.neighbours
     sides = np.r_[first - 1 - n : first - 1, end + 1 : end + 1 + n]
     away = np.abs(np.r_[beside[sides], e[first:end]] - _PARABOLAS[end - first] @ beside[sides])

@@ -308,7 +308,7 @@ def is_time(name: str) -> bool:
 
 
 def time_of(log: OpenLog, name: str) -> FloatArray:
-    """The stamps (n,) of a channel, wrong ones interpolated, no more than are read; empty where it is no time."""
+    """The stamps (n,) of a time channel, wrong ones interpolated; empty for another channel."""
     return stamps_of(log, name)[0]
 
 
@@ -327,7 +327,7 @@ def stamps_of(log: OpenLog, name: str) -> tuple[FloatArray, IntArray]:
 
 
 _MAX_WRONG_STAMPS = 0.01  # of a clock, single cells
-_WRONG_STAMP = 5.0  # steps of a clock, from which on a stamp off the median of its neighbours is wrong
+_WRONG_STAMP = 5.0  # distance of a wrong stamp from the median of its neighbours, in steps of the clock
 
 
 def _good_stamps(t: FloatArray) -> BoolArray:
