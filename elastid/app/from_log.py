@@ -7,7 +7,7 @@ import json
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeAlias
@@ -17,47 +17,29 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line
-from elastid.base.units import TABLE, of_translation
+from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import (
-    ChannelGuess,
     JointGuess,
     LogGuess,
-    guess_by_name,
     guess_log,
-    is_clock,
     signals_of,
 )
+from elastid.recorded.channel_names import ChannelGuess
+from elastid.recorded.clocks import Clock, clock_of
 from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.log import Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.files.universal import is_universal_file, time_histories
 from elastid.recorded.repair.periodicity import find_period, repetition
-from elastid.recorded.repair.time_stamps import CLOCK, even_grid
 from elastid.recorded.responses.table import uff_places
 from elastid.robot import Joint, Robot
-from elastid.study.checks.recorded import TIME_UNITS, is_time, stamps_of
 
 _MAX_SAMPLES = 1 << 18  # that are read of each log
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
-_RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 # Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
 Positions: TypeAlias = Mapping[tuple[str, int | None], FloatArray]
 _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
-
-
-@dataclass(frozen=True)
-class Clock:
-    """Rate of a log in Hz, None if unknown, and the name of its time channel.
-
-    is_even: its samples need not be brought to the rate.
-    """
-
-    rate_hz: float | None
-    why: str
-    name: str = ""
-    is_even: bool = True
 
 
 def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = None) -> dict[str, str]:
@@ -73,7 +55,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
-        clock, signals, shapes = _clock(log), signals_of(log, _MAX_SAMPLES), log.shapes()
+        clock, signals, shapes = clock_of(log), signals_of(log, _MAX_SAMPLES), log.shapes()
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None:
@@ -164,30 +146,6 @@ def _configurations(
 
 def _joined(lines: Iterable[str]) -> str:
     return "\n".join(filter(None, lines)) + "\n"
-
-
-def _clock(log: Log) -> Clock:
-    shapes = log.shapes()
-    unnamed = [name for name in shapes if not guess_by_name(name, None).quantity]
-    for name in (*filter(is_time, shapes), *unnamed):
-        t, wrong = stamps_of(log, name)
-        if len(t) > 2 and (np.all(np.diff(t) > 0) if is_time(name) else is_clock(t) and np.any(np.diff(t) != 1)):
-            steps = np.diff(t)  # gaps left out, their mean is that of a clock that jitters or is rounded
-            usual = 1 / float(np.mean(steps[steps < CLOCK.min_gap * np.median(steps)]))
-            low, high = 20.0, 200e3  # of logs of machines
-            unit = next((u for u, s in TIME_UNITS.items() if low <= usual / s <= high), "s")
-            grid = even_grid(t)
-            rate_hz = (usual if grid is None else grid[1]) / TIME_UNITS[unit]
-            is_even = unit != "s" or (grid is not None and len(grid[0]) > grid[0][-1])
-            why = f"steps of {name}, which seems to be in {unit}"
-            why += f"; {len(wrong)} of its values are wrong, the first is sample {wrong[0]}" if len(wrong) else ""
-            return Clock(float(f"{rate_hz:.6g}"), why, name, is_even)
-    for name, array in log.arrays.items():
-        if array.rate_hz:
-            return Clock(array.rate_hz, "stated by the file")
-        if name.lower().rpartition(".")[2] in _RATES and not array.is_signal:
-            return Clock(float(np.squeeze(np.asarray(array))), f"{name} in the file")
-    return Clock(None, "no time is in the log")
 
 
 def _head(kind: str, first: Path) -> Iterator[str]:
@@ -371,8 +329,8 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
 def _at(joint: Joint, guess: JointGuess) -> JointGuess:
     """The guess at a joint of the robot, in units of a translation where that slides."""
     motion = guess.motion
-    if joint.slides and TABLE[motion.unit][0].startswith("rad"):
-        motion = replace(motion, unit=of_translation(TABLE[motion.unit][0]))
+    if joint.slides and dimension_and_size(motion.unit)[0].startswith("rad"):
+        motion = replace(motion, unit=of_translation(dimension_and_size(motion.unit)[0]))
     elif not joint.slides and "assumed" in motion.why:
         motion = replace(motion, unit=QUANTITY_UNIT[motion.quantity])
     return replace(guess, motion=motion)

@@ -13,7 +13,7 @@ from elastid.base.arrays import FloatArray, shown_values, value_range
 from elastid.base.display import columns
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.channel_guess import is_clock
+from elastid.recorded.clocks import is_clock
 from elastid.recorded.files.formats import is_log, naming, opened_log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.files.universal import is_universal_file

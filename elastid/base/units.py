@@ -7,7 +7,7 @@ Frequencies are in Hz everywhere; nothing here turns Hz into rad/s.
 
 import math
 import re
-from collections.abc import Iterator
+from functools import cache
 from typing import Annotated, Any, TypeAlias
 
 # Rows of a dimension: its SI unit, then further units with their factors to SI (deg = pi / 180 rad). Closed on
@@ -47,37 +47,43 @@ TABLE: dict[str, tuple[str, float]] = {
     for row in (*_ROWS.strip().splitlines(), *_SI_ALONE.split())
     for unit, _, scale in (word.partition("=") for word in row.split())
 }
-
-
-def _spellings(unit: str) -> Iterator[str]:
-    """A unit as logs and data sheets write it: 'Nm/rad', 'kg m²', '°/s', '1/min', 'µs'."""
-    for product in ("", " ", "·", "*"):
-        plain = unit.replace("*", product)
-        for power in ("^2", "²", "2"):
-            raised = plain.replace("^2", power)
-            yield from (raised, raised.replace("deg", "°"), raised.replace("rpm", "1/min"))
-            yield from (re.sub("^u", micro, raised) for micro in "µμ")
-
-
-# Spellings of units that are read, too; messages, schema and `units_of` have the first one alone.
-_ALSO = {spelling: unit for unit in TABLE for spelling in _spellings(unit) if spelling not in TABLE}
-TABLE |= {spelling: TABLE[unit] for spelling, unit in _ALSO.items()}
+# Parts of a unit and their spellings in logs and data sheets (Nm, kg m², °/s, 1/min, µs), as regular expressions.
+_PARTS = {
+    r"\*": "[*·⋅. ]?", "/": "(/|_?per_?|_)", r"\^2": r"(\^?2|²)", "s": "s(ec)?", "u": "[uµμ]", "A": "A(mp(ere)?s?)?",
+    "deg": "(deg(rees?)?|grad|°)", "rad": "rad(ians?)?", "rev": "(rev|turns?)",
+    "rpm": r"(rpm|([ur]|rev|turns?|1)/min|min\^?-1)",
+}  # fmt: skip
+# Spellings of each unit; messages and `units_of` have its name alone.
+SPELLINGS = {
+    unit: re.sub(r"\\\*|\\\^2|/|\bs\b|^u|A|deg|rad|rev|rpm", lambda part: _PARTS[part[0]], re.escape(unit))
+    for unit in TABLE
+}
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?$")
 
 
+@cache
 def usual_spelling(unit: str) -> str:
     """The name in the table of a unit that may be spelt otherwise.
 
     >>> usual_spelling("Nm")
     'N*m'
     """
-    return _ALSO.get(unit, unit)
+    return unit if unit in TABLE else next((name for name, text in SPELLINGS.items() if re.fullmatch(text, unit)), unit)
+
+
+def dimension_and_size(unit: str) -> tuple[str, float]:
+    """SI unit and factor to it of a unit, however spelt; empty and 1 for an unknown one.
+
+    >>> dimension_and_size("mNm")
+    ('N*m', 0.001)
+    """
+    return TABLE.get(usual_spelling(unit), ("", 1.0))
 
 
 def units_of(dimension: str) -> list[str]:
     """The names in the table that measure a dimension, named by its SI unit."""
-    return [name for name, (measures, _) in TABLE.items() if measures == dimension and name not in _ALSO]
+    return [name for name, (measures, _) in TABLE.items() if measures == dimension]
 
 
 def factor(unit: str, *dimensions: str) -> float:
@@ -86,7 +92,7 @@ def factor(unit: str, *dimensions: str) -> float:
     >>> factor("rpm", "rad/s") == 2 * math.pi / 60
     True
     """
-    measures, scale = TABLE.get(unit, ("", 1.0))
+    measures, scale = dimension_and_size(unit)
     if measures not in dimensions:
         fitting = ", ".join(name for dimension in dimensions for name in units_of(dimension))
         wrong = f"measures {measures}, not {' or '.join(dimensions)}" if measures else "is unknown"
@@ -116,7 +122,7 @@ def to_si(value: Any, *dimensions: str) -> float:
         value = float(match[1]) * (factor(unit, *dimensions) if unit else 1.0)
     if not math.isfinite(value):
         raise ValueError(f"expected a finite number in {expected}")
-    return Measured(value, TABLE[unit][0]) if unit and len(dimensions) > 1 else float(value)
+    return Measured(value, dimension_and_size(unit)[0]) if unit and len(dimensions) > 1 else float(value)
 
 
 class Measured(float):
@@ -168,7 +174,7 @@ class InUnit:
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
         fitting = [name for unit in self.units for name in units_of(unit)]
-        names = "|".join(re.escape(name) for name in TABLE if _ALSO.get(name, name) in fitting)
+        names = "|".join(SPELLINGS[name] for name in fitting)
         return {
             "description": f"in {' or '.join(self.units)}, or a text with a unit: {', '.join(fitting)}",
             "anyOf": [{"type": "number"}, {"type": "string", "pattern": rf"^\s*[-+0-9.eE]+\s*({names})?$"}],

@@ -6,7 +6,7 @@ are brought to the lowest. A start that all channels share does not matter: Y / 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias, cast
 
@@ -19,7 +19,7 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import MOTION_ORDER, Motion
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.link_side import check_values, link_side
-from elastid.recorded.repair import Finding, Log, Repaired
+from elastid.recorded.repair import Finding, Log
 from elastid.recorded.repair.masks import rest_before
 from elastid.recorded.repair.missing import bridged_gaps, filled
 from elastid.recorded.repair.periodicity import period_samples, rounded_samples
@@ -40,7 +40,7 @@ Signals: TypeAlias = dict[tuple[str, str, str], FloatArray]
 class GatheredChannels:
     """Signals (n, c) of channels, NaN where missing, at rate_hz (1 where unknown); known disturbances stand last.
 
-    period: in samples, not always whole; None without one.  log: their names, and their numbers in the first file.
+    period: in samples, not always whole; None without one.  log: names, numbers in the first file, and findings.
     """
 
     signals: FloatArray
@@ -49,12 +49,11 @@ class GatheredChannels:
     period: float | None
     log: Log
     notes: tuple[Note, ...]
-    findings: tuple[Finding, ...]
 
 
 @dataclass(frozen=True)
 class _Part:
-    """The channels of one file with one rate: their places in the study's list, signals (n, c), findings, and rows.
+    """The channels of one file with one rate: their places in the study's list, signals (n, c), and rows.
 
     first_s: the first time stamp, None where none was logged.
     """
@@ -63,7 +62,6 @@ class _Part:
     rate_hz: float
     members: tuple[int, ...]
     signals: FloatArray
-    findings: tuple[Finding, ...] = ()
     rows: IntArray | None = None
     first_s: float | None = None
 
@@ -73,6 +71,12 @@ class _Experiment:
     recorded: RecordedSpec
     file: FileSpec
     paths: tuple[Path, ...]
+    findings: list[Finding] = field(default_factory=list)
+
+    def log(self, number: int, names: Sequence[str] = (), rate_hz: float | None = None) -> Log:
+        """Names of a file, counted from 1, in messages."""
+        first = 0 if self.file.samples is None or number > 1 else self.file.samples[0]
+        return Log(str(self.paths[number - 1]), tuple(names), rate_hz, first, findings=self.findings)
 
     def key(self, channel: ChannelSpec) -> tuple[int, float]:
         """File and rate of a channel."""
@@ -102,12 +106,11 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
     period = None if period_s is None else own_samples(period_s, lowest, recorded, file)
     known_hz = None if recorded.rate_hz == "unknown" else lowest
-    periods = list[Finding]()
     if period is not None and recorded.period_of(file) == "find":
         seconds = "" if known_hz is None else f" ({period / known_hz:.8g} s)"
         text = f"the torques repeat every {period:.8g} samples{seconds}, which is used as the period"
-        periods.append(Finding("periods found", 1, text))
-    aligned, shifts = _aligned(at_rate, period, experiment)
+        experiment.findings.append(Finding("periods found", 1, text))
+    aligned = _aligned(at_rate, period, experiment)
     n = min(len(part.signals) for part in aligned)
     columns = {i: x[:n] for part in aligned for i, x in zip(part.members, part.signals.T, strict=True)}
     firsts: dict[tuple[str, str], int] = {}  # a signal that two files hold is taken from the first
@@ -115,18 +118,16 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         firsts.setdefault((channels[i].role, channels[i].at), i)
     keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
     rows = parts[0].rows if len(parts) == 1 else None
-    first = 0 if file.samples is None else file.samples[0]
     drivers = [i for i in keep if channels[i].role == "r"] or [i for i in keep if channels[i].role == "u"]
-    log = Log(str(experiment.paths[0]), tuple(channels[i].full_name for i in keep), known_hz, first, rows)
-    begin, rests = _begin(np.stack([columns[i] for i in drivers]).T, period, log)
+    log = replace(experiment.log(1, [channels[i].full_name for i in keep], known_hz), rows=rows)
+    begin = _begin(np.stack([columns[i] for i in drivers]).T, period, log)
     return GatheredChannels(
         signals=np.stack([columns[i][begin:] for i in keep]).T,
         channels=tuple(channels[i] for i in keep),
         rate_hz=lowest,
         period=period,
-        log=replace(log, first=first + begin, rows=None if rows is None else rows[begin:]),
+        log=log.after(begin),
         notes=tuple(notes),
-        findings=(*periods, *(finding for part in at_rate for finding in part.findings), *shifts, *rests),
     )
 
 
@@ -140,15 +141,16 @@ def unused_references(channels: Sequence[ChannelSpec], used: Sequence[int] = ())
     return (Note("records/unused-reference", text, severity="information"),) if names else ()
 
 
-def _begin(drivers: FloatArray, period: float | None, log: Log) -> tuple[int, tuple[Finding, ...]]:
-    """The sample with which the first period begins that is not all rest before the excitation (n, d); a finding."""
+def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
+    """The sample with which the first period begins that is not all rest before the excitation (n, d)."""
     rest = 0 if period is None else rest_before(drivers)
     count = int(rest / period) if period else 0
     if count == 0:
-        return 0, ()
+        return 0
     periods = "period" if count == 1 else f"{count} periods"
     text = f"the excitation starts at {log.time_of(rest)}; {periods} before it, at zero velocity, are discarded"
-    return math.ceil(count * (period or 0)), (Finding("rest left out", count, text),)
+    log.report("rest left out", count, text)
+    return math.ceil(count * (period or 0))
 
 
 def own_samples(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
@@ -199,48 +201,43 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
                 "exclusive. Correct samples",
                 path,
             )
-    log = Log(str(path), (), rate_hz, 0 if file.samples is None else file.samples[0])
-    gridded, rows = Repaired(values), None
+    log, gridded, rows = experiment.log(number, (), rate_hz), values, None
     if has_time:
         gridded = on_grid(values[:, -1], values[:, :-1], rate_hz, log)
-        instants_s = (np.arange(len(gridded.signals)) - 0.5) / rate_hz
+        instants_s = (np.arange(len(gridded)) - 0.5) / rate_hz
         rows = log.first + np.searchsorted(values[:, -1] - values[0, -1], instants_s)
-    signals = np.where(np.isfinite(gridded.signals), gridded.signals, np.nan)
+    signals = np.where(np.isfinite(gridded), gridded, np.nan)
     first_s = float(values[0, -1]) if has_time else None
-    return _Part(number, file_rate_hz, members, signals, gridded.findings, rows, first_s)
+    return _Part(number, file_rate_hz, members, signals, rows, first_s)
 
 
 def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:
     if part.rate_hz == rate_hz:
         return part
-    names = tuple(experiment.recorded.channels[i].full_name for i in part.members)
-    ratio, log = part.rate_hz / rate_hz, Log(str(experiment.paths[part.file - 1]), names, part.rate_hz)
-    signals, findings = part.signals, part.findings
+    names = [experiment.recorded.channels[i].full_name for i in part.members]
+    ratio, signals, log = part.rate_hz / rate_hz, part.signals, experiment.log(part.file, names, part.rate_hz)
     # Without a period each end is continued by the other one, moved so that there is no jump.
     period = float(len(signals))
     if period_s is not None:
         period = own_samples(period_s, part.rate_hz, experiment.recorded, experiment.file)
     if not np.isfinite(signals).all():
-        repaired = bridged_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
-        signals, findings = repaired.signals, (*findings, *repaired.findings)
+        signals = bridged_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
     text = (
         f"{', '.join(names)} resampled from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
     )
-    findings = (*findings, Finding("channels brought to another rate", len(names), text))
+    log.report("channels brought to another rate", len(names), text)
     at_rate = at_times(signals, times, period, 1 / ratio)
-    return replace(part, rate_hz=rate_hz, signals=at_rate, findings=findings, rows=None)
+    return replace(part, rate_hz=rate_hz, signals=at_rate, rows=None)
 
 
-def _aligned(
-    parts: Sequence[_Part], period: float | None, experiment: _Experiment
-) -> tuple[list[_Part], tuple[Finding, ...]]:
-    """All parts in step with the first file, the start of which is cut where another log started later; the shifts."""
+def _aligned(parts: Sequence[_Part], period: float | None, experiment: _Experiment) -> list[_Part]:
+    """All parts in step with the first file, the start of which is cut where another log started later."""
     paths, channels = experiment.paths, experiment.recorded.channels
     base = [part for part in parts if part.file == 1]
     n = min(len(part.signals) for part in base)
     N = None if period is None else round(period)
-    shifts, moved, findings = {}, [], []
+    shifts, moved, log = {}, [], experiment.log(1)
     for number in sorted({part.file for part in parts} - {1}):
         name, own = paths[number - 1].name, [part for part in parts if part.file == number]
         ratio = _clock_of(base, own, N, channels)
@@ -250,13 +247,12 @@ def _aligned(
                 whole = (period or float(len(part.signals))) * ratio
                 own[i] = replace(part, signals=at_times(part.signals, times, whole))
             text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
-            findings.append(Finding("logs at one clock", 1, f"{text} of {paths[0].name}"))
+            log.report("logs at one clock", 1, f"{text} of {paths[0].name}")
         shift, by = _delay_of(base, own, N, channels, paths[number - 1])
         shifts[number] = shift
         moved += own
         up_to = "" if N is None else " (up to whole periods)"
-        text = f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {by}"
-        findings.append(Finding("logs shifted", 1, text))
+        log.report("logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {by}")
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
     result = [replace(part, signals=part.signals[start:]) for part in base]
     for part in moved:
@@ -272,7 +268,7 @@ def _aligned(
         else:
             signals = at_times(signals, inside, period or float(len(signals)))
         result.append(replace(part, signals=signals))
-    return result, tuple(findings)
+    return result
 
 
 def _clock_of(base: Sequence[_Part], further: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> float:

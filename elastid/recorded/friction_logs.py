@@ -32,7 +32,6 @@ from elastid.record import Configuration, FrictionRecord, FrictionRecords, WarmU
 from elastid.recorded.channels import GatheredChannels, gather_channels, unused_references
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, in_joints, link_side
-from elastid.recorded.repair import Finding, Repaired
 from elastid.recorded.repair.interpolation import MAX_BRIDGED
 from elastid.recorded.repair.masks import step, without_zero_rows
 from elastid.recorded.repair.missing import bridged_gaps
@@ -41,31 +40,24 @@ from elastid.recorded.rig import repaired_signals
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 
-
-@dataclass(frozen=True)
-class JointLimits:
-    """Limits of motions and temperatures of joints, and of warm-ups (all of 12 clean logs are accepted)."""
-
-    # Travel below which a joint is held by its controller, in m where it slides and in rad.
-    held_travel_m: float = 1e-3
-    held_travel_rad: float = 5e-3
-    impossible_degc: float = 150.0
-    # Of warm-ups.
-    step_s: float = 10.0  # of constant power, at least: several cycles of a motion
-    max_steps: int = 500  # of one log
-    min_steps: int = 30  # of all logs together; five minutes warm no gear
-    groups: int = 24  # of test passes, as of a designed warm-up of two hours with tests each five minutes
-    min_groups: int = 6  # in which a speed must occur: a level's course has three numbers
-    max_return: float = 0.99  # share of the travel from the first to the last position: above, no way back
-    per_count: float = 2.0  # readings for each count of a coarse thermometer: within one they are no noise
-    min_readings: int = 10
-    start_std: float = 1.0  # K, of the temperature at the start, before readings are fitted
-    # Of logs with gaps: duration of a part, and share of single missing samples in it.
-    min_part_s: float = 2.0
-    max_missing_share: float = 0.25
-
-
-LIMITS = JointLimits()
+# Limits of motions and temperatures of joints, and of warm-ups (all of 12 clean logs are accepted).
+# Travel below which a joint is held by its controller, in m where it slides and in rad.
+HELD_TRAVEL_M = 1e-3
+HELD_TRAVEL_RAD = 5e-3
+IMPOSSIBLE_DEGC = 150.0
+# Of warm-ups.
+STEP_S = 10.0  # of constant power, at least: several cycles of a motion
+MAX_STEPS = 500  # of one log
+MIN_STEPS = 30  # of all logs together; five minutes warm no gear
+GROUPS = 24  # of test passes, as of a designed warm-up of two hours with tests each five minutes
+MIN_GROUPS = 6  # in which a speed must occur: a level's course has three numbers
+MAX_RETURN = 0.99  # share of the travel from the first to the last position: above, no way back
+PER_COUNT = 2.0  # readings for each count of a coarse thermometer: within one they are no noise
+MIN_READINGS = 10
+START_STD = 1.0  # K, of the temperature at the start, before readings are fitted
+# Of logs with gaps: duration of a part, and share of single missing samples in it.
+MIN_PART_S = 2.0
+MAX_MISSING_FRACTION = 0.25
 # Signals (n,) by role, place and quantity; torques and currents have an empty one.
 Signals: TypeAlias = Mapping[tuple[str, str, str], FloatArray]
 
@@ -134,8 +126,7 @@ class _LogReader:
                 ("friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"),
                 self.path,
             )
-        empty = without_zero_rows(gathered.signals, gathered.log)
-        gathered = replace(gathered, signals=empty.signals, findings=(*gathered.findings, *empty.findings))
+        gathered = replace(gathered, signals=without_zero_rows(gathered.signals, gathered.log))
         purpose, first = self.file.purpose, gathered.log.first
         parts = (gathered,) if purpose in (*STILL, "warm_up") else _parts(gathered)
         readers = [
@@ -159,11 +150,10 @@ class _LogReader:
 
     def _of_part(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[FrictionRecord, ...]:
         repaired, N, rate_hz = self._repaired(gathered, recorded)
-        values, known = in_joints(gathered.channels, repaired.signals, self.robot)
+        values, known = in_joints(gathered.channels, repaired, self.robot)
         unused = () if recorded.controller is not None else unused_references(gathered.channels)
         notes = [replace(note, place=f"record {self.name}") for note in (*gathered.notes, *unused)]
-        findings = (*gathered.findings, *repaired.findings)
-        notes += [finding.note(f"record {self.name}") for finding in findings]
+        notes += [finding.note(f"record {self.name}") for finding in gathered.log.findings]
         of_motors = [c.at for c in gathered.channels if c.role == "u"]
         by_place: dict[tuple[str, str, str], FloatArray] = {
             (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
@@ -176,19 +166,18 @@ class _LogReader:
                 by_place["t", channel.at, ""] = self._thermometer(channel, first_s + np.arange(len(values)) / rate_hz)
         return self._of_joints(by_place, rate_hz, N, tuple(notes))
 
-    def _repaired(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[Repaired, int | None, float]:
+    def _repaired(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[FloatArray, int | None, float]:
         """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
         if self.file.purpose == "presliding_test":
             return repaired_signals(gathered, recorded)
         log = gathered.log
-        bridged = bridged_gaps(gathered.signals, log, LIMITS.max_missing_share)
+        signals = bridged_gaps(gathered.signals, log, MAX_MISSING_FRACTION)
         judged = [i for i, c in enumerate(gathered.channels) if c.role == "u" or c.quantity == "position"]
         of_judged = replace(log, names=tuple(log.names[i] for i in judged))
         are_motions = [gathered.channels[i].role != "u" for i in judged]
-        clean = without_lone(bridged.signals[:, judged], of_judged, are_motions)
-        signals = bridged.signals.copy()
-        signals[:, judged] = bridged_gaps(clean.signals, of_judged, LIMITS.max_missing_share).signals
-        return Repaired(signals, (*bridged.findings, *clean.findings)), None, gathered.rate_hz
+        clean = without_lone(signals[:, judged], of_judged, are_motions)
+        signals[:, judged] = bridged_gaps(clean, of_judged, MAX_MISSING_FRACTION)
+        return signals, None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
         """Readings (n,) in degC at times from the first sample; between them by straight lines, at whatever rate."""
@@ -273,7 +262,7 @@ class _LogReader:
     def _moves(self, joint: Joint, positions: Mapping[str, FloatArray], signals: Signals) -> bool:
         if joint.name not in positions or ("u", f"motor {joint.name}", "") not in signals:
             return False
-        held = LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
+        held = HELD_TRAVEL_M if joint.slides else HELD_TRAVEL_RAD
         moves = float(np.ptp(positions[joint.name])) > held
         return self.file.purpose in STILL or joint.name == self.file.joint or moves
 
@@ -282,7 +271,7 @@ class _LogReader:
         if degrees is None:
             is_start = self.file.purpose == "warm_up"  # of the log, not of all its samples
             return None if is_start or self.file.temperature is None else np.full(n, float(self.file.temperature))
-        if float(degrees.max()) > LIMITS.impossible_degc:
+        if float(degrees.max()) > IMPOSSIBLE_DEGC:
             raise DataError(
                 "records/channels",
                 f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which is implausible. Set the "
@@ -300,23 +289,20 @@ def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     lacking = np.asarray(~np.isfinite(gathered.signals).all(axis=1))
     gaps = runs(lacking, MAX_BRIDGED + 1)
     bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(lacking)], strict=True)
-    least, log = LIMITS.min_part_s * gathered.rate_hz, gathered.log
+    least, log = MIN_PART_S * gathered.rate_hz, gathered.log
     inner = [_without_ends(lacking, first, end) for first, end in bounds]
     long = [(first, end) for first, end in inner if end - first >= least]
     if not long or (not len(gaps) and long == [(0, len(lacking))]):
         return (gathered,)
-    of_gaps = tuple(
-        Finding("logs divided at gaps", len(gaps), f"{len(gaps)} gaps of more than {MAX_BRIDGED} samples, the first at "
-        f"{log.time_of(start)}: log divided into {len(long)} parts")
-        for start in gaps[:1, 0]
-    )  # fmt: skip
+    for start in gaps[:1, 0]:
+        text = f"{len(gaps)} gaps of more than {MAX_BRIDGED} samples, the first at {log.time_of(start)}"
+        log.report("logs divided at gaps", len(gaps), f"{text}: log divided into {len(long)} parts")
     return tuple(
         replace(
             gathered,
             signals=gathered.signals[first:end],
-            log=replace(log, first=log.first + first, rows=None if log.rows is None else log.rows[first:]),
+            log=log.after(first) if i == 0 else replace(log.after(first), findings=[]),
             notes=gathered.notes if i == 0 else (),
-            findings=(*gathered.findings, *of_gaps) if i == 0 else (),
         )
         for i, (first, end) in enumerate(long)
     )
@@ -354,12 +340,12 @@ def heat_of(record: FrictionRecord) -> Heat:
     """The log in steps; DataError where the joint never returns, or its torque does no work on it."""
     q, u, rate_hz = record.position, record.torque, record.rate_hz
     where = f"{record.place}: warm-up of joint {record.joint}"
-    n = max(1, min(LIMITS.max_steps, int(len(q) / rate_hz / LIMITS.step_s)))
+    n = max(1, min(MAX_STEPS, int(len(q) / rate_hz / STEP_S)))
     edges = np.linspace(0, len(q) - 1, n + 1).round().astype(int)
     # A held torque acts until the next sample, a band-limited one changes on the way.
     acting = u[:-1] if record.hold == "zero-order" else (u[:-1] + u[1:]) / 2
     work, text = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges], ""
-    if abs(q[-1] - q[0]) > LIMITS.max_return * np.ptp(q):
+    if abs(q[-1] - q[0]) > MAX_RETURN * np.ptp(q):
         text = (
             f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} without return, so that the work of gravity and "
             "the heat are confounded. Log a motion to and fro"
@@ -386,10 +372,10 @@ def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
 
 def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
     """Constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
-    least = 1 if record.speed is not None else LIMITS.min_groups
+    least = 1 if record.speed is not None else MIN_GROUPS
     passes = detect_passes(record, has_gravity)
     speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
-    length = max(record.duration_s / LIMITS.groups, 1e-9)
+    length = max(record.duration_s / GROUPS, 1e-9)
     firsts: dict[float, dict[int, FrictionRecord]] = {}
     for speed, test in zip(speeds, passes, strict=True):
         firsts.setdefault(speed, {}).setdefault(int((test.start_s - record.start_s) / length), test)
@@ -420,7 +406,7 @@ def warm_up_log(
         power = np.concatenate([power, np.zeros(1 - first), heat.power])
         time_s, readings = np.append(time_s, heat.time_s[first:]), np.append(readings, heat.readings[first:])
     span = float(time_s[-1] - time_s[0])
-    least = LIMITS.min_steps * LIMITS.step_s
+    least = MIN_STEPS * STEP_S
     read, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
     if span < least:
         text = (
@@ -439,6 +425,6 @@ def warm_up_log(
     noise = float(np.std(np.diff(readings[read], 2)) / np.sqrt(6))  # of white noise on a slow signal
     std, at_start = max(noise, count / np.sqrt(12)), float(readings[read][0])
     if noise < count / np.sqrt(12):  # readings of one count have one error
-        most = max(LIMITS.min_readings, int(LIMITS.per_count * np.ptp(readings[read]) / count))
+        most = max(MIN_READINGS, int(PER_COUNT * np.ptp(readings[read]) / count))
         readings = np.where(np.cumsum(read) % max(1, read.sum() // most) == 0, readings, np.nan)
-    return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(LIMITS.start_std, 3 * std))
+    return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(START_STD, 3 * std))

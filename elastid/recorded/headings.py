@@ -3,25 +3,15 @@
 import re
 from dataclasses import dataclass
 
-from elastid.base.units import TABLE, of_translation, usual_spelling
+from elastid.base.units import SPELLINGS, TABLE, dimension_and_size, of_translation, units_of, usual_spelling
 from elastid.experiment.specs.channels import QUANTITY_UNIT
 
-_TIMES, _PER = r"[*·⋅. ]?", r"(/|_?per_?|_)"
-_SECOND, _SQUARED = r"s(ec)?", r"s(ec)?(\^?2|²)"
-# Spelling (of lower case) of a unit as a word, and the unit; the first that fits.
-_SPELLINGS = (
-    *((rf"{u}{_PER}{_SQUARED}", f"{u}/s^2") for u in ("rad", "deg", "mm", "m")),
-    *((rf"{u}{_PER}{_SECOND}", f"{u}/s") for u in ("mrad", "rad", "mdeg", "deg", "um", "mm", "m")),
-    (rf"°{_PER}{_SQUARED}", "deg/s^2"), (rf"°{_PER}{_SECOND}", "deg/s"),
-    (r"rpm|([ur]|rev|turns?|1)/min|min\^?-1", "rpm"),
-    (r"mdeg|m°", "mdeg"), (r"deg(rees?)?|grad|°", "deg"), (r"mrad", "mrad"), (r"rad(ians?)?", "rad"),
-    (r"arcmin", "arcmin"), (r"arcsec", "arcsec"), (rf"mn{_TIMES}m", "mN*m"), (rf"kn{_TIMES}m", "kN*m"),
-    (rf"dan{_TIMES}m", "daN*m"), (rf"n{_TIMES}cm", "N*cm"), (rf"n{_TIMES}mm", "N*mm"), (rf"n{_TIMES}m", "N*m"),
-    (r"mm", "mm"), (r"[uµμ]m", "um"), (r"ma(mps?)?", "mA"), (r"amps?|amperes?", "A"), (r"mv", "mV"),
-)  # fmt: skip
-# As the last word: too short to be a unit elsewhere.
-_LAST = ((r"g", "g"), (r"kn", "kN"), (r"dan", "daN"), (r"mn", "mN"), (r"n", "N"))
-_IN_BRACKETS = ((r"a", "A"), (r"v", "V"), (r"kv", "kV"), (r"m", "m"), (r"rev|turns?", "rev"))
+# Too short to be units elsewhere than as the last word, or in brackets.
+_LAST, _IN_BRACKETS = ("g", "kN", "daN", "mN", "N"), ("a", "v", "kv", "m", "rev", "turn", "turns")
+_UNITS = sorted(
+    {"g", *(name for unit in QUANTITY_UNIT.values() for name in (*units_of(unit), *units_of(of_translation(unit))))},
+    key=lambda unit: (unit in _LAST, -len(unit), unit),
+)
 # Words in brackets that are no unit.
 _NO_UNIT = re.compile(r"[^A-Za-z%°µμ]*|.*\b(joint|axis|achse|motor|link|actual|filtered)\b.*", re.IGNORECASE)
 _COUNTS = re.compile(r"inc|count|cnt|tick|pulse|puls|digit|lsb|step|raw|^c$|qc", re.IGNORECASE)
@@ -39,7 +29,7 @@ class HeadingUnit:
         """Quantity of a channel with the unit; empty where no quantity of a channel has it."""
         if self.unit == "g":
             return "acceleration"
-        dimension = TABLE.get(self.unit, ("", 1.0))[0]
+        dimension = dimension_and_size(self.unit)[0]
         fitting = [name for name, unit in QUANTITY_UNIT.items() if dimension in (unit, of_translation(unit))]
         return min(fitting, key=lambda name: QUANTITY_UNIT[name] != dimension, default="")  # N: a force first
 
@@ -69,10 +59,11 @@ def unit_of_heading(name: str, stated: str = "") -> HeadingUnit:
             return HeadingUnit(unit) if HeadingUnit(unit).quantity else HeadingUnit(unknown=text.strip())
     # A capital letter begins a word, but not behind the prefix of a unit: mNm, mA, daNm.
     text = re.sub(r"(?<=[a-z])(?<![^A-Za-z][mk])(?<!^[mk])(?<![^A-Za-z]da)(?=[A-Z])", "_", name).lower()
-    for spelling, unit in _SPELLINGS:
-        if re.search(rf"(?<![a-zµμ])({spelling})(?![a-z])", text):
+    for unit in _UNITS:
+        word = re.search(rf"(?<![a-zµμ])({SPELLINGS[unit]})(?![a-z]){'$' * (unit in _LAST)}", text, re.IGNORECASE)
+        if word and word[0] not in _IN_BRACKETS:
             return HeadingUnit(unit)
-    return HeadingUnit(next((unit for spelling, unit in _LAST if re.search(rf"(?<![a-z]){spelling}$", text)), ""))
+    return HeadingUnit()
 
 
 def unit_of_text(text: str) -> str:
@@ -81,8 +72,6 @@ def unit_of_text(text: str) -> str:
     >>> unit_of_text("N·m"), unit_of_text("U/min"), unit_of_text("Arms")
     ('N*m', 'rpm', '')
     """
-    text = text.strip()
-    if text in TABLE:
-        return usual_spelling(text)
-    every = (*_SPELLINGS, *_LAST, *_IN_BRACKETS)
-    return next((unit for spelling, unit in every if re.fullmatch(spelling, text.lower())), "")
+    text = usual_spelling(text.strip())
+    fitting = (unit for unit in _UNITS if re.fullmatch(SPELLINGS[unit], text, re.IGNORECASE))
+    return text if text in TABLE else next(fitting, "")

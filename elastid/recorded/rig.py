@@ -32,7 +32,7 @@ from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels, unused_references
 from elastid.recorded.files.formats import naming, size_in_pieces
 from elastid.recorded.link_side import UNWRAPPED, drive_notes, hold_samples, in_joints
-from elastid.recorded.repair import Repaired, counts
+from elastid.recorded.repair import counts
 from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples, unstated_period_notes
@@ -132,15 +132,15 @@ class RecordedRig:
         channels, where = gathered.channels, f"record {experiment.name}"
         where += f", {file.path}" if is_one_of_several else ""
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
-        repaired, N, rate_hz = repaired_signals(gathered, recorded, is_one_of_several)
-        signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
+        signals, N, rate_hz = repaired_signals(gathered, recorded, is_one_of_several)
+        findings = gathered.log.findings
         notes = [replace(note, place=where) for note in (*gathered.notes, *unused_references(channels, roles["r"]))]
         notes += [finding.note(where) for finding in findings]
         notes += drive_notes(channels, signals, N, where)
         if N is not None:
             n = len(gathered.signals)
             lost = int(n * N / (gathered.period or N)) - len(signals)
-            if all(finding.kind != STOPPED for finding in repaired.findings):
+            if all(finding.kind != STOPPED for finding in findings):
                 notes += end_notes(lost, n, N // 2 if recorded.half_wave else N, where)
         elif "none" not in (file.period, recorded.period):
             notes += unstated_period_notes(signals[:, roles["r"] or roles["u"]], where)
@@ -170,7 +170,7 @@ class RecordedRig:
             hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
             half_wave=recorded.half_wave,
             repairs=counts(findings),
-            left_out=repaired.left_out,
+            left_out=tuple(p for finding in findings for p in finding.repetitions),
             sliding=self.robot.sliding((*inputs, *outputs)),
             input_units=input_units(channels, self.robot),
         )
@@ -188,19 +188,18 @@ def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
 
 def repaired_signals(
     gathered: GatheredChannels, recorded: RecordedSpec, is_one_of_several: bool = False
-) -> tuple[Repaired, int | None, float]:
+) -> tuple[FloatArray, int | None, float]:
     """The repaired signals, the samples of their period (None without one), and their rate."""
     period, half_wave, log = gathered.period, recorded.half_wave, gathered.log
     errors = [channel.errors for channel in gathered.channels]
     if period is None:
-        repaired = repair_without_period(gathered.signals, log)
-        signals = before_channels(repaired.signals, gathered.rate_hz, errors)
-        return replace(repaired, signals=signals), None, gathered.rate_hz
+        signals = repair_without_period(gathered.signals, log)
+        return before_channels(signals, gathered.rate_hz, errors), None, gathered.rate_hz
     N = grid_samples(period, half_wave)
     check = partial(check_repeat, N=N, half_wave=half_wave, log=log, is_one_of_several=is_one_of_several)
-    repaired = repair(gathered.signals, _columns_of_roles(gathered.channels), period, half_wave, log, check)
+    signals = repair(gathered.signals, _columns_of_roles(gathered.channels), period, half_wave, log, check)
     rate_hz = gathered.rate_hz if period == N else gathered.rate_hz * N / period
-    return replace(repaired, signals=before_channels(repaired.signals, rate_hz, errors)), N, rate_hz
+    return before_channels(signals, rate_hz, errors), N, rate_hz
 
 
 # A log of fewer values is measured as a whole.
@@ -226,7 +225,7 @@ def _lags(difference: FloatArray, mean: FloatArray) -> bool:
     """True if a mean period differs from another one (N,) by a lag that counts, and that its noise does not explain."""
     slope = (np.roll(mean, -1) - np.roll(mean, 1)) / 2
     along, steepness = float(difference @ slope), float(slope @ slope)
-    is_long = abs(along) > SAME_EXCITATION.max_lag * steepness
+    is_long = abs(along) > MAX_LAG * steepness
     return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)  # 6 of its deviations
 
 
@@ -288,28 +287,19 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
     delays = [delay(a, b, N) for a, b in zip(first.T, mean.T, strict=True)]
     # The lag of a slow excitation is uncertain.
     return all(
-        abs(lag) <= SAME_EXCITATION.max_lag or (abs(lag) < 1 and not _lags(b - a, a))
+        abs(lag) <= MAX_LAG or (abs(lag) < 1 and not _lags(b - a, a))
         for a, b, (lag, correlation) in zip(first.T, mean.T, delays, strict=True)
         if correlation >= CLOCK.min_correlation
     )
 
 
-@dataclass(frozen=True)
-class SameExcitationLimits:
-    """Limits of the judgement that two logs hold one excitation.
-
-    Of 300 pairs of clean logs with noise of up to 0.6 of the excitation none is refused
-    (tests/recorded/test_several_files.py).
-    """
-
-    # Share of an input's power that the first log does not explain, and amplitude over that of the first, less 1, since
-    # friction that warms up changes torques by a few per cent; how many times its noise the former must be.
-    max_change: float = 0.1
-    min_times_noise: float = 4.0
-    max_lag: float = 0.05  # samples: logs that are closer to step are left as they are
-
-
-SAME_EXCITATION = SameExcitationLimits()
+# Limits of the judgement that two logs hold one excitation. Of 300 pairs of clean logs with noise of up to 0.6 of the
+# excitation none is refused (tests/recorded/test_several_files.py).
+# Share of an input's power that the first log does not explain, and amplitude over that of the first, less 1, since
+# friction that warms up changes torques by a few per cent; how many times its noise the former must be.
+MAX_CHANGE = 0.1
+MIN_TIMES_NOISE = 4.0
+MAX_LAG = 0.05  # samples: logs that are closer to step are left as they are
 _ADVICE = "give each its own experiment (same phases) or realisation (other phases)"
 
 
@@ -371,10 +361,10 @@ def _other_excitation(a: FloatArray, b: FloatArray, noise: float) -> str:
     """Why b (N,) is no repetition of a (N,), of which noise is the variance of the difference, NaN if unknown."""
     power, gain = float(b @ b), float(a @ b) / max(float(a @ a), 1e-300)
     left = float(np.sum((b - gain * a) ** 2))
-    least = SAME_EXCITATION.min_times_noise * len(a) * noise if np.isfinite(noise) else 0.5 * power
-    if left > max(SAME_EXCITATION.max_change * power, least):
+    least = MIN_TIMES_NOISE * len(a) * noise if np.isfinite(noise) else 0.5 * power
+    if left > max(MAX_CHANGE * power, least):
         return f"{left / power:.0%} of the power of the second log has another excitation than the first"
-    if abs(gain - 1) > SAME_EXCITATION.max_change and (gain - 1) ** 2 * float(a @ a) > least:
+    if abs(gain - 1) > MAX_CHANGE and (gain - 1) ** 2 * float(a @ a) > least:
         return f"the excitation of the second log is {gain:.3g} times that of the first"
     return ""
 
@@ -391,7 +381,7 @@ def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatA
 def _moved(record: Record, lag: float) -> Record:
     """Whole periods from a lag of samples on, no half ones; a lone period is continued by itself."""
     N, L = record.period_samples, record.repeat_samples
-    is_whole = abs(lag - round(lag)) <= SAME_EXCITATION.max_lag
+    is_whole = abs(lag - round(lag)) <= MAX_LAG
     start = float(round(lag) % N) if is_whole else lag % N
     periods = max(1, int((record.n_samples - start) // N))
     left_out = {int(p - start // L) - i for p in record.left_out for i in (range(2) if start % L else range(1))}

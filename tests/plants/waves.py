@@ -1,9 +1,13 @@
 """A torque and a position with it, periodic, exact between samples too, of a log of six periods."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.recorded.repair import Log
+from elastid.recorded.repair import Finding, Log
 
 N, P = 500, 6
 LINES = np.arange(2, 150)
@@ -22,3 +26,9 @@ def wave(t: FloatArray, seed: int = 0, lines: IntArray = LINES) -> FloatArray:
 CLEAN = wave(np.arange(P * N))
 DRIFT = np.arange(P * N)[:, None] / (P * N) * np.array([0.0, 5e4])
 NOISE = np.random.default_rng(9).normal(size=CLEAN.shape) * np.array([1e-3, 1.0])
+
+
+def found(repair: Callable[..., Any], *args: Any, names: tuple[str, ...] = LOG.names) -> tuple[Any, list[Finding]]:
+    """Result of a repair whose last argument is a log, and its findings."""
+    log = replace(LOG, names=names, findings=[])
+    return repair(*args, log), log.findings

@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.channel_guess import (
-    channel_doubts,
-    derivative,
-    doubts_by_names,
-    guess_by_name,
-    guess_log,
-    is_clock,
-    motion_relations,
-    torque_relation,
-)
+from elastid.recorded.channel_doubts import channel_doubts, doubts_by_names
+from elastid.recorded.channel_guess import guess_log
+from elastid.recorded.channel_names import guess_by_name
+from elastid.recorded.clocks import is_clock
+from elastid.recorded.motion_relations import derivative, motion_relations, torque_relation
 from elastid.robot import Body, Joint, Limits, Motor, Robot
 
 RATE = 500.0
@@ -136,11 +131,11 @@ def test_the_order_between_two_motions_and_their_gain_are_found(first: int, seco
     """With an encoder of 4096 counts, and speed in rpm."""
     signals = [np.round(x * 650) / 650 for x in moved()[:3]]
     gain = 60 / (2 * np.pi)
-    relations = list(motion_relations(signals[first], -gain * signals[second], RATE))
-    best = max(relations, key=lambda r: abs(r.correlation))
-    assert best.order == second - first
-    assert best.gain == pytest.approx(-gain, rel=0.03)
-    assert best.correlation < -0.99
+    relations = motion_relations(signals[first], -gain * signals[second], RATE)
+    best = max(relations, key=lambda order: abs(relations[order].correlation))
+    assert best == second - first
+    assert relations[best].gain == pytest.approx(-gain, rel=0.03)
+    assert relations[best].correlation < -0.99
 
 
 @pytest.mark.parametrize(

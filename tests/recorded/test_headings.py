@@ -6,7 +6,8 @@ import pytest
 
 from elastid.base.units import TABLE
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.channel_guess import doubts_by_names, guess_by_name
+from elastid.recorded.channel_doubts import doubts_by_names
+from elastid.recorded.channel_names import guess_by_name
 from elastid.recorded.headings import unit_of_heading
 
 # Unit as headings have it, and its size in SI.

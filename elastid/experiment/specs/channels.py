@@ -10,7 +10,16 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.names import Name
 from elastid.base.section import Key, section
-from elastid.base.units import TABLE, Frequency, Time, TorqueConstant, factor, of_translation, units_of, usual_spelling
+from elastid.base.units import (
+    Frequency,
+    Time,
+    TorqueConstant,
+    dimension_and_size,
+    factor,
+    of_translation,
+    units_of,
+    usual_spelling,
+)
 from elastid.record import MOTION_UNIT, Hold, drive_unit
 from elastid.robot import Channel, Robot
 
@@ -226,7 +235,7 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
     if not channel.unit and known[0] != turning:
         choice = f"give unit: {known[0]} or {turning}"
         return "unit", f"without a robot, '{channel.at}' may rotate or translate. {choice}"
-    measures = TABLE.get(channel.unit, ("", 1.0))[0]
+    measures = dimension_and_size(channel.unit)[0]
     if known[0] != turning and measures not in known and channel.unit != "g":
         fitting = ", ".join(name for dimension in known for name in units_of(dimension))
         return "unit", f"unit '{channel.unit}' does not measure {channel.quantity}; units that fit here: {fitting}"
@@ -240,4 +249,4 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
 
 
 def _translates(channel: ChannelSpec) -> bool:
-    return channel.quantity == "force" or TABLE.get(channel.unit, ("", 1.0))[0] in _TRANSLATIONS
+    return channel.quantity == "force" or dimension_and_size(channel.unit)[0] in _TRANSLATIONS

@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
-from elastid.base.units import TABLE
+from elastid.base.units import TABLE, usual_spelling
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import Log, missing_channel
@@ -254,7 +254,11 @@ def _units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -
     for line in head:
         fields = _fields(line, text)
         units = tuple(field.strip("[]()") for field in fields)
-        if len(units) == len(headings) and fields != list(headings) and any(unit in TABLE for unit in units):
+        if (
+            len(units) == len(headings)
+            and fields != list(headings)
+            and any(usual_spelling(unit) in TABLE for unit in units)
+        ):
             return units
     return ()
 

@@ -5,7 +5,7 @@ Here the parts that all rules share: the repetitions of a signal. Arrays in, arr
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import SupportsInt
 
 import numpy as np
@@ -21,11 +21,15 @@ _CODES = {  # of findings that mend nothing
 
 @dataclass(frozen=True)
 class Finding:
-    """kind: kind of correction, for counting. text: fault, location, size and correction."""
+    """kind: kind of correction, for counting. text: fault, location, size and correction.
+
+    repetitions: numbers, from 0, of the repetitions that no longer count as measured.
+    """
 
     kind: str
     count: int
     text: str
+    repetitions: tuple[int, ...] = ()
 
     def note(self, place: str) -> Note:
         """The finding as a note on a record."""
@@ -33,19 +37,11 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Repaired:
-    """signals (n, c) after a repair; left_out: repetitions, counted from 0, that no longer count as measured."""
-
-    signals: FloatArray
-    findings: tuple[Finding, ...] = ()
-    left_out: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
 class Log:
-    """Names of a log, its channels and its times in messages. first: number in the file of the first sample.
+    """Names of a log, its channels and its times in messages, and all findings in it.
 
-    rows (n,): numbers in the file of all samples, where its time leaves some out; None where it does not.
+    first: number in the file of the first sample.  rows (n,): numbers in the file of all samples, where its time leaves
+    some out; None where it does not.
     """
 
     where: str
@@ -53,6 +49,15 @@ class Log:
     rate_hz: float | None = None
     first: int = 0
     rows: IntArray | None = None
+    findings: list[Finding] = field(default_factory=list)
+
+    def report(self, kind: str, count: SupportsInt, text: str, repetitions: tuple[int, ...] = ()) -> None:
+        """Add a finding."""
+        self.findings.append(Finding(kind, int(count), text, repetitions))
+
+    def after(self, first: int) -> "Log":
+        """The log from a sample on."""
+        return replace(self, first=self.first + first, rows=None if self.rows is None else self.rows[first:])
 
     def number(self, sample: SupportsInt) -> int:
         """The number in the file of a sample, or of the end of all."""

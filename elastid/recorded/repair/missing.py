@@ -15,25 +15,27 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.statistics import runs
-from elastid.recorded.repair import Finding, Log, Repaired, bridged
+from elastid.recorded.repair import Log, bridged
 from elastid.recorded.repair.interpolation import MAX_BRIDGED, interpolate, largest_step, period_noise
 from elastid.recorded.repair.masks import (
-    LIMITS,
-    find_clipping,
-    find_steps,
+    MAX_ERROR_OVER_NOISE,
+    MAX_FRACTION,
+    MAX_MISSING_FRACTION,
+    MAX_STILL,
+    report_clipping,
+    report_steps,
     without_standstill,
     without_stops,
 )
 from elastid.recorded.repair.outliers import without_spikes
-from elastid.recorded.repair.periodicity import LIMITS as REPETITION
-from elastid.recorded.repair.periodicity import grid_samples
+from elastid.recorded.repair.periodicity import MIN_PERIODS, grid_samples
 from elastid.recorded.repair.time_stamps import at_times, resampled
 
 FILLED = "missing samples filled"
 INTERPOLATED = "missing samples interpolated"
 
 
-def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
+def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     """Interpolate the missing samples (NaN) of the whole repetitions of signals (n, c).
 
     A repetition that lacks more than a tenth of a channel, or whose gap no interpolation predicts to within its noise,
@@ -44,22 +46,22 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     periodic = signals[: P * L]
     good = np.isfinite(periodic)
     if good.all():
-        return Repaired(periodic)
-    result, findings, poor = np.copy(periodic), [], set[int]()
+        return periodic
+    result, poor = np.copy(periodic), set[int]()
     for c in np.flatnonzero(~good.all(axis=0)):
         missing = np.flatnonzero(~good[:, c])
         text = f"{_missing(missing, good, log, int(c))}, the first is {log.time_of(missing[0])}"
-        if missing.size > LIMITS.max_missing_share * len(good):
+        if missing.size > MAX_MISSING_FRACTION * len(good):
             raise DataError(
                 "records/missing-samples", f"{log.where}: {text}; measure again, or cut them off with samples"
             )
         result[:, c], of_channel = _interpolated(periodic[:, c], L, sign, log, text)
         poor |= of_channel
-        findings.append(Finding(FILLED, missing.size, f"{text}: interpolated from other periods and adjacent samples"))
+        log.report(FILLED, missing.size, f"{text}: interpolated from other periods and adjacent samples")
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    left_out = sorted(poor | set(np.flatnonzero(lacking > LIMITS.max_still).tolist()))
+    left_out = sorted(poor | set(np.flatnonzero(lacking > MAX_STILL).tolist()))
     if not left_out:
-        return Repaired(result, tuple(findings))
+        return result
     numbers = ", ".join(str(p + 1) for p in left_out)
     text = f"repetitions {numbers} of {P} lack a tenth of a channel, or samples that the others do not predict"
     if P - len(left_out) < 2:
@@ -68,14 +70,14 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
             f"{text}, and two complete repetitions are needed; measure again, or cut the bad part off with samples",
             log.where,
         )
-    findings.append(Finding("repetitions left out", len(left_out), f"{text}, and are left out"))
-    return Repaired(result, tuple(findings), tuple(left_out))
+    log.report("repetitions left out", len(left_out), f"{text}, and are left out", tuple(left_out))
+    return result
 
 
 def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple[FloatArray, set[int]]:
     """Signal (P L,) without NaN, and the repetitions with a long gap that nothing predicts to within the noise."""
     result, poor, max_step = np.copy(x), set[int](), largest_step(x)
-    limit = LIMITS.max_error_over_noise * period_noise(x, L, sign)
+    limit = MAX_ERROR_OVER_NOISE * period_noise(x, L, sign)
     for start, end in runs(~np.isfinite(x)):
         gap = interpolate(x, start, end, L, sign, max_step)
         if gap is None:
@@ -94,9 +96,9 @@ def _missing(missing: IntArray, good: BoolArray, log: Log, c: int) -> str:
     return f"{log.names[c]}: {missing.size} of {len(good)} samples are missing"
 
 
-def bridged_gaps(signals: FloatArray, log: Log, max_share: float = LIMITS.max_share) -> Repaired:
+def bridged_gaps(signals: FloatArray, log: Log, max_share: float = MAX_FRACTION) -> FloatArray:
     """Signals (n, c) without NaN; DataError for long gaps, or too many, with the piece of the log that is complete."""
-    result, findings = np.copy(signals), []
+    result = np.copy(signals)
     for c in range(signals.shape[1]):
         good = np.isfinite(signals[:, c])
         missing = np.flatnonzero(~good)
@@ -116,8 +118,8 @@ def bridged_gaps(signals: FloatArray, log: Log, max_share: float = LIMITS.max_sh
                 log.where,
             )
         result[:, c], _ = _interpolated(signals[:, c], len(signals), 1, log, text)
-        findings.append(Finding(INTERPOLATED, missing.size, f"{text}: interpolated between their neighbours"))
-    return Repaired(result, tuple(findings))
+        log.report(INTERPOLATED, missing.size, f"{text}: interpolated between their neighbours")
+    return result
 
 
 def repair(
@@ -127,7 +129,7 @@ def repair(
     half_wave: bool,
     log: Log,
     check: Callable[[FloatArray], None],
-) -> Repaired:
+) -> FloatArray:
     """Signals (n, c), some samples NaN, repaired: whole repetitions of a period, or of half of one where half_wave.
 
     roles: the columns of r, u and y, before all others, which need not repeat.  check: refuses drivers (n, d) that are
@@ -135,49 +137,47 @@ def repair(
     """
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)
-    start = _in_whole_samples(signals, period, N, L)
-    going = without_stops(start.signals, roles["u"], L, log)
-    moving = without_standstill(going.signals, L, log)
-    both = _and_missing(moving.signals)
+    going = without_stops(_in_whole_samples(signals, period, N, L, log), roles["u"], L, log)
+    moving = without_standstill(going, L, log)
+    both = _and_missing(moving)
     clock = resampled(both, both[:, drivers], N, log)
-    of_log = _with_missing(clock.signals, signals.shape[1]) if clock.findings else moving.signals
-    clock = replace(clock, signals=of_log)
-    check(clock.signals[:, drivers])
+    of_log = moving if clock is both else _with_missing(clock, signals.shape[1])
+    check(of_log[:, drivers])
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
-    lone = without_spikes(clock.signals, L, sign, repeating)
-    full = filled(lone.signals, L, sign, log)
-    as_logged = _bridged(going.signals) if clock.findings else full.signals
-    reported = (*find_clipping(as_logged, L, repeating), *find_steps(as_logged, L, sign, repeating))
-    steps = (start, going, moving, clock, lone, full)
-    return Repaired(full.signals, (*(f for step in steps for f in step.findings), *reported), full.left_out)
+    full = filled(without_spikes(of_log, L, sign, repeating), L, sign, log)
+    as_logged = full if clock is both else _bridged(going)
+    report_clipping(as_logged, L, repeating)
+    report_steps(as_logged, L, sign, repeating)
+    return full
 
 
-def repair_without_period(signals: FloatArray, log: Log) -> Repaired:
+def repair_without_period(signals: FloatArray, log: Log) -> FloatArray:
     """Signals (n, c), some samples NaN, with single gaps interpolated; DataError where gaps are longer."""
     full, n = bridged_gaps(signals, log), len(signals)
-    reported = (*find_clipping(full.signals, n, log), *find_steps(full.signals, n, 1, log))
-    return Repaired(full.signals, (*full.findings, *reported))
+    report_clipping(full, n, log)
+    report_steps(full, n, 1, log)
+    return full
 
 
-def _in_whole_samples(signals: FloatArray, period: float, N: int, L: int) -> Repaired:
+def _in_whole_samples(signals: FloatArray, period: float, N: int, L: int, log: Log) -> FloatArray:
     """Signals with N samples in a period, and two whole repetitions of L where the second one lacks its end only."""
-    result, findings = signals, tuple[Finding, ...]()
+    result = signals
     if period != N:
         # A period of a fraction of samples is interpolated so that it has N of them.
         times = np.arange(int((len(signals) - 1) * N / period) + 1, dtype=np.float64) * (period / N)
         both = at_times(_and_missing(signals), times, period, min(1.0, N / period))
         result = _with_missing(both, signals.shape[1])
-        text = f"a period of {period:.8g} samples is brought to {N}"
-        findings = (Finding("periods brought to whole samples", 1, text),)
+        log.report("periods brought to whole samples", 1, f"a period of {period:.8g} samples is brought to {N}")
     n, lacking = len(result), 2 * L - len(result)
-    if n < REPETITION.min_periods * L or lacking <= 0:
-        return Repaired(result, findings)
+    if n < MIN_PERIODS * L or lacking <= 0:
+        return result
     text = (
         f"{n} samples are {n / L:.2f} repetitions of {L}: {n - L} of them repeat and give the noise, the last "
         f"{lacking} are taken from the first repetition"
     )
     end = np.full((lacking, signals.shape[1]), np.nan)
-    return Repaired(np.concatenate([result, end]), (*findings, Finding("incomplete periods", 1, text)))
+    log.report("incomplete periods", 1, text)
+    return np.concatenate([result, end])
 
 
 def _and_missing(signals: FloatArray) -> FloatArray:

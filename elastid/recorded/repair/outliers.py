@@ -16,55 +16,47 @@ beside it.  Interpolated samples are references and are never judged.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
-from elastid.recorded.repair import Finding, Log, Repaired, bridged, flat
+from elastid.recorded.repair import Log, bridged, flat
 from elastid.recorded.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolate, largest_step, period_noise
 from elastid.recorded.repair.masks import MASKED, step
 
-
-@dataclass(frozen=True)
-class OutlierLimits:
-    """Limits that distinguish a spike from a signal, its noise, its steps and its transients."""
-
-    min_sigmas: float = 6.0
-    min_ratio: float = 5.0  # distance of a spike over that of its neighbours, at least
-    min_errors: float = 4.0  # distance of a spike or lost message from its interpolation, over the error of that
-    max_by_chance: float = 0.01  # repeated values, or zeros, in a channel
-    min_periods: int = 3
-    max_share: float = 0.02  # spikes of this part of a channel and more are no single ones
-    # Samples: of the running median, of a spike at most, and of neighbours on each side.
-    median_window: int = 11
-    max_run: int = 3
-    neighbours: int = 6
-    quiet_share: float = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
-    # Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
-    usual_share: float = 0.9
-    parts: int = 20
-    min_over_usual: float = 3.0
-    rounds: int = 8  # large spikes are replaced before smaller ones beside them are judged
+# Limits that distinguish a spike from a signal, its noise, its steps and its transients.
+MIN_SIGMAS = 6.0
+MIN_RATIO = 5.0  # distance of a spike over that of its neighbours, at least
+MIN_ERRORS = 4.0  # distance of a spike or lost message from its interpolation, over the error of that
+MAX_BY_CHANCE = 0.01  # repeated values, or zeros, in a channel
+MIN_PERIODS = 3
+MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
+# Samples: of the running median, of a spike at most, and of neighbours on each side.
+MEDIAN_WINDOW = 11
+MAX_RUN = 3
+NEIGHBOURS = 6
+QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
+# Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
+USUAL_FRACTION = 0.9
+PARTS = 20
+MIN_OVER_USUAL = 3.0
+ROUNDS = 8  # large spikes are replaced before smaller ones beside them are judged
 
 
-LIMITS = OutlierLimits()
-
-
-def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
+def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     """Mask (NaN) the spikes of signals (n, c), some samples NaN, in the channels that the log names.
 
     Nothing changes for fewer than three repetitions of L samples.
     """
     P = len(signals) // L
-    if LIMITS.min_periods > P:
-        return Repaired(signals)
+    if MIN_PERIODS > P:
+        return signals
     spikes = [_spikes_of_periods(x, L, sign) for x in signals[: P * L, : len(log.names)].T]
     return _masked(signals, spikes, "the other periods", log)
 
 
-def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()) -> Repaired:
+def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()) -> FloatArray:
     """Mask (NaN) the spikes of signals (n, c), finite and without a period, among their neighbours.
 
     are_motions (c,): positions, whose spikes leap by more than three times the step that 99 % of the rows stay below.
@@ -72,25 +64,24 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     everywhere = np.ones(len(signals), dtype=np.bool_)
     at = []
     for x, is_motion in zip(signals.T, are_motions or [False] * signals.shape[1], strict=True):
-        least = LIMITS.min_over_usual * float(np.quantile(np.abs(np.diff(x)), 0.99)) if is_motion else 0.0
+        least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(x)), 0.99)) if is_motion else 0.0
         # Without a period, a step that swings is no spike: all neighbours are quieter.
         at.append(np.flatnonzero(_spikes(x, x, everywhere, len(x), least, MAX_BRIDGED, step(x), quiet_share=1.0)))
     return _masked(signals, at, "their neighbours", log)
 
 
-def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log) -> Repaired:
-    result, findings = np.copy(signals), []
+def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log) -> FloatArray:
+    result = np.copy(signals)
     for c, at in enumerate(spikes):
         if at.size == 0:
             continue
         text = f"{log.names[c]}: {at.size} of {len(signals)} samples differ from {reference}"
-        if at.size >= LIMITS.max_share * len(signals):
-            findings.append(Finding("spikes left", at.size, f"{text}: too many for spikes, left unchanged"))
+        if at.size >= MAX_FRACTION * len(signals):
+            log.report("spikes left", at.size, f"{text}: too many for spikes, left unchanged")
             continue
         result[at, c] = np.nan
-        text += f", the first is {log.time_of(at[0])}: spikes, declared missing"
-        findings.append(Finding(MASKED, at.size, text))
-    return Repaired(result, tuple(findings))
+        log.report(MASKED, at.size, f"{text}, the first is {log.time_of(at[0])}: spikes, declared missing")
+    return result
 
 
 def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
@@ -101,13 +92,13 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     if is_lost.any():
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
         full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign, to_nearest)
-    for _ in range(LIMITS.rounds):
+    for _ in range(ROUNDS):
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
         least = period_noise(full, L, sign)
         of_all, of_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
         for e in _differences(full, L, sign):
             if of_all.any() or may_be_lost.any():
-                new_spikes = _spikes(x, e, judged & ~is_spike, L, least, LIMITS.max_run, q)
+                new_spikes = _spikes(x, e, judged & ~is_spike, L, least, MAX_RUN, q)
                 of_all, of_any = of_all & new_spikes, of_any | new_spikes
         candidates = of_all | (may_be_lost & of_any)
         if not candidates.any():
@@ -138,7 +129,7 @@ def _replaced(
         if gap is None:
             continue
         distance = np.abs(x[start:end] - gap.values).max()
-        if LIMITS.min_errors * gap.error < distance < 2 * to_nearest[start:end].max():
+        if MIN_ERRORS * gap.error < distance < 2 * to_nearest[start:end].max():
             result[start:end], is_replaced[start:end] = gap.values, True
     return result, is_replaced
 
@@ -150,7 +141,7 @@ def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
     """
     X = flat(x, L, sign)
     references = [np.roll(X, -1, axis=0), np.roll(X, -2, axis=0)]
-    if len(X) > LIMITS.min_periods:
+    if len(X) > MIN_PERIODS:
         references.append(np.broadcast_to(np.median(X, axis=0), X.shape))
     return [(X - reference).ravel() for reference in references]
 
@@ -165,7 +156,7 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
     extended = np.pad(x, 2, mode="reflect", reflect_type="odd")
     roughness = np.abs(np.convolve(extended, _CUBIC, mode="valid")).reshape(-1, L)
     highest = np.where(candidates.reshape(-1, L), roughness, -1.0).max(axis=0)
-    rivals = roughness > np.maximum(2 * highest, LIMITS.min_ratio * np.quantile(roughness, LIMITS.quiet_share))
+    rivals = roughness > np.maximum(2 * highest, MIN_RATIO * np.quantile(roughness, QUIET_FRACTION))
     # Beside a spike a signal is rough, too.
     rivals &= (highest >= 0) & (roughness == maximum_filter(roughness, (1, len(_CUBIC))))
     is_chosen = np.where(rivals.any(axis=0), rivals, roughness == highest)
@@ -176,7 +167,7 @@ def _lone_distance(e: FloatArray) -> FloatArray:
     """Distance (n,) of each sample of a signal from its running median."""
     from scipy.ndimage import median_filter
 
-    return np.asarray(np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror")))
+    return np.asarray(np.abs(e - median_filter(e, MEDIAN_WINDOW, mode="mirror")))
 
 
 def _interpolated(x: FloatArray, L: int, sign: int) -> FloatArray:
@@ -196,7 +187,7 @@ def _spikes(
     smallest: float,
     max_run: int,
     q: float,
-    quiet_share: float = LIMITS.quiet_share,
+    quiet_share: float = QUIET_FRACTION,
 ) -> BoolArray:
     """Flags (n,) of the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
 
@@ -205,14 +196,14 @@ def _spikes(
     """
     from scipy.ndimage import maximum_filter
 
-    n, d = LIMITS.neighbours, _lone_distance(e)
+    n, d = NEIGHBOURS, _lone_distance(e)
     noise = np.quantile(d.reshape(-1, L), 0.75, axis=1) / QUANTILE_75
     sigma = np.hypot(noise, q / np.sqrt(12)).repeat(L)
-    least = np.maximum(LIMITS.min_sigmas * sigma, max(1e-9 * float(np.nanmax(x) - np.nanmin(x)), smallest))
+    least = np.maximum(MIN_SIGMAS * sigma, max(1e-9 * float(np.nanmax(x) - np.nanmin(x)), smallest))
     if not np.any(d > least):
         return np.zeros(len(e), dtype=np.bool_)
     # A spike moves the running median beside it, by little where e is smooth.
-    beside = maximum_filter(d, LIMITS.median_window) / LIMITS.min_ratio
+    beside = maximum_filter(d, MEDIAN_WINDOW) / MIN_RATIO
     short = [(a, b) for a, b in runs(d > np.maximum(least, beside)).tolist() if b - a <= max_run]
     is_spike = np.zeros(len(e), dtype=np.bool_)
     if not short:
@@ -227,8 +218,8 @@ def _spikes(
             continue
         around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
         distance, scatter = _from_parabola(e, straight, first, end, quiet_share)
-        is_lone = d[first:end].max() > max(LIMITS.min_ratio * np.quantile(around, quiet_share), usual)
-        if is_lone and distance > max(least[first], LIMITS.min_ratio * scatter):
+        is_lone = d[first:end].max() > max(MIN_RATIO * np.quantile(around, quiet_share), usual)
+        if is_lone and distance > max(least[first], MIN_RATIO * scatter):
             is_spike[first:end] = True
     return is_spike & judged
 
@@ -239,22 +230,22 @@ def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
     usual, is_lost, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
     for distance in (change, np.abs(x)):
         is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= usual)))
-        if is_equal.mean() < LIMITS.max_share:
+        if is_equal.mean() < MAX_FRACTION:
             is_rare |= is_equal
-            if n_near * q / max(2 * usual, 1e-300) < LIMITS.max_by_chance:
+            if n_near * q / max(2 * usual, 1e-300) < MAX_BY_CHANCE:
                 is_lost |= is_equal
     return is_lost, is_rare
 
 
 def _usual(d: FloatArray) -> float:
     """Distance that a spike exceeds, by the distances (n,) that are usual in parts of a log."""
-    parts = d[: len(d) // LIMITS.parts * LIMITS.parts].reshape(LIMITS.parts, -1)
-    return LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
+    parts = d[: len(d) // PARTS * PARTS].reshape(PARTS, -1)
+    return MIN_OVER_USUAL * float(np.median(np.quantile(parts, USUAL_FRACTION, axis=1)))
 
 
 def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quiet_share: float) -> tuple[float, float]:
     """Largest distance of a run of e (n,) from a parabola through its neighbours, and quantile of their distances."""
-    n = LIMITS.neighbours
+    n = NEIGHBOURS
     sides = np.r_[first - 1 - n : first - 1, end + 1 : end + 1 + n]
     away = np.abs(np.r_[beside[sides], e[first:end]] - _PARABOLAS[end - first] @ beside[sides])
     return float(away[len(sides) :].max()), float(np.quantile(away[: len(sides)], quiet_share))
@@ -262,7 +253,7 @@ def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quie
 
 def _parabola(length: int) -> FloatArray:
     """Weights (2 n + length, 2 n) of the parabola through n neighbours on each side of a run, at these and in it."""
-    n = LIMITS.neighbours
+    n = NEIGHBOURS
     sides = np.r_[-1 - n : -1, length + 1 : length + 1 + n]
     powers = np.vander((np.r_[sides, 0:length] - (length - 1) / 2) / n, 3)
     return np.asarray(powers @ np.linalg.pinv(powers[: len(sides)]))
@@ -270,4 +261,4 @@ def _parabola(length: int) -> FloatArray:
 
 # Difference of a sample to the cubic through two neighbours on each side.
 _CUBIC = np.array([1, -4, 6, -4, 1]) / 6
-_PARABOLAS = {length: _parabola(length) for length in range(1, LIMITS.max_run + 1)}
+_PARABOLAS = {length: _parabola(length) for length in range(1, MAX_RUN + 1)}

@@ -16,32 +16,25 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.repair import Log, flat
 from elastid.recorded.repair.time_stamps import CLOCK, at_times
 
-
-@dataclass(frozen=True)
-class RepetitionLimits:
-    """Limits of the judgement that a signal repeats."""
-
-    # Correlation of a repetition at least; where several periods show that the rest is noise that of CLOCK.
-    min_correlation: float = 0.95
-    # The rest is noise where so many periods have correlations that differ by no more than this part.
-    min_noisy_periods: int = 4
-    max_correlation_change: float = 0.1
-    # The change from one repetition to the next is noise where its autocorrelation, from lags of a twentieth to a half
-    # of a repetition, is at most this; the change of a motion is as slow as the motion.
-    min_rest_lag: float = 0.05
-    max_rest_correlation: float = 0.3
-    # A stated period is wrong where another leaves a fifth, and 1 % of the signal's power, less unexplained.
-    max_unexplained_ratio: float = 1.2
-    unexplained_margin: float = 0.01
-    min_periods: float = 1.9  # so many periods of the log are two of them, of which the second may end early
-    # Larger shifts by lost samples, as a part of the period, have other causes.
-    max_shift: float = 0.02
-    max_lost: int = 50
-    usual_change: float = 3.0  # of the median one, from one repetition to the next, no samples are lost
-    min_part_of_best: float = 0.8  # peaks with at least this part of the highest one are refined
-
-
-LIMITS = RepetitionLimits()
+# Limits of the judgement that a signal repeats.
+# Correlation of a repetition at least; where several periods show that the rest is noise that of CLOCK.
+MIN_CORRELATION = 0.95
+# The rest is noise where so many periods have correlations that differ by no more than this part.
+MIN_NOISY_PERIODS = 4
+MAX_CORRELATION_CHANGE = 0.1
+# The change from one repetition to the next is noise where its autocorrelation, from lags of a twentieth to a half
+# of a repetition, is at most this; the change of a motion is as slow as the motion.
+MIN_REST_LAG = 0.05
+MAX_REST_CORRELATION = 0.3
+# A stated period is wrong where another leaves a fifth, and 1 % of the signal's power, less unexplained.
+MAX_UNEXPLAINED_RATIO = 1.2
+UNEXPLAINED_MARGIN = 0.01
+MIN_PERIODS = 1.9  # so many periods of the log are two of them, of which the second may end early
+# Larger shifts by lost samples, as a part of the period, have other causes.
+MAX_SHIFT = 0.02
+MAX_LOST = 50
+USUAL_CHANGE = 3.0  # of the median one, from one repetition to the next, no samples are lost
+MIN_FRACTION_OF_BEST = 0.8  # peaks with at least this part of the highest one are refined
 
 
 @dataclass(frozen=True)
@@ -61,7 +54,7 @@ class Repetition:
     @property
     def is_as_stated(self) -> bool:
         """True if the stated lag repeats the signals, as well as any other does."""
-        least = CLOCK.min_correlation if self.rest_is_noise else LIMITS.min_correlation
+        least = CLOCK.min_correlation if self.rest_is_noise else MIN_CORRELATION
         return self.correlation >= least and _is_as_good(self.correlation, self.best_correlation)
 
     @property
@@ -99,7 +92,7 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
     known = np.flatnonzero(np.isfinite(x))
     x = x[: max(int(known.max(initial=-1)) + 1, 2 * lag)]
     n = len(x)
-    if n < LIMITS.min_periods * lag or lag < 1 or known.size == 0:
+    if n < MIN_PERIODS * lag or lag < 1 or known.size == 0:
         return _NONE
     level = flat(x, lag).ravel() if n >= 2 * lag else _levelled(x, lag)
     rho = autocorrelation(level)
@@ -135,7 +128,7 @@ def _levelled(x: FloatArray, lag: int) -> FloatArray:
 
 
 def _is_as_good(correlation: float, best: float) -> bool:
-    return 1 - correlation <= LIMITS.max_unexplained_ratio * (1 - best) + LIMITS.unexplained_margin
+    return 1 - correlation <= MAX_UNEXPLAINED_RATIO * (1 - best) + UNEXPLAINED_MARGIN
 
 
 def _rest_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
@@ -144,25 +137,25 @@ def _rest_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
     And if d(t) = x(t + T) - x(t) is noise: its autocorrelation is 2 rho(l) - rho(T + l) - rho(T - l) of x(t)^2.
     """
     n = len(rho) * 8 / 7
-    if n < LIMITS.min_noisy_periods * lag:
+    if n < MIN_NOISY_PERIODS * lag:
         return False
     repeats = np.arange(1, int(n / lag) // 2 + 1)
     lags = np.round(repeats * lag).astype(int)
     # A lag that is not whole has its peak at one of two samples.
     near = np.clip(lags + np.array([-1, 0, 1])[:, None], 0, len(rho) - 1)
     peaks = np.max((float(sign) ** repeats) * rho[near], axis=0)
-    if np.any(np.abs(peaks / max(peaks[0], 1e-300) - 1) > LIMITS.max_correlation_change):
+    if np.any(np.abs(peaks / max(peaks[0], 1e-300) - 1) > MAX_CORRELATION_CHANGE):
         return False
     T = max(1, round(lag))
-    later = np.arange(max(1, round(LIMITS.min_rest_lag * T)), T // 2 + 1)
+    later = np.arange(max(1, round(MIN_REST_LAG * T)), T // 2 + 1)
     rest = 2 * rho[later] - sign * (rho[T + later] + rho[T - later])
-    return bool(np.all(np.abs(rest) <= LIMITS.max_rest_correlation * 2 * max(1 - sign * rho[T], 1e-3)))
+    return bool(np.all(np.abs(rest) <= MAX_REST_CORRELATION * 2 * max(1 - sign * rho[T], 1e-3)))
 
 
 def _anywhere(x: FloatArray) -> Repetition:
     """The shortest lag, two of which fit, after which a signal (n,) repeats as well as after any other."""
     all_lags = autocorrelation(x)
-    rho = all_lags[: int(len(x) / LIMITS.min_periods) + 1]
+    rho = all_lags[: int(len(x) / MIN_PERIODS) + 1]
     beyond_first_lobe = np.flatnonzero(rho < 0.5)
     if beyond_first_lobe.size == 0:
         return _NONE
@@ -170,7 +163,7 @@ def _anywhere(x: FloatArray) -> Repetition:
     highest = float(rho[start:].max())
     inner = rho[start + 1 : -1]
     peaks = start + 1 + np.flatnonzero((inner >= rho[start:-2]) & (inner > rho[start + 2 :]))
-    peaks = peaks[rho[peaks] > max(LIMITS.min_part_of_best * highest, CLOCK.min_correlation)]
+    peaks = peaks[rho[peaks] > max(MIN_FRACTION_OF_BEST * highest, CLOCK.min_correlation)]
     if peaks.size == 0:
         return Repetition(0.0, 0.0, highest)
     best = max(highest, _refined(all_lags, int(peaks[np.argmax(rho[peaks])]))[1])
@@ -178,7 +171,7 @@ def _anywhere(x: FloatArray) -> Repetition:
         period, correlation = _refined(all_lags, int(peak))
         if not _is_as_good(correlation, best):
             continue
-        if correlation >= LIMITS.min_correlation or _rest_is_noise(all_lags, period):
+        if correlation >= MIN_CORRELATION or _rest_is_noise(all_lags, period):
             return Repetition(0.0, _from_later(all_lags, period), correlation)
     return Repetition(0.0, 0.0, best)
 
@@ -246,7 +239,7 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
         raise DataError(
             "records/period-mismatch",
             f"no period was detected (best correlation {best.best_correlation:.2f}; at least "
-            f"{LIMITS.min_correlation:g} with two periods): {NO_LINES}",
+            f"{MIN_CORRELATION:g} with two periods): {NO_LINES}",
             file.path,
         )
     N = round(best.best_samples)
@@ -258,7 +251,7 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
 def unstated_period_notes(drivers: FloatArray, where: str) -> tuple[Note, ...]:
     """A note on a period of the drivers (n, d) that the study does not state."""
     best = find_period(drivers)
-    if best.best_correlation < LIMITS.min_correlation or not best.best_samples:
+    if best.best_correlation < MIN_CORRELATION or not best.best_samples:
         return ()
     text = (
         f"no period is stated, but the torques repeat every {round(best.best_samples, 2):.8g} samples. Set period: "
@@ -285,9 +278,9 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
     """
     n, path = len(excitation), log.where
     repeat, sign = (N // 2, -1) if half_wave else (N, 1)
-    if is_one_of_several and N <= n < LIMITS.min_periods * repeat:
+    if is_one_of_several and N <= n < MIN_PERIODS * repeat:
         return
-    if n < LIMITS.min_periods * repeat:
+    if n < MIN_PERIODS * repeat:
         needed = "one period is" if half_wave else "two periods are"
         raise DataError(
             "records/period-mismatch",
@@ -328,13 +321,13 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
 
     Each eighth of a period is looked for one period later: after N samples, or by one other lag across the shift.
     """
-    L, reach = max(N // 8, 1), int(np.clip(LIMITS.max_shift * N, 2, LIMITS.max_lost))
+    L, reach = max(N // 8, 1), int(np.clip(MAX_SHIFT * N, 2, MAX_LOST))
     x = excitation[:, [c for c in range(excitation.shape[1]) if _moves(excitation[:, c])]]
     if not np.isfinite(x).all():
         return None
     power = np.mean((x[N:] - sign * x[:-N]) ** 2, axis=1)
     change = np.array([*power[: len(power) // N * N].reshape(-1, N).mean(axis=1), power[-N:].mean()])
-    if len(x) >= 4 * N and change.max() < LIMITS.usual_change * np.median(change):
+    if len(x) >= 4 * N and change.max() < USUAL_CHANGE * np.median(change):
         return None
     lags, starts = list[int](), range(0, len(x) - N - L - reach, L)
     for start in starts:
@@ -345,7 +338,7 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
         rho = inner / np.maximum(np.linalg.norm(part) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
         is_nearer = 1 - rho.max() < CLOCK.max_remaining_share * (1 - rho[reach])
         lag = int(np.argmax(rho)) - reach if is_nearer else 0
-        lags.append(lag if rho.max() > LIMITS.min_correlation else reach + 1)
+        lags.append(lag if rho.max() > MIN_CORRELATION else reach + 1)
     known = [lag for lag in lags if lag <= reach]
     shifts, changes = set(known) - {0}, np.count_nonzero(np.diff(known))
     if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(known) - 1 and len(lags) - len(known) <= 3):

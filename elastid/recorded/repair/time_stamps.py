@@ -30,7 +30,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, Repaired, scaled
+from elastid.recorded.repair import Log, scaled
 
 RESAMPLED, JITTER = "samples resampled", "time stamps with jitter"
 # Half width W in samples and shape beta of the Kaiser window; it passes frequencies up to this part of the rate.
@@ -203,15 +203,15 @@ def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     return ClockDrift(excess, before, after)
 
 
-def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Repaired:
+def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> FloatArray:
     """Signals (n, c), finite, at the generator's clock, where it differs; DataError where fewer than two are left."""
     P = len(signals) // N
     if P < 2:
-        return Repaired(signals)
+        return signals
     drift = clock_drift(drivers, N)
     is_clock = CLOCK.max_deviation <= abs(drift.excess) * P and abs(drift.excess) <= CLOCK.max_error * N
     if not is_clock or drift.left > CLOCK.max_remaining_share * drift.unexplained:
-        return Repaired(signals)
+        return signals
     T = N + drift.excess
     # Leakage biases the first estimate: corrected by the drift that is left after resampling.
     for _ in range(2):
@@ -229,7 +229,8 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
         f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f} "
         f"ppm; after resampling, {100 * drift.left / drift.unexplained:.2g} % of the non-repeating power remains"
     )
-    return Repaired(result, (Finding(RESAMPLED, len(result), text),))
+    log.report(RESAMPLED, len(result), text)
+    return result
 
 
 def _cross(Z: ComplexArray, lag: int) -> tuple[ComplexArray, float]:
@@ -288,7 +289,7 @@ def _resolution(time_s: FloatArray) -> float:
     return 10.0 ** -int(np.argmax(is_whole)) if is_whole.any() else 0.0
 
 
-def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> Repaired:
+def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
     """Signals (n, c) at rate_hz from the first stamp on, with rows of NaN where the stamps (n,) leave samples out.
 
     Stamps on an even grid at rate_hz, but for clocks that differ as quartzes do, change no sample.
@@ -311,7 +312,7 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
             f"{rate_hz:g}. Give the time in s, correct rate_hz, or exclude a jump by samples",
             log.where,
         )
-    grid, findings = even_grid(time_s), list[Finding]()
+    grid = even_grid(time_s)
     even = _logger_jitter(time_s, signals) if grid is None else None
     if even is not None:
         jitter_s, grid_hz = even
@@ -320,17 +321,16 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
             f"time stamps jitter by up to {1e3 * jitter_s:.3g} ms around an even grid of {grid_hz:.6g} Hz; the signals "
             "are smoother on the grid: the rows are taken as evenly sampled"
         )
-        findings.append(Finding(JITTER, len(time_s), text))
+        log.report(JITTER, len(time_s), text)
     if grid is not None:
         rows, grid_hz = grid
         if abs(grid_hz / rate_hz - 1) <= CLOCK.max_error:
             lost, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
             result[rows] = signals
-            gaps = (_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log),) if lost else ()
-            return Repaired(result, (*findings, *gaps))
+            _report_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log)
+            return result
         time_s = rows / grid_hz
-    repaired = _at_instants(time_s, signals, rate_hz, log)
-    return Repaired(repaired.signals, (*findings, *repaired.findings))
+    return _at_instants(time_s, signals, rate_hz, log)
 
 
 def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, float] | None:
@@ -350,12 +350,13 @@ def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, floa
     return (jitter_s, 1 / float(step)) if on_rows <= at_stamps else None
 
 
-def _gaps(lost: int, gaps: IntArray, log: Log) -> Finding:
-    text = f"{lost} samples are missing in {gaps.size} gaps of its time, the first after {log.time_of(gaps[0])}"
-    return Finding(GAPS, lost, text)
+def _report_gaps(lost: int, gaps: IntArray, log: Log) -> None:
+    if lost:
+        text = f"{lost} samples are missing in {gaps.size} gaps of its time, the first after {log.time_of(gaps[0])}"
+        log.report(GAPS, lost, text)
 
 
-def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> Repaired:
+def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
     """Resampled from instants (n,) in s, the first of which is 0."""
     steps_s, steps = np.diff(time_s), steps_in_words(time_s)
     gaps = np.flatnonzero(steps_s > CLOCK.min_gap * np.median(steps_s))
@@ -380,8 +381,9 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
         f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz, without "
         f"{share:.2g} of its rms, which is noise or faster"
     )
-    lost = (_gaps(int(missing.sum()), gaps, log),) if missing.any() else ()
-    return Repaired(result, (Finding(RESAMPLED, len(result), text), *lost))
+    log.report(RESAMPLED, len(result), text)
+    _report_gaps(int(missing.sum()), gaps, log)
+    return result
 
 
 def _fitted(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float) -> tuple[FloatArray, float]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.base.units import TABLE
+from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.modal.spec import GeometrySpec
@@ -337,7 +337,7 @@ def _in_si(
 ) -> tuple[FloatArray, tuple[Note, ...]]:
     """Factors (n_y, n_u) of a file that states its units (data set 164), 1 where a channel states one; and a note."""
     metre, newton = _length_and_force(path)
-    stated = {label(c) for c in channels if TABLE.get(c.unit, ("", 1.0))[1] != 1}
+    stated = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
     turns = re.compile(r"\d+r[xyz]")
     of_outputs = np.array([1.0 if name in stated or turns.fullmatch(name) else metre for name in outputs])
     of_inputs = np.array([1.0 if n in stated else newton * (metre if turns.fullmatch(n) else 1.0) for n in inputs])

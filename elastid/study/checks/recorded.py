@@ -4,18 +4,18 @@ The section `experiment.recorded` against its logs, opened: channels, rate, peri
 """
 
 import os
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError, StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
-from elastid.recorded.channel_guess import channel_doubts
+from elastid.recorded.channel_doubts import channel_doubts
+from elastid.recorded.clocks import MAX_SAMPLES, TIME_UNITS, is_time, stamps_of
 from elastid.recorded.files.formats import is_log, opened_log
 from elastid.recorded.files.log import Log as OpenLog
 from elastid.recorded.files.text import WRITTEN_OTHERWISE
@@ -155,10 +155,8 @@ def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath)
         yield Problem((*path, "channels", i, key), text)
 
 
-# Logs that are opened, over the list, and samples that are read of each, of a longer period four of them.
-_MAX_LOGS, _MAX_SAMPLES = 12, 1 << 17
-_IS_TIME = re.compile(r"(t|time|zeit|timestamp|seconds)([^a-z].*)?", re.IGNORECASE)
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# Logs that are opened, over the list.
+_MAX_LOGS = 12
 
 
 def check_logs(study: Study, base: Path) -> Iterator[Problem]:
@@ -228,7 +226,7 @@ def _check_content(
     channels = [recorded.channels[k] for k in members]
     first, end = file.samples or (0, None)
     period = recorded.period_of(file)
-    most = max(_MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
+    most = max(MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
     values = log.values(channels, slice(first, first + most if end is None else min(end, first + most)))
     if end is not None and len(values) < min(end - first, most):
         yield Problem(
@@ -277,7 +275,7 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
     rate_hz, where = recorded.known_rate_hz, (*_RECORDED, "rate_hz")
     names = [recorded.time] if recorded.time else [name for name in log.shapes() if is_time(name)]
     for name in names:
-        steps = np.diff(time_of(log, name))
+        steps = np.diff(stamps_of(log, name)[0])
         if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
             continue
         mean_s, usual_s = float(np.mean(steps)), float(np.median(steps))
@@ -300,42 +298,3 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
 def _is_other(hz: float, rate_hz: float) -> bool:
     # A rate that differs by more is another one; time stamps lose samples and drift.
     return abs(hz / rate_hz - 1) > 0.02
-
-
-def is_time(name: str) -> bool:
-    """True for the name of a channel that is a time by its name."""
-    return _IS_TIME.fullmatch(re.split(r"[./]", name)[-1]) is not None
-
-
-def time_of(log: OpenLog, name: str) -> FloatArray:
-    """The stamps (n,) of a time channel, wrong ones interpolated; empty for another channel."""
-    return stamps_of(log, name)[0]
-
-
-def stamps_of(log: OpenLog, name: str) -> tuple[FloatArray, IntArray]:
-    """The stamps of `time_of`, and the samples of wrong ones: missing, or off the median of their neighbours."""
-    nothing = np.zeros(0), np.zeros(0, np.int64)
-    try:
-        t = log.values([ChannelSpec("y", "time", name, quantity="position")], slice(0, _MAX_SAMPLES))[:, 0]
-    except ElastidError:
-        return nothing
-    good = _good_stamps(t)
-    wrong, rows = np.flatnonzero(~good), np.arange(len(t))
-    if len(t) < 3 or len(wrong) > _MAX_WRONG_STAMPS * len(t):
-        return nothing if len(t) < 3 or not np.isfinite(t).all() else (t, nothing[1])
-    return np.asarray(np.interp(rows, rows[good], t[good])), wrong
-
-
-_MAX_WRONG_STAMPS = 0.01  # of a clock, single cells
-_WRONG_STAMP = 5.0  # distance of a wrong stamp from the median of its neighbours, in steps of the clock
-
-
-def _good_stamps(t: FloatArray) -> BoolArray:
-    """Flags (n,) of stamps that are finite and as far on as their neighbours."""
-    from scipy.ndimage import median_filter
-
-    if len(t) < 3:
-        return np.isfinite(t)
-    away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))
-    with np.errstate(invalid="ignore"):
-        return np.asarray(away <= _WRONG_STAMP * float(np.nanmedian(np.abs(np.diff(t)))))

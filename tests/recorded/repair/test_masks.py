@@ -1,19 +1,21 @@
 """Spikes and channels that hang are missing samples, which periods fill; steps and limits are told, rest is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
-from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, wave
+from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, found, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import Log, counts
 from elastid.recorded.repair.masks import (
     CLIPPED,
     MASKED,
-    find_clipping,
-    find_steps,
+    report_clipping,
+    report_steps,
     step,
     without_standstill,
 )
@@ -43,9 +45,9 @@ def test_noise_steps_of_an_encoder_and_a_transient_are_no_spikes(
     signals += signals.std(axis=0) * (noise + ringing[:, None])
     if q:
         signals[:, 1] = q * np.round(signals[:, 1] / q)
-    repaired = without_spikes(signals, N, 1, LOG)
-    assert repaired.findings == ()
-    np.testing.assert_array_equal(repaired.signals, signals)
+    repaired, findings = found(without_spikes, signals, N, 1)
+    assert not findings
+    np.testing.assert_array_equal(repaired, signals)
 
 
 def test_what_is_no_single_spike_is_left_with_a_word() -> None:
@@ -53,18 +55,18 @@ def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     rng = np.random.default_rng(5)
     many = CLEAN + NOISE
     many[rng.choice(P * N, 90, replace=False), 0] += 1.0
-    repaired = without_spikes(many, N, 1, LOG)
-    np.testing.assert_array_equal(repaired.signals, many)
-    assert [finding.kind for finding in repaired.findings] == ["spikes left"]
+    repaired, findings = found(without_spikes, many, N, 1)
+    np.testing.assert_array_equal(repaired, many)
+    assert counts(findings) == {"spikes left": 90}
     burst = CLEAN + NOISE
     burst[1200:1260, 0] += np.sin(np.arange(60) * 2.0)
-    assert without_spikes(burst, N, 1, LOG).findings == ()
-    assert without_spikes(many[: 2 * N], N, 1, LOG).findings == ()
+    assert not found(without_spikes, burst, N, 1)[1]
+    assert not found(without_spikes, many[: 2 * N], N, 1)[1]
     pulses = CLEAN + NOISE
     pulses[[777, 1888], 0] += 0.5
-    assert [finding.count for finding in without_spikes(pulses, N, 1, LOG).findings] == [2]
+    assert counts(found(without_spikes, pulses, N, 1)[1]) == {MASKED: 2}
     pulses[(np.arange(0, P * N - 60, 47)[:, None] + rng.choice(12, 3, replace=False)).ravel(), 0] += 0.5
-    assert without_spikes(pulses, N, 1, LOG).findings == ()
+    assert not found(without_spikes, pulses, N, 1)[1]
 
 
 @pytest.mark.parametrize("length", [1, 3, 40])
@@ -72,14 +74,14 @@ def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length:
     """A bus that lost samples of an angle far from 0; those of a torque about 0 stay, and pulses that repeat."""
     signals = 1e-4 * CLEAN + np.array([0.0, 90.0])
     signals[3 * N + 100 : 3 * N + 100 + length] = 0.0
-    found = without_standstill(signals, N, LOG)
-    lost = np.isnan(found.signals)
+    masked, findings = found(without_standstill, signals, N)
+    lost = np.isnan(masked)
     assert lost[:, 1].nonzero()[0].tolist() == list(range(3 * N + 100, 3 * N + 100 + length))
     assert not lost[:, 0].any()
-    assert counts(found.findings) == {MASKED: length}
+    assert counts(findings) == {MASKED: length}
     pulses = np.tile(np.where(np.arange(N) % 100 < length, 0.0, 50.0), P)[:, None] + np.zeros(2)
-    assert without_standstill(pulses, N, LOG).findings == ()
-    assert without_standstill(CLEAN, N, LOG).findings == ()
+    assert not found(without_standstill, pulses, N)[1]
+    assert not found(without_standstill, CLEAN, N)[1]
 
 
 M = 400
@@ -98,21 +100,21 @@ def test_what_stands_in_every_period_or_within_a_count_does_not_hang() -> None:
     signals = sines()
     signals[np.arange(4 * M) % M > 300] = 0.0
     signals[100:115, 0] = signals[100, 0]
-    assert without_standstill(signals, M, LOG).findings == ()
+    assert not found(without_standstill, signals, M)[1]
     for seed in range(20):
         coarse = np.stack([np.round(sines(seed)[:, 0] / 4) * 4, np.clip(sines(seed)[:, 1], -3, 3)], axis=1)
-        assert without_standstill(coarse, M, LOG).findings == ()
+        assert not found(without_standstill, coarse, M)[1]
 
 
 def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:
     """At 2 rms a word, at 1 rms refused, unclipped and coarse steps nothing."""
     at_two, at_one = (np.clip(CLEAN, -level * CLEAN.std(axis=0), level * CLEAN.std(axis=0)) for level in (2, 1))
-    finding = find_clipping(at_two, N, LOG)[1]
+    finding = found(report_clipping, at_two, N)[1][1]
     assert finding.kind == CLIPPED
     assert finding.count == pytest.approx(np.sum(np.abs(CLEAN[:, 1]) > 2 * CLEAN[:, 1].std()), rel=0.5)
     with refused("records/clipped", place="log.csv", holds=("torque", "-1 and 1")):
-        find_clipping(at_one, N, LOG)
-    assert find_clipping(CLEAN, N, LOG) == find_clipping(200 * np.round(CLEAN / 200), N, LOG) == ()
+        found(report_clipping, at_one, N)
+    assert not any(found(report_clipping, x, N)[1] for x in (CLEAN, 200 * np.round(CLEAN / 200)))
 
 
 def test_a_force_at_rest_under_its_window_is_not_clipped() -> None:
@@ -120,9 +122,8 @@ def test_a_force_at_rest_under_its_window_is_not_clipped() -> None:
     x, rng = np.zeros(3000), np.random.default_rng(0)
     for hit in range(6):
         x[500 * hit + 50 : 500 * hit + 80] = rng.uniform(0.7, 1.3) * np.sin(np.pi * (np.arange(30) + 0.5) / 30)
-    log = Log("log", ("force",))
-    assert find_clipping(x[:, None], len(x), log) == ()
-    (finding,) = find_clipping(np.minimum(x, 0.35)[:, None], len(x), log)
+    assert not found(report_clipping, x[:, None], len(x), names=("force",))[1]
+    (finding,) = found(report_clipping, np.minimum(x, 0.35)[:, None], len(x), names=("force",))[1]
     assert finding.count == np.sum(x > 0.35)
 
 
@@ -134,9 +135,8 @@ def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     assert step(coarse) == pytest.approx(1e3 * q, rel=1e-6)
     assert step(CLEAN[:, 0]) == 0
     signals = np.stack([CLEAN[:, 0], coarse], axis=1)
-    (finding,) = find_steps(signals, N, 1, LOG)
-    assert finding.count == 1
-    assert find_steps(np.stack([CLEAN[:, 0], fine], axis=1), N, 1, LOG) == ()
+    assert [finding.count for finding in found(report_steps, signals, N, 1)[1]] == [1]
+    assert not found(report_steps, np.stack([CLEAN[:, 0], fine], axis=1), N, 1)[1]
 
 
 @settings(max_examples=25, deadline=None)
@@ -147,21 +147,20 @@ def test_what_is_filled_never_touches_what_was_measured(gaps: list[tuple[int, in
     for start, length in gaps:
         signals[start : start + length, 0] = np.nan
     good = np.isfinite(signals)
-    repaired = filled(signals, N, sign, LOG)
-    np.testing.assert_array_equal(repaired.signals[good], signals[good])
-    assert np.isfinite(repaired.signals).all()
-    assert counts(repaired.findings).get(FILLED, 0) == np.sum(~good)
+    repaired, findings = found(filled, signals, N, sign)
+    np.testing.assert_array_equal(repaired[good], signals[good])
+    assert np.isfinite(repaired).all()
+    assert counts(findings).get(FILLED, 0) == np.sum(~good)
 
 
 def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() -> None:
     """A tenth of a period; one sample, and three, that no period has; a third of a channel; one period left."""
     signals = CLEAN.copy()
     signals[2 * N + 50 : 2 * N + 101] = np.nan
-    repaired = filled(signals, N, 1, LOG)
-    assert repaired.left_out == (2,)
+    assert found(filled, signals, N, 1)[1][-1].repetitions == (2,)
     everywhere = CLEAN.copy()
     everywhere[np.arange(P * N) % N == 40, 1] = np.nan
-    np.testing.assert_allclose(filled(everywhere, N, 1, LOG).signals, CLEAN, atol=0.05 * CLEAN[:, 1].std())
+    np.testing.assert_allclose(filled(everywhere, N, 1, LOG), CLEAN, atol=0.05 * CLEAN[:, 1].std())
     everywhere[np.abs(np.arange(P * N) % N - 41) < 2, 1] = np.nan
     with refused("records/missing-samples", holds=("log.csv: angle", "18 of 3000", "sample 40")):
         filled(everywhere, N, 1, LOG)
@@ -193,11 +192,12 @@ def test_repairs_restore_the_log_in_any_unit(half_wave: bool, excess: float, sca
     def is_periodic(drivers: FloatArray) -> None:
         assert repetition(scale * drivers, N).is_as_stated
 
-    repaired = repair(scale * spoilt, ROLES, float(N), half_wave, LOG, is_periodic)
-    exact = wave(np.arange(len(repaired.signals)), lines=lines)
-    error = (repaired.signals / scale - exact)[40:-40] / size
+    log = replace(LOG, findings=[])
+    repaired = repair(scale * spoilt, ROLES, float(N), half_wave, log, is_periodic)
+    exact = wave(np.arange(len(repaired)), lines=lines)
+    error = (repaired / scale - exact)[40:-40] / size
     assert np.abs(error).max() < (0.02 if excess else 7e-3)  # resampling leaves 2 % of what bridges a gap
-    kinds = counts(repaired.findings)
+    kinds = counts(log.findings)
     assert (RESAMPLED in kinds) == bool(excess)
     assert excess or (kinds[FILLED], kinds[MASKED]) == (3 + 39 + 2, 39 + 2)
-    assert repaired.left_out == ((10,) if half_wave else ())
+    assert [finding.repetitions for finding in log.findings if finding.repetitions] == [(10,)] * half_wave

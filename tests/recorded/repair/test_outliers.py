@@ -45,7 +45,7 @@ def _damaged(x: FloatArray, kind: str, k: int, q: float, seed: int) -> FloatArra
 
 
 def _repaired(x: FloatArray) -> FloatArray:
-    return repair(x, ROLES, float(N), False, LOG, lambda drivers: None).signals
+    return repair(x, ROLES, float(N), False, LOG, lambda drivers: None)
 
 
 def _spectra(x: FloatArray) -> FloatArray:

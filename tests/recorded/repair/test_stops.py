@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from plants.lab_logs import N, measured, save_csv, study_of
 from plants.notes import noted, said
+from plants.waves import found
 
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.recorded.repair import Log
 from elastid.recorded.repair.masks import without_stops
 
 
@@ -42,13 +42,13 @@ def test_a_stop_within_one_period_is_found_named_and_left_out(tmp_path: Path) ->
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.8])
 def test_a_multisine_stops_nowhere_whatever_friction_noise_and_rounding_do(friction: float) -> None:
     """Fifty logs of a controlled motor, whose Coulomb friction is that part of the rms of the torque that is sent."""
-    L, log = 1000, Log("log", ("u", "y"))
+    L = 1000
     for i, signals in enumerate(_with_friction(friction, 50, L)):
         noise = np.random.default_rng(i).standard_normal(signals.shape)
         for step, std in ((0.0, 1e-3), (0.02, 1e-3), (0.1, 0.0), (0.0, 0.1)):
             x = signals + std * noise
             x = step * np.round(x / step) if step else x
-            assert without_stops(x, [0], L, log).findings == ()
+            assert not found(without_stops, x, [0], L)[1]
 
 
 def _with_friction(friction: float, count: int, L: int) -> np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
-from plants.waves import CLEAN, DRIFT, LOG, N, P, wave
+from plants.waves import CLEAN, DRIFT, LOG, N, P, found, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import counts
@@ -29,11 +29,11 @@ def test_gaps_in_even_times_become_missing_samples() -> None:
     t = np.arange(100) / 1000 * (1 + 2e-4) + 1e-5 * np.random.default_rng(1).uniform(-1, 1, 100)
     left = np.r_[0:20, 23:70, 71:100]
     x = np.arange(100.0)[:, None]
-    repaired = on_grid(t[left], x[left], 1000.0, LOG)
-    assert np.flatnonzero(np.isnan(repaired.signals[:, 0])).tolist() == [20, 21, 22, 70]
-    assert counts(repaired.findings) == {GAPS: 4}
-    np.testing.assert_array_equal(repaired.signals[left], x[left])
-    assert on_grid(t, x, 1000.0, LOG).findings == ()
+    repaired, findings = found(on_grid, t[left], x[left], 1000.0)
+    assert np.flatnonzero(np.isnan(repaired[:, 0])).tolist() == [20, 21, 22, 70]
+    assert counts(findings) == {GAPS: 4}
+    np.testing.assert_array_equal(repaired[left], x[left])
+    assert not found(on_grid, t, x, 1000.0)[1]
 
 
 UNEVEN: dict[str, tuple[FloatArray, float, float]] = {
@@ -50,12 +50,12 @@ UNEVEN: dict[str, tuple[FloatArray, float, float]] = {
 def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind: str) -> None:
     """To 1e-4 of its size but near the ends, and the message states the steps and the band."""
     t, rate_hz, highest_hz = UNEVEN[kind]
-    repaired = on_grid(t, waves(t - t[0], highest_hz), rate_hz, LOG)
-    grid = np.arange(len(repaired.signals)) / rate_hz
+    repaired, findings = found(on_grid, t, waves(t - t[0], highest_hz), rate_hz)
+    grid = np.arange(len(repaired)) / rate_hz
     assert grid[-1] == pytest.approx(t[-1] - t[0], abs=1 / rate_hz)
-    error = repaired.signals - waves(grid, highest_hz)
+    error = repaired - waves(grid, highest_hz)
     assert np.abs(error[60:-60]).max() < 1e-4 * waves(grid, highest_hz)[:, 0].std() + 1e-3 * ("UNIX" in kind)
-    assert steps_in_words(t - t[0]) in repaired.findings[0].text
+    assert steps_in_words(t - t[0]) in findings[0].text
 
 
 @pytest.mark.parametrize("jitter", [0.05, 0.2, 0.45])
@@ -65,16 +65,16 @@ def test_stamps_of_an_even_sampling_do_not_move_samples(jitter: float, highest_h
     rng, rows = np.random.default_rng(7), np.arange(3000)
     t = (rows + rng.uniform(-jitter, jitter, len(rows))) / 1000.1
     signals = waves(rows / 1000, highest_hz) + 1e-3 * rng.normal(size=(len(rows), 2))
-    repaired = on_grid(t, signals, 1000.0, LOG)
-    np.testing.assert_array_equal(repaired.signals, signals)
-    assert counts(repaired.findings) == {JITTER: 3000}
+    repaired, findings = found(on_grid, t, signals, 1000.0)
+    np.testing.assert_array_equal(repaired, signals)
+    assert counts(findings) == {JITTER: 3000}
 
 
 def test_a_lower_rate_leaves_frequencies_beyond_its_band_out() -> None:
     """1 kHz to 500 Hz: 320 Hz, which would be read as 180 Hz, to 1e-5; 100 Hz stays."""
     t = np.arange(4000) / 1000
     signals = np.sin(2 * np.pi * np.outer(t, [320.0, 100.0]))
-    repaired = on_grid(t, signals, 500.0, LOG).signals
+    repaired = on_grid(t, signals, 500.0, LOG)
     grid = np.arange(len(repaired)) / 500
     assert np.abs(repaired[100:-100, 0]).max() < 1e-5
     np.testing.assert_allclose(repaired[100:-100, 1], np.sin(200 * np.pi * grid)[100:-100], atol=1e-5)
@@ -86,11 +86,11 @@ def test_a_pause_longer_than_a_block_and_an_empty_channel_stay_missing() -> None
     t[10_000:] += 40.0
     signals = waves(t, 100.0)
     signals[:, 1] = np.nan
-    repaired = on_grid(t, signals, 1000.0, LOG)
-    missing = np.isnan(repaired.signals)
+    repaired, findings = found(on_grid, t, signals, 1000.0)
+    missing = np.isnan(repaired)
     assert missing[:, 1].all()
     assert missing[:, 0].sum() == pytest.approx(40_000, abs=3)
-    assert repaired.findings[1].count == missing[:, 0].sum()
+    assert findings[1].count == missing[:, 0].sum()
 
 
 @pytest.mark.parametrize(
@@ -119,9 +119,9 @@ def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
     t = np.cumsum(np.random.default_rng(4).choice([0.010, 0.012], 2000))
     with refused("records/clock", place="log.csv", holds=("37.5 Hz", "90 Hz", "rate_hz 200", "rate_hz: 83")):
         on_grid(t, t[:, None], 200.0, LOG)
-    resampled = on_grid(t, t[:, None], 83.0, LOG)
-    assert resampled.findings
-    assert len(resampled.signals) == int((t[-1] - t[0]) * 83.0) + 1
+    resampled, findings = found(on_grid, t, t[:, None], 83.0)
+    assert findings
+    assert len(resampled) == int((t[-1] - t[0]) * 83.0) + 1
     with refused("records/clock", place="log.csv", holds="sample 50"):
         on_grid(np.where(np.arange(2000) < 50, t, t - 1), t[:, None], 100.0, LOG)
     with refused("records/clock", place="log.csv", holds="sample 7"):
@@ -138,8 +138,8 @@ def test_the_delay_between_two_logs_is_found_to_a_hundredth_of_a_sample(tau: flo
     rng = np.random.default_rng(1)
     a, b = wave(np.arange(P * N))[:, 0], wave(np.arange(P * N) - tau)[:, 0]
     a, b = (x + noise * rng.normal(size=x.shape) for x in (a, b))
-    found, correlation = delay(a, b, N)
-    assert found == pytest.approx(tau, abs=0.03 if noise else 1e-6)
+    lag, correlation = delay(a, b, N)
+    assert lag == pytest.approx(tau, abs=0.03 if noise else 1e-6)
     assert correlation > 0.9
     assert delay(a, rng.normal(size=P * N), N)[1] < 0.5
 
@@ -150,8 +150,8 @@ def test_a_clock_that_differs_is_taken_out(excess: float, drift: float) -> None:
     """A period of N + e samples: the signal is back to 2e-4 of its size, drift or not."""
     t = np.arange(int(np.ceil(P * (N + excess)))) * N / (N + excess)
     signals = wave(t) + drift * np.outer(t / (P * N), [0.0, 5e4])
-    repaired = resampled(signals, signals[:, :1], N, LOG)
-    error = repaired.signals - CLEAN - drift * DRIFT
+    repaired, findings = found(resampled, signals, signals[:, :1], N)
+    error = repaired - CLEAN - drift * DRIFT
     # Near its ends the log leans on what it is continued with.
     assert np.all(np.abs(error[50:-50]).max(axis=0) < 2e-4 * CLEAN.std(axis=0))
-    assert counts(repaired.findings) == {"samples resampled": P * N}
+    assert counts(findings) == {"samples resampled": P * N}

@@ -1,0 +1,98 @@
+"""Clock of a log: the channel of its times by name or by steps, with wrong stamps, unit and rate."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import ElastidError
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.recorded.channel_names import guess_by_name
+from elastid.recorded.files.log import Log
+from elastid.recorded.repair.time_stamps import CLOCK, even_grid
+
+# Samples that are read of a log.
+MAX_SAMPLES = 1 << 17
+_IS_TIME = re.compile(r"(.*[./])?(t|time|zeit|timestamp|seconds)([^a-z./][^./]*)?", re.IGNORECASE)
+_RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_MIN_HZ, _MAX_HZ = 20.0, 200e3  # of logs of machines
+# Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
+_MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
+_MAX_WRONG_FRACTION = 0.01  # single wrong cells
+_MAX_WRONG_DISTANCE = 5.0  # of a stamp from the median of its neighbours, in steps of the clock
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Rate of a log in Hz, None if unknown, and the name of its time channel.
+
+    is_even: its samples need not be brought to the rate.
+    """
+
+    rate_hz: float | None
+    why: str
+    name: str = ""
+    is_even: bool = True
+
+
+def is_time(name: str) -> bool:
+    """True for the name of a channel that is a time by its name."""
+    return _IS_TIME.fullmatch(name) is not None
+
+
+def is_clock(x: FloatArray) -> bool:
+    """True for a signal (n,) that rises as time stamps do, by steps that are alike but for a few gaps."""
+    steps = np.diff(x)
+    if len(x) < 20 or not np.isfinite(x).all() or not steps.min() > 0:
+        return False
+    is_uneven = np.abs(steps / float(np.median(steps)) - 1) > _MAX_STEP
+    return even_grid(x) is not None or float(np.mean(is_uneven)) < _MAX_UNEVEN_FRACTION
+
+
+def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
+    """The stamps (n,) of a time channel, wrong ones interpolated, empty for another channel; the wrong samples.
+
+    Wrong stamps are missing, or off the median of their neighbours.
+    """
+    from scipy.ndimage import median_filter
+
+    none = np.zeros(0), np.zeros(0, np.int64)
+    try:
+        t = log.values([ChannelSpec("y", "time", name, quantity="position")], slice(0, MAX_SAMPLES))[:, 0]
+    except ElastidError:
+        return none
+    if len(t) < 3:
+        return none
+    away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))
+    is_wrong = ~(away <= _MAX_WRONG_DISTANCE * float(np.nanmedian(np.abs(np.diff(t)))))
+    if is_wrong.mean() > _MAX_WRONG_FRACTION:
+        return (t, none[1]) if np.isfinite(t).all() else none
+    rows = np.arange(len(t))
+    return np.asarray(np.interp(rows, rows[~is_wrong], t[~is_wrong])), np.flatnonzero(is_wrong)
+
+
+def clock_of(log: Log) -> Clock:
+    """The clock of a log by a time channel, by the rate that its format states, or by a number with a typical name."""
+    shapes = log.shapes()
+    unnamed = [name for name in shapes if not guess_by_name(name, None).quantity]
+    for name in (*filter(is_time, shapes), *unnamed):
+        t, wrong = stamps_of(log, name)
+        steps = np.diff(t)
+        if len(t) > 2 and (np.all(steps > 0) if is_time(name) else is_clock(t) and np.any(steps != 1)):
+            # Gaps left out, their mean is that of a clock that jitters or is rounded.
+            typical_hz = 1 / float(np.mean(steps[steps < CLOCK.min_gap * np.median(steps)]))
+            unit = next((u for u, s in TIME_UNITS.items() if _MIN_HZ <= typical_hz / s <= _MAX_HZ), "s")
+            grid = even_grid(t)
+            rate_hz = (typical_hz if grid is None else grid[1]) / TIME_UNITS[unit]
+            is_even = unit != "s" or (grid is not None and len(grid[0]) > grid[0][-1])
+            why = f"steps of {name}, which seems to be in {unit}"
+            why += f"; {len(wrong)} of its values are wrong, the first is sample {wrong[0]}" if len(wrong) else ""
+            return Clock(float(f"{rate_hz:.6g}"), why, name, is_even)
+    for name, array in log.arrays.items():
+        if array.rate_hz:
+            return Clock(array.rate_hz, "stated by the file")
+        if name.lower().rpartition(".")[2] in _RATES and not array.is_signal:
+            return Clock(float(np.squeeze(np.asarray(array))), f"{name} in the file")
+    return Clock(None, "no time is in the log")
