@@ -20,14 +20,9 @@ from elastid.base.escape import one_line
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.channel_guess import (
-    JointGuess,
-    LogGuess,
-    guess_log,
-    signals_of,
-)
+from elastid.recorded.channel_guess import JointGuess, LogGuess, guess_log, signals_of
 from elastid.recorded.channel_names import ChannelGuess
-from elastid.recorded.clocks import Clock, clock_of
+from elastid.recorded.clocks import MAX_SAMPLES, Clock, clock_of
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.files.universal import is_universal_file, time_histories
@@ -35,7 +30,6 @@ from elastid.recorded.repair.periodicity import find_period, repetition
 from elastid.recorded.responses.table import uff_places
 from elastid.robot import Joint, Robot
 
-_MAX_SAMPLES = 1 << 18  # that are read of each log
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
 # Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
 Positions: TypeAlias = Mapping[tuple[str, int | None], FloatArray]
@@ -55,7 +49,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
-        clock, signals, shapes = clock_of(log), signals_of(log, _MAX_SAMPLES), log.shapes()
+        clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None:
@@ -75,7 +69,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         robot = None
     positions = {} if guess.is_motion and robot is None else positions_of(logs, form, guess)
     guess = guess if robot is None else in_order_of(robot, guess, positions)
-    paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
+    paths = _relative(logs, folder)
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     unused = _unused(guess, [signal for signal, _ in signals], shapes, clock)
     if guess.is_motion:
@@ -216,17 +210,17 @@ def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
     yield f"  configurations: {{{', '.join(f'{name}: []' for name in names)}}} # guessed: a state each"
     yield "  responses:"
     yield "    channels: # node and direction of each place; `at` is a name of your choice"
-    for place in inputs:
-        is_turned = "r" in place
-        quantity, unit = ("torque", "N*m") if is_turned else ("force", "N")
-        yield f"      - {{role: u, at: {place}, channel: {place}, quantity: {quantity}, unit: {unit}}}"
-    for place, quantity in outputs.items():
-        unit = ("rad" if "r" in place else "m") + {"position": "", "velocity": "/s", "acceleration": "/s^2"}[quantity]
-        yield f"      - {{role: y, at: {place}, channel: {place}, quantity: {quantity}, unit: {unit}}}"
+    quantities = [*(("u", at, "torque" if "r" in at else "force") for at in inputs)]
+    quantities += [("y", at, quantity) for at, quantity in outputs.items()]
+    for role, at, quantity in quantities:
+        unit = QUANTITY_UNIT[quantity] if "r" in at else of_translation(QUANTITY_UNIT[quantity])
+        yield _channel(role, at, ChannelGuess(at, None, quantity, unit, 0, "SI"))
     yield "    files:"
-    for path, name in zip(paths, names, strict=True):
-        shown = Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
-        yield f"      - {{path: {_quoted(shown)}, configuration: {name}}}"
+    yield from (_file(path, configuration=name) for path, name in zip(_relative(paths, folder), names, strict=True))
+
+
+def _relative(paths: Sequence[Path], folder: Path) -> list[str]:
+    return [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in paths]
 
 
 def _period(drives: FloatArray) -> list[str]:
@@ -245,22 +239,28 @@ def _period(drives: FloatArray) -> list[str]:
 
 def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:
     """A line of the list.  of_robot: torque or force, which a drive of a robot is taken for."""
-    scale = f"{guess.scale:g}" if guess.scale != 1 else ""
-    quantity, unit, why = guess.quantity, guess.unit or _DRIVE_UNIT.get(guess.quantity, ""), guess.why
-    keys = [f"role: {role}", f"at: {_quoted(place)}", f"channel: {_quoted(guess.name)}"]
-    keys += [f"column: {guess.column}"] if guess.column is not None else []
+    quantity, scale, why = guess.quantity, guess.scale, guess.why
+    unit = guess.unit or _DRIVE_UNIT.get(quantity, "")
+    keys: dict[str, object] = {"role": role, "at": _quoted(place), "channel": _quoted(guess.name)}
+    keys["column"] = guess.column
     if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
-        expected = _DRIVE_UNIT[of_robot]
-        why = f"{why} a {quantity}; scale is the {expected} of one {unit}"
-        quantity, unit, scale = of_robot, expected, "1"
-    keys += [f"quantity: {quantity}", f"unit: {unit}"]
-    keys += [f"scale: {scale}"] if scale else []
+        why = f"{why} a {quantity}; scale is the {_DRIVE_UNIT[of_robot]} of one {unit}"
+        keys |= {"quantity": of_robot, "unit": _DRIVE_UNIT[of_robot], "scale": 1}
+    else:
+        keys |= {"quantity": quantity, "unit": unit, "scale": f"{scale:g}" if scale != 1 else None}
     if of_robot and quantity == "current":
-        keys.append("torque_constant: 1 N*m/A")
+        keys["torque_constant"] = "1 N*m/A"
         why = f"{why}; torque_constant is that of your motor's data sheet"
-    keys += ["sign: -1"] if guess.sign < 0 else []
-    keys += ["side: motor"] if guess.ratio != 1 else []
-    return f"      - {{{', '.join(keys)}}} # guessed: {one_line(why)}"
+    keys |= {"sign": -1 if guess.sign < 0 else None, "side": "motor" if guess.ratio != 1 else None}
+    return f"      - {{{_keys(keys)}}} # guessed: {one_line(why)}"
+
+
+def _keys(keys: Mapping[str, object]) -> str:
+    return ", ".join(f"{key}: {value}" for key, value in keys.items() if value is not None)
+
+
+def _file(path: str, **keys: object) -> str:
+    return f"      - {{{_keys({'path': _quoted(path), **keys})}}}"
 
 
 def _files(paths: Sequence[str], states: Sequence[str] = (), runs: Sequence[tuple[int, int]] = ()) -> Iterator[str]:
@@ -269,10 +269,8 @@ def _files(paths: Sequence[str], states: Sequence[str] = (), runs: Sequence[tupl
     why = " # guessed by the names of the files" if runs else why
     yield "    files:" + (why if states and len(paths) > 1 else "")
     for i, path in enumerate(paths):
-        realisation, experiment = runs[i] if runs else (i, 0)
-        of_structure = f", configuration: {states[i]}, realisation: {realisation}" if states else ""
-        of_structure += f", experiment: {experiment}" if states and runs else ""
-        yield f"      - {{path: {_quoted(path)}{of_structure}}}"
+        run = dict(zip(("realisation", "experiment"), runs[i] if runs else (i,), strict=False))
+        yield _file(path, configuration=states[i], **run) if states else _file(path)
 
 
 def _robot(guess: LogGuess) -> Iterator[str]:
@@ -370,6 +368,6 @@ def positions_of(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) ->
     moments = np.zeros((len(logs), 4, len(ys)))
     for i, path in enumerate(logs if ys else ()):
         with opened_log(path, form) as log:
-            x = log.values(ys, slice(0, _MAX_SAMPLES))
+            x = log.values(ys, slice(0, MAX_SAMPLES))
         moments[i] = [of(x, axis=0) for of in (np.nanmin, np.nanmax, np.nanmean, np.nanstd)]
     return {motion.key: moments[:, :, i] for i, motion in enumerate(known)}

@@ -84,12 +84,29 @@ def _rotation(quaternion: Any) -> Any:
     return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
+def _without_looks(spec: Any) -> None:
+    """Remove textures, and meshes that add no inertia: their files need not exist."""
+    is_always_by_geometry = int(spec.compiler.inertiafromgeom) == 1
+    for geom in spec.geoms:
+        geom.material = ""
+        adds_none = geom.parent.name == "world" or geom.parent.explicitinertial or geom.mass == 0
+        if geom.meshname and adds_none and not is_always_by_geometry:
+            spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms}
+    unused = (mesh for mesh in spec.meshes if mesh.name not in used)
+    for asset in (*spec.skins, *spec.materials, *spec.textures, *unused):
+        spec.delete(asset)
+
+
 def main(path: Path) -> dict[str, str]:
     """Return the robot file, or the reason for a failure."""
     import mujoco
 
     try:
-        return {"robot": yaml_text(robot_of(mujoco.MjModel.from_xml_path(str(path)), path.stem))}
+        spec = mujoco.MjSpec.from_file(str(path))
+        if hasattr(spec, "delete"):  # of newer releases of MuJoCo
+            _without_looks(spec)
+        return {"robot": yaml_text(robot_of(spec.compile(), path.stem))}
     except (ValueError, MemoryError) as error:
         return {"wrong": " ".join(str(error).split())}
 

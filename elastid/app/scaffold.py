@@ -73,21 +73,23 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
 
 def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tuple[FloatArray, Robot, tuple[str, ...]]:
     """Inertia (n_u,) of the links of each drive, the robot with guessed gears and rotors, and comments on them."""
+    urdf = [*read_elements(path).all("joint")] if path.suffix.lower() == ".urdf" else []
     # The links alone: rotors without inertia, and no joint that only a spring holds.
     links = with_joints(robot, lambda joint: replace(joint, motor=Motor(_NO_ROTOR)) if joint.motor else None)
     model, theta = formulate(links), [value for value, _ in links.parameters().values()]
     # Inertia that each motor accelerates, others held, mean over postures: kg m^2, kg of one that slides.
     inertia = np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
     if lacking := [joint.name for joint, value in zip(robot.driven, inertia, strict=True) if value <= _LEAST_INERTIA]:
-        joints = read_elements(path).all("joint") if path.suffix.lower() == ".urdf" else ()
-        line = next((f":{joint.line}" for joint in joints if joint.name == lacking[0]), "")
+        line = next((f":{joint.line}" for joint in urdf if joint.name == lacking[0]), "")
         text = "its links have no inertia about its axis. State their inertia, or make the joint fixed"
         raise StudyError("robot/file", f"joint {lacking[0]}: {text}", f"{path}{line}")
     of_driven = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
     driven = with_joints(robot, lambda joint: _with_drive(joint, of_driven.get(joint.name, 0.0)))
     guessed = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
     rotors = f"; motors of {', '.join(guessed)}, with as much inertia as the links behind them" if guessed else ""
+    mimics = [one_line(joint.name) for joint in urdf if joint.first("mimic")]
     comments = (
+        *([f"Joints that mimic others are fixed at their zero: {', '.join(mimics)}."] if mimics else []),
         f"The rigid part is from {path.name}. Replace guessed numbers with those of data sheets:",
         f"the springs of gears, with a mode at {_HELD_HZ:g} Hz while the motor is locked{rotors};",
         "if the file has none, viscous friction that stops a motor's rotor within a second.",
@@ -99,7 +101,7 @@ def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tupl
 def _of_urdf(path: Path) -> Robot:
     """The links of a URDF; its motors, behind gears where they turn, have no inertia yet."""
     root = read_elements(path)
-    kinds = {joint.name: joint.attributes.get("type") for joint in root.all("joint")}
+    kinds = {joint.name: joint.attributes.get("type") for joint in root.all("joint") if not joint.first("mimic")}
     moving = {name: 1.0 if kind == "prismatic" else _RATIO for name, kind in kinds.items() if kind != "fixed"}
     if not moving:
         raise root.wrong("no joint moves; an elastic robot has driven ones")

@@ -17,13 +17,7 @@ from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpe
 from elastid.recorded.channel_guess import DRIVES
 from elastid.recorded.channel_names import guess_by_name
 from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
-from elastid.recorded.motion_relations import (
-    MIN_CORRELATION,
-    TorqueRelation,
-    motion_relations,
-    torque_relation,
-    travel,
-)
+from elastid.recorded.motion_relations import MIN_CORRELATION, TorqueRelation, motion_relations, torque_relation, travel
 from elastid.recorded.repair import bridged
 from elastid.robot import Joint, Robot
 
@@ -87,8 +81,7 @@ def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequen
 # Limits of warnings about channels. 150 clean logs cause none (scripts/studies/results.csv).
 MAX_STATED_CORRELATION = 0.5  # of one motion with another as the quantity that is stated
 # |log| of a gain that is as stated, and of its distance from a known factor.
-MAX_GAIN = 0.3
-MAX_FACTOR = 0.1
+MAX_GAIN, MAX_FACTOR = 0.3, 0.1
 MAX_PLAY = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
 MAX_TURNS = 4.0  # that no joint behind a gear makes
 MIN_SAMPLES = 200

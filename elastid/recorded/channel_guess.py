@@ -17,13 +17,7 @@ from elastid.recorded.channel_names import ChannelGuess, guess_by_name
 from elastid.recorded.clocks import is_clock
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
-from elastid.recorded.motion_relations import (
-    MIN_CORRELATION,
-    TorqueRelation,
-    motion_relations,
-    torque_relation,
-    travel,
-)
+from elastid.recorded.motion_relations import MIN_CORRELATION, TorqueRelation, motion_relations, torque_relation, travel
 from elastid.recorded.repair import Log as RepairLog
 from elastid.recorded.repair import bridged
 from elastid.recorded.repair.outliers import without_lone

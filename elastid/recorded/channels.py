@@ -13,25 +13,17 @@ from typing import TypeAlias, cast
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import MOTION_ORDER, Motion
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.link_side import check_values, link_side
-from elastid.recorded.repair import Finding, Log
+from elastid.recorded.repair import Findings, Log
 from elastid.recorded.repair.masks import rest_before
 from elastid.recorded.repair.missing import bridged_gaps, filled
 from elastid.recorded.repair.periodicity import period_samples, rounded_samples
-from elastid.recorded.repair.time_stamps import (
-    CLOCK,
-    PASSBAND,
-    at_times,
-    clock_drift,
-    delay,
-    delay_by_torque,
-    on_grid,
-)
+from elastid.recorded.repair.time_stamps import CLOCK, PASSBAND, at_times, clock_drift, delay, delay_by_torque, on_grid
 
 Signals: TypeAlias = dict[tuple[str, str, str], FloatArray]
 
@@ -48,7 +40,6 @@ class GatheredChannels:
     rate_hz: float
     period: float | None
     log: Log
-    notes: tuple[Note, ...]
 
 
 @dataclass(frozen=True)
@@ -71,7 +62,7 @@ class _Experiment:
     recorded: RecordedSpec
     file: FileSpec
     paths: tuple[Path, ...]
-    findings: list[Finding] = field(default_factory=list)
+    findings: Findings = field(default_factory=Findings)
 
     def log(self, number: int, names: Sequence[str] = (), rate_hz: float | None = None) -> Log:
         """Names of a file, counted from 1, in messages."""
@@ -95,12 +86,11 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     parts = [_read(experiment, key) for key in keys]
     columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
     may_rest = ("u",) if file.purpose == "coast_down" else ()
-    notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0], may_rest)]
+    check_values(channels, [columns[i] for i in range(len(columns))], experiment.log(1), may_rest)
     converted = []
     for part in parts:
-        pairs = [link_side(channels[i], columns[i], robot) for i in part.members]
-        notes += [note for _, on_signal in pairs for note in on_signal]
-        converted.append(replace(part, signals=np.stack([signal for signal, _ in pairs]).T))
+        signals = [link_side(channels[i], columns[i], robot, experiment.log(part.file)) for i in part.members]
+        converted.append(replace(part, signals=np.stack(signals).T))
     lowest = min(part.rate_hz for part in parts)
     period_s = _period_s(converted, experiment)
     at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
@@ -109,7 +99,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     if period is not None and recorded.period_of(file) == "find":
         seconds = "" if known_hz is None else f" ({period / known_hz:.8g} s)"
         text = f"the torques repeat every {period:.8g} samples{seconds}, which is used as the period"
-        experiment.findings.append(Finding("periods found", 1, text))
+        experiment.log(1).report("periods found", 1, text)
     aligned = _aligned(at_rate, period, experiment)
     n = min(len(part.signals) for part in aligned)
     columns = {i: x[:n] for part in aligned for i, x in zip(part.members, part.signals.T, strict=True)}
@@ -127,18 +117,18 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         rate_hz=lowest,
         period=period,
         log=log.after(begin),
-        notes=tuple(notes),
     )
 
 
-def unused_references(channels: Sequence[ChannelSpec], used: Sequence[int] = ()) -> tuple[Note, ...]:
-    """A note on references that are not among the used channels."""
+def report_unused_references(channels: Sequence[ChannelSpec], log: Log, used: Sequence[int] = ()) -> None:
+    """Report references that are not among the used channels."""
     names = [c.name_in_file for i, c in enumerate(channels) if c.role == "reference" and i not in used]
     text = (
         f"{', '.join(names)}: reference not used. Give experiment.recorded.controller in a friction study, else one "
         "reference per input and no r"
     )
-    return (Note("records/unused-reference", text, severity="information"),) if names else ()
+    if names:
+        log.note("records/unused-reference", text, "information")
 
 
 def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:

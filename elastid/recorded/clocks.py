@@ -17,7 +17,6 @@ MAX_SAMPLES = 1 << 17
 _IS_TIME = re.compile(r"(.*[./])?(t|time|zeit|timestamp|seconds)([^a-z./][^./]*)?", re.IGNORECASE)
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_MIN_HZ, _MAX_HZ = 20.0, 200e3  # of logs of machines
 # Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
 _MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
 _MAX_WRONG_FRACTION = 0.01  # single wrong cells
@@ -83,7 +82,8 @@ def clock_of(log: Log) -> Clock:
         if len(t) > 2 and (np.all(steps > 0) if is_time(name) else is_clock(t) and np.any(steps != 1)):
             # Gaps left out, their mean is that of a clock that jitters or is rounded.
             typical_hz = 1 / float(np.mean(steps[steps < CLOCK.min_gap * np.median(steps)]))
-            unit = next((u for u, s in TIME_UNITS.items() if _MIN_HZ <= typical_hz / s <= _MAX_HZ), "s")
+            low, high = 20.0, 200e3  # of logs of machines
+            unit = next((u for u, s in TIME_UNITS.items() if low <= typical_hz / s <= high), "s")
             grid = even_grid(t)
             rate_hz = (typical_hz if grid is None else grid[1]) / TIME_UNITS[unit]
             is_even = unit != "s" or (grid is not None and len(grid[0]) > grid[0][-1])

@@ -29,9 +29,10 @@ from elastid.friction_study.motion_signals import alike_speeds, detect_passes
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, WarmUpLog
-from elastid.recorded.channels import GatheredChannels, gather_channels, unused_references
+from elastid.recorded.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, in_joints, link_side
+from elastid.recorded.repair import Findings, Log
 from elastid.recorded.repair.interpolation import MAX_BRIDGED
 from elastid.recorded.repair.masks import step, without_zero_rows
 from elastid.recorded.repair.missing import bridged_gaps
@@ -42,8 +43,7 @@ from elastid.robot.simplified import with_point_mass
 
 # Limits of motions and temperatures of joints, and of warm-ups (all of 12 clean logs are accepted).
 # Travel below which a joint is held by its controller, in m where it slides and in rad.
-HELD_TRAVEL_M = 1e-3
-HELD_TRAVEL_RAD = 5e-3
+HELD_TRAVEL_M, HELD_TRAVEL_RAD = 1e-3, 5e-3
 IMPOSSIBLE_DEGC = 150.0
 # Of warm-ups.
 STEP_S = 10.0  # of constant power, at least: several cycles of a motion
@@ -56,8 +56,7 @@ PER_COUNT = 2.0  # readings for each count of a coarse thermometer: within one t
 MIN_READINGS = 10
 START_STD = 1.0  # K, of the temperature at the start, before readings are fitted
 # Of logs with gaps: duration of a part, and share of single missing samples in it.
-MIN_PART_S = 2.0
-MAX_MISSING_FRACTION = 0.25
+MIN_PART_S, MAX_MISSING_FRACTION = 2.0, 0.25
 # Signals (n,) by role, place and quantity; torques and currents have an empty one.
 Signals: TypeAlias = Mapping[tuple[str, str, str], FloatArray]
 
@@ -72,8 +71,8 @@ def read_friction_logs(
     """
     recorded = spec.as_recorded()
     postures = spec.postures
-    records, heated, start_s = list[FrictionRecord](), dict[str, list[tuple[FrictionRecord, Heat, FileSpec]]](), 0.0
-    notes = list[Note]()
+    records, notes, start_s = list[FrictionRecord](), list[Note](), 0.0
+    heated: dict[str, list[tuple[FrictionRecord, FileSpec]]] = {}
     for name, file in zip(recorded.log_names, recorded.files, strict=True):
         angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
         payload, start_s = payloads.get(file.load, 0.0), start_s if file.start is None else float(file.start)
@@ -87,17 +86,12 @@ def read_friction_logs(
         start_s = max(record.start_s + record.duration_s for record in of_log)
         if file.purpose == "warm_up":
             notes += of_log[0].notes
-            heated.setdefault(of_log[0].joint, []).append((of_log[0], heat_of(of_log[0]), file))
+            heated.setdefault(of_log[0].joint, []).append((of_log[0], file))
             joint = robot.driven[robot.driven_names.index(of_log[0].joint)]
             of_log = tests_in(of_log[0], turns_against_gravity(robot, joint, of_log[0].configuration))
         records += of_log
-    return FrictionRecords(tuple(records), tuple(_warm_up(parts) for parts in heated.values()), tuple(notes))
-
-
-def _warm_up(parts: "Sequence[tuple[FrictionRecord, Heat, FileSpec]]") -> WarmUpLog:
-    logs, heats, files = zip(*parts, strict=True)
-    ambient = next((file.ambient for file in files if file.ambient is not None), None)
-    return warm_up_log(logs, heats, ambient, files[0].temperature)
+    warm_ups = tuple(warm_up_log(*zip(*parts, strict=True)) for parts in heated.values())
+    return FrictionRecords(tuple(records), warm_ups, tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -110,7 +104,7 @@ class _LogReader:
     angles: FloatArray
     start_s: float
     payload: float
-    log_start_s: float = 0.0
+    offset_s: float = 0.0  # of a part of a log
 
     @property
     def path(self) -> str:
@@ -121,26 +115,17 @@ class _LogReader:
         recorded = replace(self.recorded, channels=tuple(c for c in self._channels() if c.role != "t"))
         gathered = gather_channels(recorded, self.file, self.base, self.robot)
         if isinstance(recorded.rate_hz, str):
-            raise StudyError(
-                "study/recorded",
-                ("friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"),
-                self.path,
-            )
+            text = "friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"
+            raise StudyError("study/recorded", text, self.path)
         gathered = replace(gathered, signals=without_zero_rows(gathered.signals, gathered.log))
-        purpose, first = self.file.purpose, gathered.log.first
-        parts = (gathered,) if purpose in (*STILL, "warm_up") else _parts(gathered)
-        readers = [
-            replace(
-                self,
-                name=self.name if i == 0 else f"{self.name} part {i + 1}",
-                start_s=self.start_s + (part.log.first - first) / gathered.rate_hz,
-                log_start_s=self.start_s,
-            )
-            for i, part in enumerate(parts)
-        ]
-        of_parts = (reader._of_part(part, recorded) for reader, part in zip(readers, parts, strict=True))
-        if records := tuple(record for of_part in of_parts for record in of_part):
-            return records
+        parts = (gathered,) if self.file.purpose in (*STILL, "warm_up") else _parts(gathered)
+        records = list[FrictionRecord]()
+        for i, part in enumerate(parts):
+            name = f"{self.name} part {i + 1}" if i else self.name
+            offset_s = (part.log.first - gathered.log.first) / gathered.rate_hz
+            records += replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)._of_part(part)
+        if records:
+            return tuple(records)
         raise DataError(
             "records/channels",
             "no moving joint has both torque and position in it. Log role u, and role y with quantity position, "
@@ -148,12 +133,11 @@ class _LogReader:
             self.path,
         )
 
-    def _of_part(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[FrictionRecord, ...]:
-        repaired, N, rate_hz = self._repaired(gathered, recorded)
+    def _of_part(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
+        repaired, N, rate_hz = self._repaired(gathered)
         values, known = in_joints(gathered.channels, repaired, self.robot)
-        unused = () if recorded.controller is not None else unused_references(gathered.channels)
-        notes = [replace(note, place=f"record {self.name}") for note in (*gathered.notes, *unused)]
-        notes += [finding.note(f"record {self.name}") for finding in gathered.log.findings]
+        if self.recorded.controller is None:
+            report_unused_references(gathered.channels, gathered.log)
         of_motors = [c.at for c in gathered.channels if c.role == "u"]
         by_place: dict[tuple[str, str, str], FloatArray] = {
             (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
@@ -162,30 +146,31 @@ class _LogReader:
         by_place |= {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
         for channel in self._channels():
             if channel.role == "t":
-                first_s = self.start_s - self.log_start_s
-                by_place["t", channel.at, ""] = self._thermometer(channel, first_s + np.arange(len(values)) / rate_hz)
-        return self._of_joints(by_place, rate_hz, N, tuple(notes))
+                time_s = self.offset_s + np.arange(len(values)) / rate_hz
+                by_place["t", channel.at, ""] = self._thermometer(channel, time_s)
+        return self._of_joints(by_place, rate_hz, N, gathered.log.findings.at(f"record {self.name}"))
 
-    def _repaired(self, gathered: GatheredChannels, recorded: RecordedSpec) -> tuple[FloatArray, int | None, float]:
+    def _repaired(self, gathered: GatheredChannels) -> tuple[FloatArray, int | None, float]:
         """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
         if self.file.purpose == "presliding_test":
-            return repaired_signals(gathered, recorded)
+            return repaired_signals(gathered, self.recorded)
         log = gathered.log
         signals = bridged_gaps(gathered.signals, log, MAX_MISSING_FRACTION)
         judged = [i for i, c in enumerate(gathered.channels) if c.role == "u" or c.quantity == "position"]
         of_judged = replace(log, names=tuple(log.names[i] for i in judged))
         are_motions = [gathered.channels[i].role != "u" for i in judged]
         clean = without_lone(signals[:, judged], of_judged, are_motions)
-        signals[:, judged] = bridged_gaps(clean, of_judged, MAX_MISSING_FRACTION)
+        signals[:, judged] = bridged_gaps(clean, replace(of_judged, findings=Findings()), MAX_MISSING_FRACTION)
         return signals, None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
         """Readings (n,) in degC at times from the first sample; between them by straight lines, at whatever rate."""
         path = self.base / (self.file.path, *self.file.also)[channel.file - 1]
+        log = Log(str(path), ())
         rate_hz = float(channel.rate_hz or self.recorded.known_rate_hz)
         values = read_channels(path, [channel], self.recorded.text)
-        check_values([channel], [values[:, 0]], path)
-        degc, _ = link_side(channel, values[:, 0], self.robot)
+        check_values([channel], [values[:, 0]], log)
+        degc = link_side(channel, values[:, 0], self.robot, log)
         read = np.flatnonzero(np.isfinite(degc))
         first = 0 if self.file.samples is None or channel.file > 1 else self.file.samples[0]
         return np.interp(first / self.recorded.known_rate_hz + time_s, read / rate_hz, degc[read])
@@ -249,7 +234,9 @@ class _LogReader:
         )
 
     def _moving(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
-        moving = [joint for joint in self.robot.driven if self._moves(joint, positions, signals)]
+        logged = [j for j in self.robot.driven if j.name in positions and ("u", f"motor {j.name}", "") in signals]
+        is_any = self.file.purpose in STILL
+        moving = [joint for joint in logged if is_any or self._moves(joint, positions[joint.name])]
         if self.file.purpose == "warm_up" and len(moving) > 1:
             raise DataError(
                 "friction/no-record",
@@ -259,12 +246,9 @@ class _LogReader:
             )
         return moving
 
-    def _moves(self, joint: Joint, positions: Mapping[str, FloatArray], signals: Signals) -> bool:
-        if joint.name not in positions or ("u", f"motor {joint.name}", "") not in signals:
-            return False
+    def _moves(self, joint: Joint, position: FloatArray) -> bool:
         held = HELD_TRAVEL_M if joint.slides else HELD_TRAVEL_RAD
-        moves = float(np.ptp(positions[joint.name])) > held
-        return self.file.purpose in STILL or joint.name == self.file.joint or moves
+        return joint.name == self.file.joint or float(np.ptp(position)) > held
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)
@@ -301,8 +285,7 @@ def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
         replace(
             gathered,
             signals=gathered.signals[first:end],
-            log=log.after(first) if i == 0 else replace(log.after(first), findings=[]),
-            notes=gathered.notes if i == 0 else (),
+            log=log.after(first) if i == 0 else replace(log.after(first), findings=Findings()),
         )
         for i, (first, end) in enumerate(long)
     )
@@ -383,15 +366,14 @@ def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord,
     return tuple(replace(p, is_warm_up=True) for p in sorted(usable, key=lambda p: p.start_s))
 
 
-def warm_up_log(
-    records: Sequence[FrictionRecord], heats: Sequence[Heat], ambient: float | None, start: float | None
-) -> WarmUpLog:
-    """All logs of one joint's warm-up, at rest in between; ambient, start: degC as stated.
+def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) -> WarmUpLog:
+    """All logs of one joint's warm-up, at rest in between, with the temperatures that their files state.
 
     DataError where they overlap, are too short for any gear, or a thermometer reads the same throughout.
     """
     joint, place = records[0].joint, f"{records[0].place}: warm-up of joint {records[0].joint}"
-    room = float("nan") if ambient is None else ambient
+    heats, start = [heat_of(record) for record in records], files[0].temperature
+    room = next((float(file.ambient) for file in files if file.ambient is not None), float("nan"))
     time_s, power, readings = heats[0].time_s, heats[0].power, heats[0].readings
     for record, heat in zip(records[1:], heats[1:], strict=True):
         pause = float(heat.time_s[0] - time_s[-1])

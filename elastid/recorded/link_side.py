@@ -11,15 +11,14 @@ Where gears couple motors with several joints, each channel is converted by its 
 import math
 from collections.abc import Collection, Iterator, Sequence
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, Note, StudyError, did_you_mean
+from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.recorded import RecordedSpec
-from elastid.recorded.repair import blocks
+from elastid.recorded.repair import Log, blocks
 from elastid.recorded.repair.time_stamps import CLOCK
 
 UNWRAPPED = "records/unwrapped"
@@ -74,13 +73,14 @@ def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
     return _own_side_factor(channel, robot) * _gear_factor(channel, robot)
 
 
-def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[FloatArray, tuple[Note, ...]]:
-    """The signal (n,) in SI on the link side, and a note if an angle was unwrapped."""
+def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log) -> FloatArray:
+    """The signal (n,) in SI on the link side, an angle unwrapped."""
     factor, turns = _own_side_factor(channel, robot), 0
     if channel.quantity == "position":
         values, turns = _unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
-    note = Note(UNWRAPPED, f"{turns} wraps of its counter or revolution were removed from {channel.name_in_file}")
-    return (values * factor + channel.offset) * _gear_factor(channel, robot), (note,) if turns else ()
+    if turns:
+        log.note(UNWRAPPED, f"{turns} wraps of its counter or revolution were removed from {channel.name_in_file}")
+    return (values * factor + channel.offset) * _gear_factor(channel, robot)
 
 
 def _unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
@@ -116,21 +116,19 @@ def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
 
 
 def check_values(
-    channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path, may_rest: Collection[str] = ()
-) -> tuple[Note, ...]:
+    channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], log: Log, may_rest: Collection[str] = ()
+) -> None:
     """DataError where a column (n,), some samples NaN, is constant; a note on an input that rests while others move.
 
     may_rest: further roles of channels that may be constant.
     """
     for i, text in value_refusals(channels, columns, may_rest):
-        raise DataError("records/values", f"{channels[i].full_name} {text}", path)
-    still = []
+        raise DataError("records/values", f"{channels[i].full_name} {text}", log.where)
     for channel, column in zip(channels, columns, strict=True):
         values = column[np.isfinite(column)]
         if np.ptp(values) == 0 and channel.role in ("u", "r") and channel.role not in may_rest:
             text = f"{channel.full_name} is constant at {values[0]:g} and counts as not excited in this experiment"
-            still.append(Note("records/input-not-excited", text))
-    return tuple(still)
+            log.note("records/input-not-excited", text)
 
 
 def value_refusals(
@@ -156,12 +154,12 @@ def value_refusals(
             yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples; check its sensor and its name"
 
 
-def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, where: str) -> list[Note]:
-    """Notes on torques of signals (n, c) that are no measured ones: the command twice, mirrored, or another motor's.
+def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, log: Log) -> None:
+    """Report torques of signals (n, c) that are no measured ones: the command twice, mirrored, or another motor's.
 
     N: samples of the period, None without one.
     """
-    notes, u = list[Note](), {c.at: i for i, c in enumerate(channels) if c.role == "u"}
+    u = {c.at: i for i, c in enumerate(channels) if c.role == "u"}
     for channel, r in zip(channels, signals.T, strict=True):
         if channel.role != "r":
             continue
@@ -171,10 +169,10 @@ def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | N
                 f"u at {place} equals r to the last bit: the command was logged twice, and u lacks feedback, drive "
                 "limits and delay. Log the acting torque, or omit the channel of role r without feedback"
             )
-            notes.append(Note("records/same-signal", text, where))
+            log.note("records/same-signal", text)
         elif (rho := _at_once(r, acting, N)) <= -CLOCK.min_correlation:
             text = f"u at {place} and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
-            notes.append(Note("records/torque", text, where))
+            log.note("records/torque", text)
     C = np.cov(signals, rowvar=False)
     known = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
     for a, b in combinations(known, 2):
@@ -184,8 +182,7 @@ def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | N
                 f"{channels[b].full_name} and {channels[a].full_name} have identical samples, so that one is not the "
                 "signal of its motor. Check channel and column in the study, and the wiring of the logger"
             )
-            notes.append(Note("records/same-signal", text, where))
-    return notes
+            log.note("records/same-signal", text)
 
 
 def _at_once(r: FloatArray, u: FloatArray, N: int | None) -> float:

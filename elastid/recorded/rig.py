@@ -29,13 +29,13 @@ from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Motion, Record
-from elastid.recorded.channels import GatheredChannels, gather_channels, unused_references
+from elastid.recorded.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.recorded.files.formats import naming, size_in_pieces
-from elastid.recorded.link_side import UNWRAPPED, drive_notes, hold_samples, in_joints
-from elastid.recorded.repair import counts
+from elastid.recorded.link_side import UNWRAPPED, hold_samples, in_joints, report_drives
+from elastid.recorded.repair import Log
 from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period
-from elastid.recorded.repair.periodicity import check_repeat, grid_samples, unstated_period_notes
+from elastid.recorded.repair.periodicity import check_repeat, grid_samples, report_unstated_period
 from elastid.recorded.repair.time_stamps import CLOCK, RESAMPLED, at_times, delay
 from elastid.recorded.step_images import without_step_images
 from elastid.robot import before_channels
@@ -123,8 +123,9 @@ class RecordedRig:
             return None
         if record is None:
             return None
-        notes = end_notes(log.n - record.n_samples, log.n, record.repeat_samples, f"record {record.name}")
-        return replace(record, notes=(*record.notes, *notes))
+        end = Log("", ())
+        report_end(log.n - record.n_samples, log.n, record.repeat_samples, end)
+        return replace(record, notes=(*record.notes, *end.findings.at(f"record {record.name}")))
 
     def _as_a_whole(self, experiment: Experiment, file: FileSpec, is_one_of_several: bool = False) -> Record:
         recorded = self._recorded
@@ -133,19 +134,17 @@ class RecordedRig:
         where += f", {file.path}" if is_one_of_several else ""
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
         signals, N, rate_hz = repaired_signals(gathered, recorded, is_one_of_several)
-        findings = gathered.log.findings
-        notes = [replace(note, place=where) for note in (*gathered.notes, *unused_references(channels, roles["r"]))]
-        notes += [finding.note(where) for finding in findings]
-        notes += drive_notes(channels, signals, N, where)
+        log, repairs = gathered.log, gathered.log.findings.repairs
+        report_unused_references(channels, log, roles["r"])
+        report_drives(channels, signals, N, log)
         if N is not None:
             n = len(gathered.signals)
             lost = int(n * N / (gathered.period or N)) - len(signals)
-            if all(finding.kind != STOPPED for finding in findings):
-                notes += end_notes(lost, n, N // 2 if recorded.half_wave else N, where)
+            if STOPPED not in repairs:
+                report_end(lost, n, N // 2 if recorded.half_wave else N, log)
         elif "none" not in (file.period, recorded.period):
-            notes += unstated_period_notes(signals[:, roles["r"] or roles["u"]], where)
-        signals, images = without_step_images(signals, channels, roles, recorded, N, rate_hz, self.robot)
-        notes += [replace(note, place=where) for note in images]
+            report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
+        signals = without_step_images(signals, channels, roles, recorded, N, rate_hz, self.robot, log)
         signals, _ = in_joints(channels, signals, self.robot)
         held = hold_samples(recorded, channels, rate_hz)
         inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
@@ -165,12 +164,12 @@ class RecordedRig:
             r=signals[:, roles["r"]] if roles["r"] else None,
             r_is_reference=bool(roles["r"]) and channels[roles["r"][0]].role == "reference",
             rate_is_known=gathered.log.rate_hz is not None,
-            notes=tuple(notes),
+            notes=log.findings.at(where),
             hold="zero-order" if any(held) else "band-limited",
             hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
             half_wave=recorded.half_wave,
-            repairs=counts(findings),
-            left_out=tuple(p for finding in findings for p in finding.repetitions),
+            repairs=dict(repairs),
+            left_out=tuple(log.findings.left_out),
             sliding=self.robot.sliding((*inputs, *outputs)),
             input_units=input_units(channels, self.robot),
         )
@@ -266,10 +265,11 @@ def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
     return rows
 
 
-def end_notes(lost: int, n: int, repeat: int, place: str) -> tuple[Note, ...]:
-    """A note on the samples of a log of n that are lost after its last whole repetition, if there are any."""
+def report_end(lost: int, n: int, repeat: int, log: Log) -> None:
+    """Report the samples of a log of n that are lost after its last whole repetition, if there are any."""
     text = f"the last {lost} of {n} samples are discarded, as they are no whole period of {repeat} samples"
-    return (Note("records/corrected", text, place),) if lost > 0 else ()
+    if lost > 0:
+        log.note("records/corrected", text)
 
 
 def _driver(record: Record) -> FloatArray:

@@ -15,9 +15,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import Note
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import CascadeSpec, RecordedSpec
+from elastid.recorded.repair import Log
 from elastid.recorded.repair.time_stamps import CLOCK, delay
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
@@ -34,12 +34,13 @@ def without_step_images(
     N: int | None,
     rate_hz: float,
     robot: Places,
-) -> tuple[FloatArray, tuple[Note, ...]]:
-    """Signals (n, c), in periods of N samples if any, without images of their references, and a note on their size."""
+    log: Log,
+) -> FloatArray:
+    """Signals (n, c), in periods of N samples if any, without images of their references, whose size is reported."""
     controller, u, n = recorded.controller, roles["u"], len(signals)
     # From four samples in a cycle on, images are below a sixteenth.
     if not isinstance(robot, Robot) or controller is None or not 0 < rate_hz * controller.cycle < 4:
-        return signals, ()
+        return signals
     freq_hz = np.fft.rfftfreq(n, 1 / rate_hz).astype(np.float64)
     U = np.fft.rfft(signals[:, u], axis=0)
     images, forward = _per_reference(controller, freq_hz, round(rate_hz * controller.cycle), robot, channels, u)
@@ -58,9 +59,11 @@ def without_step_images(
             turn = np.exp(-2j * np.pi * freq_hz[:, None] / rate_hz * round(lag))
             signals = signals.copy()
             signals[:, u] = np.fft.irfft(U - images * turn * R * (freq_hz > 0)[:, None], n, axis=0)
-            return signals, (Note("records/step-images", f"{text}; subtracted", severity="information"),)
+            log.note("records/step-images", f"{text}; subtracted", "information")
+            return signals
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
-    return signals, (Note("records/step-images", f"{text}. Log the references, or {cure}"),)
+    log.note("records/step-images", f"{text}. Log the references, or {cure}")
+    return signals
 
 
 def _per_reference(

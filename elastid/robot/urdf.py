@@ -221,7 +221,7 @@ class _Reader:
             origin = _origin(joint)
             R, p = seat.R @ origin.rotation, seat.p + seat.R @ np.array(origin.xyz)
             link = self.links[child]
-            if joint.text("type") == "fixed" and not _has_mass(link):
+            if self._is_fixed(joint) and not _has_mass(link):
                 frames.append(Frame(child, seat.body, Placement.of(R, p)))
                 below = _Seat(seat.body, R, p)
             else:
@@ -238,7 +238,7 @@ class _Reader:
 
     def _joints(self, joint: UrdfElement) -> tuple[Joint, ...]:
         name, kind = joint.name, joint.text("type")
-        if kind == "fixed":
+        if self._is_fixed(joint):
             return ()
         if kind not in _MOVING or joint.first("mimic") is not None:
             which = f"of type {kind}" if kind not in _MOVING else "that mimics another"
@@ -267,6 +267,12 @@ class _Reader:
             raise
         except ValueError as error:
             raise joint.wrong(str(error)) from None
+
+    def _is_fixed(self, joint: UrdfElement) -> bool:
+        """True for a fixed joint, and for one without a motor that mimics another, at its zero."""
+        mimic = joint.first("mimic")
+        is_mimic = mimic is not None and joint.name not in self.known and mimic.number("offset", "0") == 0
+        return is_mimic or joint.text("type") == "fixed"
 
     def _link_of(self, joint: UrdfElement, role: str) -> str:
         element = joint.first(role)
@@ -306,6 +312,8 @@ def _limits(joint: UrdfElement) -> Limits:
     velocity, effort = (limit.number(key, "0") or math.inf for key in ("velocity", "effort"))
     unlimited = joint.text("type") == "continuous" or not {"lower", "upper"} & limit.attributes.keys()
     low, high = (-math.inf, math.inf) if unlimited else (limit.number("lower", "0"), limit.number("upper", "0"))
+    if low == high == 0:  # as exporters write a joint without limits
+        low, high = -math.inf, math.inf
     try:
         return Limits((low, high), velocity, effort)
     except ValueError as error:

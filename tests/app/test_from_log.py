@@ -15,7 +15,7 @@ from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.app.stages.estimate import imported_responses
 from elastid.store.measured import read_responses
-from elastid.study import load, load_with_logs
+from elastid.study import Study, load, load_with_logs
 from tests.app.test_scaffold import ARM
 
 REAL = {
@@ -23,6 +23,13 @@ REAL = {
     KUKA: ("friction-recorded", "rec.act_pos_mot_deg", "rate_hz: 250"),
     BENCH: ("frf", "theta_mx", "period_samples: 2500"),
 }
+
+
+def new(folder: Path, *sources: Path | str) -> Study:
+    """The study that `elastid new` writes."""
+    words = [word for path in sources for word in ("--from", str(path))]
+    assert cli.run_command(["new", str(folder / "new"), *words]) == 0
+    return load_with_logs(folder / "new" / "study.yml").study
 
 
 @pytest.fixture
@@ -63,10 +70,9 @@ def test_one_wrong_cell_changes_neither_kind_nor_rate(motion: Path, tmp_path: Pa
     cells = lines[2000].split(";")
     cells[column] = cell
     motion.write_text("\n".join([*lines[:2000], ";".join(cells), *lines[2001:]]) + "\n")
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(motion)]) == 0
-    recorded = load_with_logs(tmp_path / "new" / "study.yml").study
-    assert recorded.friction is not None
-    assert recorded.experiment.as_recorded().rate_hz == 200.0
+    study = new(tmp_path, motion)
+    assert study.friction is not None
+    assert study.experiment.as_recorded().rate_hz == 200.0
 
 
 def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path) -> None:
@@ -90,9 +96,8 @@ def test_a_path_that_is_none_and_robots_among_logs_are_refused(motion: Path, tmp
 @pytest.mark.parametrize("name", REAL)
 def test_real_logs_become_studies_that_check_accepts(name: str, tmp_path: Path) -> None:
     kind, motion, line = REAL[name]
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(measured(name))]) == 0
+    study = new(tmp_path, measured(name))
     assert line in (tmp_path / "new" / "study.yml").read_text()
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
     assert study.kind == kind
     assert motion in [c.channel for c in study.experiment.channels if c.role == "y"]
 
@@ -125,8 +130,7 @@ def test_logs_are_at_the_motors_that_they_name(suffix: str, units: str, tmp_path
         logged(tmp_path / f"{i}.csv", joints[::-1], tuple(angle * (k + 1) for k in range(len(joints))), units)
         for i, angle in enumerate((0.2, -0.3))
     ]
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(robot), "--from", *logs]) == 0
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    study = new(tmp_path, robot, *logs)
     assert [joint.name for joint in study.as_robot().driven] == list(joints)
     recorded = study.experiment.as_recorded()
     assert {(c.at, c.channel.split(" ")[0]) for c in recorded.channels} == {
@@ -146,8 +150,7 @@ def test_sides_of_the_gears_are_those_of_angles_within_limits_and_of_currents(
     """Motors at 100 times the angles, in degrees as stated; currents act before gears whose angles are behind them."""
     (tmp_path / "arm.urdf").write_text(ARM)
     log = logged(tmp_path / "log.csv", ("shoulder", "elbow"), (0.2 * gear, -0.3 * gear), " [deg]", drive)
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "arm.urdf"), "--from", log]) == 0
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    study = new(tmp_path, tmp_path / "arm.urdf", log)
     channels = study.experiment.as_recorded().channels
     assert {channel.side for channel in channels} == sides
     assert {channel.side for channel in channels if channel.role == "u"} == {"motor"}
@@ -160,8 +163,7 @@ def test_a_log_without_a_time_is_of_responses_and_lists_what_it_does_not_use(tmp
     u = np.tile(rng.standard_normal(1000), 4)
     columns = {"torque": u, "motor_angle": 0.1 * u, "load_angle": 0.2 * u, "current": u, "state": 0 * u}
     np.savetxt(log, np.stack([*columns.values()], axis=1), "%.6g", ",", header=",".join(columns), comments="")
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(log)]) == 0
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    study = new(tmp_path, log)
     assert study.kind == "frf"
     assert [c.channel for c in study.experiment.channels] == ["torque", "motor_angle", "load_angle"]
     unused = [line for line in (tmp_path / "new" / "study.yml").read_text().splitlines() if "# Not used" in line]
@@ -182,8 +184,7 @@ def test_the_rate_is_that_of_the_clock_of_a_log(clock: dict[str, Any], time: str
     """Wherever it begins and whatever its unit; stamps of an even one need not be read."""
     signals = {name: np.random.default_rng(0).standard_normal(400) for name in ("torque_1", "acc_1")}
     savemat(tmp_path / "log.mat", {**clock, **signals})
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "log.mat")]) == 0
-    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
+    recorded = new(tmp_path, tmp_path / "log.mat").experiment.as_recorded()
     assert (recorded.known_rate_hz, recorded.time) == (pytest.approx(500), time)
     assert [c.channel for c in recorded.channels] == ["torque_1", "acc_1"]
 
@@ -198,8 +199,7 @@ def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path
         columns = np.concatenate([u, 0.1 * u + 1e-3 * rng.standard_normal(u.shape)], axis=1)
         logs.append(str(tmp_path / f"{number}.csv"))
         np.savetxt(logs[-1], columns, "%.8g", ",", header="torque_1 [Nm],torque_2 [Nm],acc_1,acc_2", comments="")
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
-    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
+    recorded = new(tmp_path, *logs).experiment.as_recorded()
     assert [file.realisation for file in recorded.files] == [0, 1]
 
 
@@ -215,7 +215,7 @@ def test_a_hit_at_the_tool_is_a_study_of_responses_at_a_frame(tmp_path: Path) ->
     rows = np.column_stack([np.arange(n) / 2000, force.round(2), a])
     log, head = tmp_path / "hit.csv", "time [s],hammer [N],acc_x [m/s^2],acc_z [m/s^2]"
     np.savetxt(log, rows, "%.6g", ",", header=head, comments="")
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(robot), "--from", str(log)]) == 0
+    new(tmp_path, robot, log)
     loaded = load(tmp_path / "new" / "study.yml")
     places = [channel.at for channel in loaded.study.experiment.as_recorded().channels]
     assert places == ["force base x", "accelerometer base x", "accelerometer base z"]
@@ -250,9 +250,7 @@ def test_logs_of_makes_have_references_and_runs_of_their_names(make: str, tmp_pa
         rows = np.hstack([rows, np.roll(rows[:, 3:], -2, axis=0)])
         np.savetxt(path, rows, "%.9g", ",", header=",".join(["t", *heads]), comments="")
         logs.append(str(path))
-    robot = str(tmp_path / "robot" / "robot.yml")
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", robot, "--from", *logs]) == 0
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    study = new(tmp_path, tmp_path / "robot" / "robot.yml", *logs)
     recorded = study.experiment.as_recorded()
     assert [file.run for file in recorded.files] == [("p1", 0, 0), ("p1", 0, 1), ("p2", 1, 0)]
     assert [(c.role, c.at, c.channel, c.unit == "deg") for c in recorded.channels if c.at == "motor elbow"] == [

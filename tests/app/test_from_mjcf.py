@@ -18,6 +18,19 @@ mujoco = pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
 pytestmark = pytest.mark.oracle
 
 
+ASSET, MESH = "<asset><mesh name='m' file='no.stl'/></asset>", "<geom type='mesh' mesh='m'/>"
+
+
+def test_meshes_of_bodies_with_stated_inertia_need_no_files(tmp_path: Path) -> None:
+    fore = '<body name="fore">'
+    stated = ARM.replace(fore, f'{fore}<inertial mass="2" pos="0 0 0.1" diaginertia="1 1 1"/>')
+    robots = []
+    for text in (stated, stated.replace("<site", f"{MESH}<site").replace("<worldbody>", f"{ASSET}<worldbody>")):
+        (tmp_path / "crane.xml").write_text(text)
+        robots.append(read_mjcf(tmp_path / "crane.xml"))
+    assert robots[0] == robots[1]
+
+
 def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
     """M and the torques of gravity and motion, armatures, spring and damping of the joints apart; places of a site."""
     path = tmp_path / "crane.xml"
@@ -73,6 +86,7 @@ def _takes_data() -> bool:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
+        (("</worldbody>", f"<body><joint name='z'/>{MESH}</body></worldbody>{ASSET}"), "no.stl"),
         (("<worldbody>", "<worldbody><body name='free'><freejoint/><geom size='.1'/></body>"), "free"),
         (("</worldbody>", ""), "XML"),
     ],

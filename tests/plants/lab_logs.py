@@ -59,6 +59,14 @@ def save_csv(
     path.write_text(text.replace(".", ",") if comma else text)
 
 
+def logged(
+    base: Path, log: Mapping[str, np.ndarray], channels: tuple[ChannelSpec, ...] = CHANNELS, **changes: Any
+) -> Record:
+    """The record of a log that is written as CSV."""
+    save_csv(base / "log.csv", log)
+    return measured(base, study_of("log.csv", channels, **changes))
+
+
 def with_names(names: Mapping[str, str], **same: Any) -> tuple[ChannelSpec, ...]:
     return tuple(replace(c, channel=names[c.channel], **same) for c in CHANNELS)
 

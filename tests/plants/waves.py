@@ -1,5 +1,6 @@
 """A torque and a position with it, periodic, exact between samples too, of a log of six periods."""
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.recorded.repair import Finding, Log
+from elastid.recorded.repair import Findings, Log
 
 N, P = 500, 6
 LINES = np.arange(2, 150)
@@ -28,7 +29,7 @@ DRIFT = np.arange(P * N)[:, None] / (P * N) * np.array([0.0, 5e4])
 NOISE = np.random.default_rng(9).normal(size=CLEAN.shape) * np.array([1e-3, 1.0])
 
 
-def found(repair: Callable[..., Any], *args: Any, names: tuple[str, ...] = LOG.names) -> tuple[Any, list[Finding]]:
-    """Result of a repair whose last argument is a log, and its findings."""
-    log = replace(LOG, names=names, findings=[])
-    return repair(*args, log), log.findings
+def found(repair: Callable[..., Any], *args: Any, names: tuple[str, ...] = LOG.names) -> tuple[Any, Counter[str]]:
+    """Result of a repair whose last argument is a log, and its counts by kind."""
+    log = replace(LOG, names=names, findings=Findings())
+    return repair(*args, log), log.findings.repairs

@@ -17,7 +17,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.friction_study.warm_up import WarmUp, warm_up_of
 from elastid.record import Configuration, FrictionRecord
-from elastid.recorded.friction_logs import heat_of, read_friction_logs, warm_up_log
+from elastid.recorded.friction_logs import read_friction_logs, warm_up_log
 
 Q = trapezoids([0.2, 0.5])
 U = sliding_torque(Q)
@@ -25,6 +25,11 @@ U = sliding_torque(Q)
 
 def read(folder: Path, *files: FileSpec, channels: tuple[ChannelSpec, ...] = CHANNELS) -> tuple[FrictionRecord, ...]:
     return read_friction_logs(ROBOT, logs(*files, channels=channels), folder, ["1"], {}).records
+
+
+def logged(folder: Path, q: np.ndarray, u: np.ndarray) -> tuple[FrictionRecord, ...]:
+    write_log(folder / "log.csv", q, u)
+    return read(folder, FileSpec("log.csv"))
 
 
 def test_a_log_is_read_on_the_link_side(tmp_path: Path) -> None:
@@ -39,31 +44,22 @@ def test_a_log_is_read_on_the_link_side(tmp_path: Path) -> None:
     assert record.mean_temperature == pytest.approx(40.0)
 
 
-def test_spikes_of_the_torque_are_taken_out(tmp_path: Path) -> None:
-    spoilt = U.copy()
-    spoilt[[700, 1500]] += 60.0
-    write_log(tmp_path / "log.csv", Q, spoilt)
-    (record,) = read(tmp_path, FileSpec("log.csv"))
-    assert np.abs(record.torque - U).max() < 2.0
-    assert [note.code for note in record.notes] == ["records/corrected"]
-    write_log(tmp_path / "clean.csv", Q, U)
-    assert read(tmp_path, FileSpec("clean.csv"))[0].notes == ()
-
-
-def test_a_spike_of_the_position_leaps(tmp_path: Path) -> None:
-    spoilt = Q.copy()
-    spoilt[[700, 1500]] = 0.0
-    write_log(tmp_path / "log.csv", spoilt, U)
-    (record,) = read(tmp_path, FileSpec("log.csv"))
-    assert np.abs(record.position - Q).max() < np.abs(np.diff(Q)).max()
+def test_spikes_of_torque_and_position_are_masked(tmp_path: Path) -> None:
+    q, u = Q.copy(), U.copy()
+    u[[700, 1500]] += 60.0
+    q[[700, 1500]] = 0.0
+    (of_torque,), (of_position,), (clean,) = (logged(tmp_path, *each) for each in ((Q, u), (q, U), (Q, U)))
+    assert np.abs(of_torque.torque - U).max() < 2.0
+    assert [note.code for note in of_torque.notes] == ["records/corrected"]
+    assert np.abs(of_position.position - Q).max() < np.abs(np.diff(Q)).max()
+    assert clean.notes == ()
 
 
 def test_rows_of_zeros_are_missing_and_interpolated(tmp_path: Path) -> None:
     """One row in seven, as of a second publisher of a topic."""
     q, u = Q + 1.0, U.copy()
     q[::7] = u[::7] = 0.0
-    write_log(tmp_path / "log.csv", q, u)
-    (record,) = read(tmp_path, FileSpec("log.csv"))
+    (record,) = logged(tmp_path, q, u)
     at = np.setdiff1d(np.arange(len(q)), np.arange(0, len(q), 7))
     inside = slice(at[0], at[-1] + 1)
     assert np.abs(record.position - (Q + 1.0)[inside][: len(record.position)]).max() < np.abs(np.diff(Q)).max()
@@ -77,8 +73,7 @@ def test_a_long_gap_divides_a_log_and_lost_messages_do_not(tmp_path: Path) -> No
     lost = np.random.default_rng(0).choice(np.arange(5, middle - 50), middle // 100, replace=False)
     for x in (q, u):
         x[lost] = x[middle : middle + 40] = np.nan
-    write_log(tmp_path / "log.csv", q, u)
-    first, second = read(tmp_path, FileSpec("log.csv"))
+    first, second = logged(tmp_path, q, u)
     assert (first.name, second.name) == ("log", "log part 2")
     assert second.start_s * second.rate_hz == pytest.approx(middle + 40)
     np.testing.assert_allclose(second.position, Q[middle + 40 :], atol=1e-5)
@@ -86,9 +81,8 @@ def test_a_long_gap_divides_a_log_and_lost_messages_do_not(tmp_path: Path) -> No
 
 
 def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
-    write_log(tmp_path / "log.csv", 1e-4 * Q, U)
     with refused("records/channels", place="log.csv"):
-        read(tmp_path, FileSpec("log.csv"))
+        logged(tmp_path, 1e-4 * Q, U)
 
 
 def read_warm_up(folder: Path, log: WarmLog, file: FileSpec, thermometer: ChannelSpec = THERMOMETER) -> WarmUp:
@@ -146,7 +140,7 @@ def test_a_warm_up_in_two_logs_is_the_warm_up(cycles: int, pause: float, hold: A
         )
         for part in (slice(0, n), slice(0, first), slice(first, n))
     )  # fmt: skip
-    one, two = (warm_up_log(logs, [heat_of(log) for log in logs], None, None) for logs in ((whole,), parts))
+    one, two = (warm_up_log(logs, [FileSpec("log.csv")]) for logs in ((whole,), parts))
     assert one.time_s[-1] == time_s[-1]
     assert two.time_s[-1] == time_s[-1] + pause
     works = [float(log.power @ np.diff(log.time_s)) for log in (one, two)]

@@ -5,8 +5,6 @@ import itertools
 import pytest
 
 from elastid.base.units import TABLE
-from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.channel_doubts import doubts_by_names
 from elastid.recorded.channel_names import guess_by_name
 from elastid.recorded.headings import unit_of_heading
 
@@ -43,10 +41,3 @@ def test_another_text_in_brackets_is_an_unknown_unit_and_never_stated(unit: str)
 @pytest.mark.parametrize("name", ["tau(1)", "q [2]", "pos (motor 1)", "torque", "omega"])
 def test_headings_without_a_unit_have_none(name: str) -> None:
     assert unit_of_heading(name).unit == unit_of_heading(name).unknown == ""
-
-
-def test_a_torque_in_another_unit_than_its_heading_is_doubted() -> None:
-    torque = ChannelSpec("u", "motor 1", "Torque [mNm]", unit="N*m")
-    assert [(doubt.channel, doubt.key) for doubt in doubts_by_names([torque])] == [(0, "unit")]
-    scaled = ChannelSpec("u", "motor 1", "Torque [mNm]", unit="N*m", scale=1e-3)
-    assert not list(doubts_by_names([scaled]))

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import friction_logs
 from plants.friction_logs import logs, sliding_torque, trapezoids
-from plants.lab_logs import CHANNELS, RATE, ROBOT, N, U, Y, measured, save_csv, study_of, with_names, write_csv
+from plants.lab_logs import CHANNELS, RATE, ROBOT, N, U, Y, logged, measured, save_csv, study_of, write_csv
 from plants.notes import noted
 from plants.refusals import refused
 
@@ -20,7 +20,8 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.friction_logs import read_friction_logs
-from elastid.recorded.link_side import UNWRAPPED, drive_notes, link_side
+from elastid.recorded.link_side import UNWRAPPED, link_side, report_drives
+from elastid.recorded.repair import Log
 from elastid.recorded.rig import RecordedRig
 
 
@@ -33,12 +34,14 @@ def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(bits: int, speed
     path = np.cumsum(np.round(steps) if bits else steps)
     path[17] = np.nan
     channel = replace(Y, unit="", scale=1e-3) if bits else Y
-    whole, none = link_side(channel, path, ROBOT)
-    found, notes = link_side(channel, np.mod(path, turn), ROBOT)
-    np.testing.assert_allclose(found - found[0], whole - whole[0], atol=1e-9 * np.nanmax(np.abs(whole)))
-    assert (none, [note.code for note in notes]) == ((), [UNWRAPPED])
+    log = Log("log", ())
+    whole = link_side(channel, path, ROBOT, log)
+    assert not log.findings.notes
+    unwrapped = link_side(channel, np.mod(path, turn), ROBOT, log)
+    np.testing.assert_allclose(unwrapped - unwrapped[0], whole - whole[0], atol=1e-9 * np.nanmax(np.abs(whole)))
+    assert [note.code for note in log.findings.notes] == [UNWRAPPED]
     jumping, at_rest = np.random.default_rng(seed).uniform(0, turn, 400), np.full(400, turn / 2)
-    (left, _), (unit, _) = (link_side(channel, x, ROBOT) for x in (jumping, at_rest))
+    left, unit = (link_side(channel, x, ROBOT, log) for x in (jumping, at_rest))
     np.testing.assert_allclose(left, jumping * unit / at_rest, rtol=1e-12)
 
 
@@ -46,8 +49,7 @@ def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(
     tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
     """One motor at a time is a lawful experiment; the estimator judges all of them together."""
-    save_csv(tmp_path / "log.csv", log | {"i2": np.full(800, 0.5)})
-    (note,) = measured(tmp_path, study_of("log.csv")).notes
+    (note,) = logged(tmp_path, log | {"i2": np.full(800, 0.5)}).notes
     assert noted(note) == ("records/input-not-excited", "record home-r0-e0", [2, 2, 0.5])
 
 
@@ -63,21 +65,20 @@ def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path,
     np.testing.assert_allclose(record.u[0, 0], -log["i2"][30] * 0.5e-3)
 
 
-def test_a_log_of_one_row_is_refused_as_one(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
-    """And not each of its channels as constant; a study says whether it has a period."""
-    save_csv(tmp_path / "log.csv", {name: x[:1] for name, x in log.items()})
-    with refused("records/values", place="log.csv", holds="one row"):
-        measured(tmp_path, study_of("log.csv"))
-
-
-@pytest.mark.parametrize("dead", [lambda x: 0 * x + 0.25, lambda x: np.nan * x, lambda x: 1e-300 * x])
-def test_a_dead_sensor_is_refused(
-    dead: Callable[[np.ndarray], np.ndarray], tmp_path: Path, log: dict[str, np.ndarray]
+@pytest.mark.parametrize(
+    ("change", "holds"),
+    [
+        (lambda name, x: x[:1], "one row"),  # and not each channel as constant
+        (lambda name, x: 0 * x + 0.25 if name == "w2" else x, "w2"),
+        (lambda name, x: np.nan * x if name == "w2" else x, "w2"),
+        (lambda name, x: 1e-300 * x if name == "w2" else x, "w2"),  # too small to compute with
+    ],
+)
+def test_a_log_of_one_row_and_a_dead_sensor_are_refused(
+    change: Callable[[str, np.ndarray], np.ndarray], holds: str, tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
-    """Constant, no number, or too small to compute with."""
-    save_csv(tmp_path / "log.csv", log | {"w2": dead(log["w2"])})
-    with refused("records/values", place="log.csv", holds="w2"):
-        measured(tmp_path, study_of("log.csv"))
+    with refused("records/values", place="log.csv", holds=holds):
+        logged(tmp_path, {name: change(name, x) for name, x in log.items()})
 
 
 def test_a_motor_side_without_a_gear_is_refused(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
@@ -124,7 +125,9 @@ def test_a_torque_is_held_as_its_channel_says_or_else_as_the_section_does(
 
 def _notes(r: np.ndarray, u: np.ndarray, N: int | None = N) -> list[str]:
     channels = ChannelSpec("r", "motor 1", "r"), ChannelSpec("u", "motor 1", "u")
-    return [note.code for note in drive_notes(channels, np.stack([r, u], axis=1), N, "record a")]
+    log = Log("log", ())
+    report_drives(channels, np.stack([r, u], axis=1), N, log)
+    return [note.code for note in log.findings.notes]
 
 
 @pytest.mark.parametrize("step", [1, 2, 3])
@@ -151,21 +154,20 @@ def test_feedback_that_turns_the_phase_mirrors_nothing(step: int, sign: int) -> 
         assert _notes(r, sign * u, 400) == ([] if sign > 0 else ["records/torque"])
 
 
-def _same_signal_notes(tmp_path: Path, log: dict[str, np.ndarray], second_current: str) -> list[str]:
-    save_csv(tmp_path / "log.csv", log)
-    channels = with_names({"i1": "i1", "i2": second_current, "phi": "phi", "w2": "w2"})
-    notes = measured(tmp_path, study_of("log.csv", channels)).notes
-    return [str(note) for note in notes if note.code == "records/same-signal"]
-
-
-def test_a_signal_that_was_logged_twice_is_named(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
-    """A factor and an offset do not hide it; a part in a thousand of its own makes it another signal."""
-    (note,) = _same_signal_notes(tmp_path, log | {"i2": 7.0 - 2.5 * log["i1"]}, "i2")
-    assert "record home-r0-e0: channel i1 (u at motor 1) and channel i2 (u at motor 2)" in note
-    own = log["i1"] + 1e-3 * log["i2"]
-    assert _same_signal_notes(tmp_path, log | {"i2": own}, "i2") == []
-    # Two dead currents are equal, and no copy of each other.
-    assert _same_signal_notes(tmp_path, log | {"i2": np.full_like(log["i1"], 3.0)}, "i2") == []
+@pytest.mark.parametrize(
+    ("second", "places"),
+    [
+        (lambda one, two: 7.0 - 2.5 * one, ["record home-r0-e0"]),  # neither a factor nor an offset hides it
+        (lambda one, two: one + 1e-3 * two, []),  # a part in a thousand of its own
+        (lambda one, two: np.full_like(one, 3.0), []),  # a dead current
+    ],
+)
+def test_a_signal_that_was_logged_twice_is_named(
+    second: Callable[..., np.ndarray], places: list[str], tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
+    notes = logged(tmp_path, log | {"i2": second(log["i1"], log["i2"])}).notes
+    named = [note.place for note in notes if note.code == "records/same-signal" and {"i1", "i2"} < {*note.text.split()}]
+    assert named == places
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -123,14 +123,15 @@ def test_a_local_method_takes_each_log_as_a_repeat(tmp_path: Path) -> None:
 
 def test_another_excitation_is_refused_with_both_files(tmp_path: Path) -> None:
     """Of other phases, in a third of its power where two periods show the noise, or of another period."""
-    third = np.tile(0.82 * multisine() + 0.57 * multisine(7), 2)[:, None] * [1.0, 0.3]
-    with refused("records/inconsistent", holds="log_1.csv"):
-        record_of(tmp_path, [run(2 * N, 1), third])
-    with refused("records/inconsistent", holds="log_1.csv"):
-        record_of(tmp_path, [run(4 * N, 1), np.tile(multisine(7), 4)[:, None] * [1.0, 0.3]])
-    other = np.tile(multisine(3)[: N - 20], 4)[:, None] * [1.0, 0.3]
-    with refused("records/inconsistent", holds=("240", "220", "100")):
-        record_of(tmp_path, [run(4 * N, 1), other], period_samples=None, period="find")
+    third = np.tile(0.82 * multisine() + 0.57 * multisine(7), 2)
+    found = {"period_samples": None, "period": "find"}
+    for torque, first, holds, keys in (
+        (third, 2 * N, "log_1.csv", {}),
+        (np.tile(multisine(7), 4), 4 * N, "log_1.csv", {}),
+        (np.tile(multisine(3)[: N - 20], 4), 4 * N, ("240", "220", "100"), found),
+    ):
+        with refused("records/inconsistent", holds=holds):
+            record_of(tmp_path, [run(first, 1), torque[:, None] * [1.0, 0.3]], **keys)
 
 
 def test_a_clean_pair_of_logs_is_never_refused(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Torques and positions logged by two recorders that started at unknown times; references as instruments."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -102,13 +103,11 @@ def test_two_recorders_with_unknown_offset_give_the_stiffness(common: tuple[Chan
     check_stiffness(records, 0.01, *() if common else ("delay",))
 
 
-@pytest.mark.parametrize("ratio", [1.0, 10.0])
+@pytest.mark.parametrize("ratio", [0.1, 1.0, 10.0])
 def test_reference_as_instrument_gives_stiffness_without_bias(ratio: float, tmp_path: Path) -> None:
-    """References over a disturbance that is fed back into u: `auto` selects joint, and k is right to 3 std."""
-    check_stiffness(measured(tmp_path, (*U, *Y, *R), 1 / ratio, (8, 6), 1.0)[0], 0.02 / ratio)
+    """References over a disturbance that is fed back into u: `auto` selects joint, and k is right to 3 std.
 
-
-def test_reference_below_the_noise_is_refused(tmp_path: Path) -> None:
-    """A tenth of the disturbance, which 96 periods do not bring above the noise."""
-    with refused("frf/inputs-not-separable"):
-        check_stiffness(measured(tmp_path, (*U, *Y, *R), 10.0, (8, 6), 1.0)[0], 1.0)
+    96 periods do not bring a tenth of the disturbance above the noise.
+    """
+    with refused("frf/inputs-not-separable") if ratio < 1 else nullcontext():
+        check_stiffness(measured(tmp_path, (*U, *Y, *R), 1 / ratio, (8, 6), 1.0)[0], 0.02 / ratio)

@@ -134,6 +134,16 @@ def test_what_cannot_be_read_is_refused_with_file_and_line(old, new, place, hold
         read(ARM.replace(old, new, 1), BESIDE, tmp_path)
 
 
+def test_a_joint_that_mimics_and_has_no_motor_is_fixed_and_limits_of_zero_are_none(tmp_path):
+    """A finger at the flange with its own inertia adds a body, no joint."""
+    finger = ARM.replace('lower="-1" upper="2"', 'lower="0" upper="0"').replace(
+        '<joint name="flange" type="fixed">', '<joint name="flange" type="revolute"><mimic joint="a1"/>'
+    )
+    robot = read(finger, BESIDE, tmp_path)
+    assert [(joint.name, joint.limits.angle) for joint in robot.joints] == [("a1", (-np.inf, np.inf))]
+    assert [frame.name for frame in robot.frames] == ["base_link", "tool0"]
+
+
 def test_joints_that_are_not_named_beside_the_file_are_asked_for(tmp_path):
     """A joint without motor and spring would swing freely."""
     with refused("robot/file", place="robot.urdf:5", holds="a1"):

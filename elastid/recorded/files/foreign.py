@@ -1,7 +1,7 @@
-"""Logs in formats of which libraries know the layout: HDF5, MATLAB, Parquet, and TDMS."""
+"""Logs in formats of which libraries know the layout: HDF5, MATLAB, NumPy, Parquet, and TDMS."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,26 @@ def opened_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     variables = loadmat(path)
     named = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
     arrays = dict(leaf for name, value in named.items() for leaf in _leaves_of_matlab(name, value))
-    yield ArrayLog(path, {n: StoredArray(tuple(x.shape), x.dtype, partial(np.asarray, x)) for n, x in arrays.items()})
+    yield _in_memory(path, arrays)
+
+
+def _in_memory(path: Path, arrays: Mapping[str, NDArray[Any]]) -> ArrayLog:
+    return ArrayLog(path, {n: StoredArray(tuple(x.shape), x.dtype, partial(np.asarray, x)) for n, x in arrays.items()})
+
+
+@contextmanager
+def opened_numpy(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """NumPy's .npz, all arrays, and .npy, one of the name of the file; fields of records behind a dot.
+
+    Pickled objects are left out.
+    """
+    loaded, named = np.load(path), dict[str, NDArray[Any]]()
+    for name in [path.stem] if isinstance(loaded, np.ndarray) else loaded.files:
+        with suppress(ValueError):
+            array = loaded if isinstance(loaded, np.ndarray) else loaded[name]
+            fields = array.dtype.names
+            named |= {f"{name}.{field}": array[field] for field in fields} if fields else {name: array}
+    yield _in_memory(path, named)
 
 
 def _leaves_of_matlab(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -61,9 +61,15 @@ def is_matlab(path: Path, head: bytes) -> bool:
     return head.startswith(b"MATLAB") or head[124:128] in signatures or path.suffix.lower() == ".mat"
 
 
+def is_numpy(path: Path, head: bytes) -> bool:
+    """True by the signature of an array, and for an archive by the suffix, too."""
+    return head.startswith(b"\x93NUMPY") or (head.startswith(b"PK") and path.suffix.lower() == ".npz")
+
+
 # The first that recognises a file reads it: HDF5 with MATLAB's header in front of it, text what is of no other format.
 FORMATS = (
     Format("ROS bag", is_ros_bag, guarded(ros_bag.opened), "copy it again with all files of its folder"),
+    Format("NumPy", is_numpy, guarded(foreign.opened_numpy), "copy it or save it again"),
     Format("TDMS", starts_with(b"TDSm"), guarded(foreign.opened_tdms), "copy it or export it again"),
     Format("Parquet", starts_with(b"PAR1"), guarded(foreign.opened_parquet), "copy it or export it again"),
     Format(

@@ -54,57 +54,41 @@ class _Topic:
         columns = _numbers(first[1])
         n = sum(connection.msgcount for connection in self.connections)
         if columns:
-            yield f"{self.name}.time", _stored((n,), lambda: self._columns["time"], "s")
+            yield f"{self.name}.time", _stored((n,), lambda: self._columns[0], "s")
         for field, values in columns.items():
-            shape = (n,) if values.ndim == 0 else (n, len(values))
-            yield f"{self.name}.{field}", _stored(shape, partial(self._column, field))
+            yield f"{self.name}.{field}", _stored((n, *values.shape), partial(self._column, field))
 
     def _joint_arrays(self) -> Iterator[tuple[str, StoredArray]]:
-        times, joints = self._joints
-        shared = all(len(numbers) == len(times) for numbers, _ in joints.values())
+        times, columns = self._columns
+        shared = all(len(numbers) == len(times) for numbers, _ in columns.values())
         if shared:
             yield f"{self.name}.time", _stored((len(times),), lambda: times, "s")
-        for (field, joint), (numbers, values) in joints.items():
+        for column, (numbers, values) in columns.items():
+            field, _, joint = column.partition(".")
             if not shared:
                 yield f"{self.name}.time.{joint}", _stored((len(numbers),), partial(times.__getitem__, numbers), "s")
-            read = partial(np.asarray, values)
-            yield f"{self.name}.{field}.{joint}", _stored(values.shape, read, _JOINT_FIELDS[field])
+            yield f"{self.name}.{column}", _stored((len(values),), partial(np.array, values), _JOINT_FIELDS[field])
 
     @cached_property
-    def _joints(self) -> tuple[NDArray[Any], dict[tuple[str, str], tuple[NDArray[Any], NDArray[Any]]]]:
-        """Times (n,), and for each field and joint the messages that hold it with its values in them."""
+    def _columns(self) -> tuple[NDArray[Any], dict[str, tuple[list[int], list[NDArray[Any]]]]]:
+        """Times (n,), and for each column the messages that hold it with its values in them."""
         stamps: list[int] = []
-        joints: dict[tuple[str, str], tuple[list[int], list[float]]] = {}
+        columns: dict[str, tuple[list[int], list[NDArray[Any]]]] = {}
         for number, (stamp, message) in enumerate(self._messages()):
             stamps.append(stamp)
-            for field in _JOINT_FIELDS:
-                # A field that a robot does not measure is empty.
-                for joint, value in zip(message.name, getattr(message, field), strict=False):
-                    numbers, values = joints.setdefault((field, joint), ([], []))
-                    numbers.append(number)
-                    values.append(float(value))
-        return _seconds(stamps), {key: (np.array(at), np.array(values)) for key, (at, values) in joints.items()}
-
-    @cached_property
-    def _columns(self) -> dict[str, NDArray[Any]]:
-        """Time and every field, (n,) or (n, columns); DataError of the guard where a sequence changes its length."""
-        stamps: list[int] = []
-        columns: dict[str, list[NDArray[Any]]] = {}
-        for stamp, message in self._messages():
-            stamps.append(stamp)
-            for field, values in _numbers(message).items():
-                columns.setdefault(field, []).append(values)
-        arrays: dict[str, NDArray[Any]] = {"time": _seconds(stamps)}
-        for field, parts in columns.items():
-            is_even = len(parts) == len(stamps) and len({part.shape for part in parts}) == 1
-            arrays[field] = np.stack(parts) if is_even else np.zeros(0)
-        return arrays
+            for column, value in (_of_joints if self.is_joint_state else _numbers)(message).items():
+                numbers, values = columns.setdefault(column, ([], []))
+                numbers.append(number)
+                values.append(value)
+        return _seconds(stamps), columns
 
     def _column(self, field: str) -> NDArray[Any]:
-        values = self._columns[field]
-        if values.size == 0:
+        """Values (n,) or (n, columns); ValueError if a sequence changes its length."""
+        times, columns = self._columns
+        values = columns[field][1]
+        if len(values) < len(times) or len({value.shape for value in values}) > 1:
             raise ValueError(f"{self.name}.{field} varies in length between messages")
-        return values
+        return np.stack(values)
 
     def _messages(self) -> Iterator[tuple[int, Any]]:
         for connection, received, raw in self.bag.messages(self.connections):
@@ -112,6 +96,14 @@ class _Topic:
             stamp = getattr(getattr(message, "header", None), "stamp", None)
             stamped = 0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec
             yield stamped or received, message
+
+
+def _of_joints(message: Any) -> dict[str, NDArray[Any]]:
+    """Numbers of a JointState, whose field that a robot does not measure is empty."""
+    pairs = (
+        (field, *pair) for field in _JOINT_FIELDS for pair in zip(message.name, getattr(message, field), strict=False)
+    )
+    return {f"{field}.{joint}": np.asarray(value, dtype=np.float64) for field, joint, value in pairs}
 
 
 def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:

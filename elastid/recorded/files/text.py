@@ -1,14 +1,17 @@
 """Text logs: CSV and its relatives, with or without headings, decimal points or commas, units rows and comments."""
 
+import bz2
 import codecs
 import csv
+import gzip
+import lzma
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,6 +27,9 @@ _DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
 _FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace") for mark in _DECIMALS if mark != sign]
 
 
+# Compressed texts by their first bytes, and most bytes of one.
+_COMPRESSED: dict[bytes, Any] = {b"\x1f\x8b": gzip, b"BZh": bz2, b"\xfd7zXZ": lzma}
+_MAX_BYTES = 1 << 30
 WRITTEN_OTHERWISE = "; it seems to be written with "
 
 
@@ -138,7 +144,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
         raise StudyError(
             "records/text", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
         )
-    raw = path.read_bytes()
+    raw = _raw(path)
     if b"\0" in raw[:4096] and not _is_utf_16(raw):
         raise DataError(
             "files/damaged",
@@ -198,9 +204,7 @@ def guess_format(path: Path) -> TextFormatSpec:
 
 
 def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
-    with path.open("rb") as file:
-        # The last 20 lines of the first 64 KiB.
-        lines = _decoded(file.read(65536)).splitlines()[-21:-1]
+    lines = _decoded(_raw(path, 65536)).splitlines()[-21:-1]  # the last 20 of the first 64 KiB
 
     def numbers_less_words(text: TextFormatSpec) -> int:
         plain = plain_numbers("\n".join(lines), text).splitlines()
@@ -221,6 +225,23 @@ def otherwise_written(path: Path, text: TextFormatSpec) -> str:
 def described_format(text: TextFormatSpec) -> str:
     """A format as a study states it."""
     return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"
+
+
+def _raw(path: Path, size: int = -1) -> bytes:
+    """The first bytes of a text, decompressed; DataError for a damaged one, and for one of more than _MAX_BYTES."""
+    with path.open("rb") as file:
+        head = file.read(6)
+        if not (packed := next((module for mark, module in _COMPRESSED.items() if head.startswith(mark)), None)):
+            file.seek(0)
+            return file.read(size)
+    try:
+        with packed.open(path) as file:
+            raw: bytes = file.read(_MAX_BYTES + 1 if size < 0 else size)
+        if len(raw) > _MAX_BYTES:
+            raise ValueError(f"more than {_MAX_BYTES / 1e9:.3g} GB")
+    except Exception as error:  # of each module its own
+        raise DataError("files/damaged", f"{error}. Copy it again, or decompress it", path) from error
+    return raw
 
 
 def _decoded(raw: bytes) -> str:

@@ -4,14 +4,14 @@ Here the parts that all rules share: the repetitions of a signal. Arrays in, arr
 (n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).
 """
 
-from collections.abc import Iterable
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import SupportsInt
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import Note
+from elastid.base.errors import Note, Severity
 
 _CODES = {  # of findings that mend nothing
     "quantised channels": "records/quantised",
@@ -19,21 +19,17 @@ _CODES = {  # of findings that mend nothing
 }
 
 
-@dataclass(frozen=True)
-class Finding:
-    """kind: kind of correction, for counting. text: fault, location, size and correction.
+@dataclass
+class Findings:
+    """Notes without a place, counts of repairs by kind, and repetitions, from 0, that no longer count as measured."""
 
-    repetitions: numbers, from 0, of the repetitions that no longer count as measured.
-    """
+    notes: list[Note] = field(default_factory=list)
+    repairs: Counter[str] = field(default_factory=Counter)
+    left_out: list[int] = field(default_factory=list)
 
-    kind: str
-    count: int
-    text: str
-    repetitions: tuple[int, ...] = ()
-
-    def note(self, place: str) -> Note:
-        """The finding as a note on a record."""
-        return Note(_CODES.get(self.kind, "records/corrected"), self.text, place)
+    def at(self, place: str) -> tuple[Note, ...]:
+        """The notes with their place."""
+        return tuple(replace(note, place=place) for note in self.notes)
 
 
 @dataclass(frozen=True)
@@ -49,11 +45,16 @@ class Log:
     rate_hz: float | None = None
     first: int = 0
     rows: IntArray | None = None
-    findings: list[Finding] = field(default_factory=list)
+    findings: Findings = field(default_factory=Findings)
 
-    def report(self, kind: str, count: SupportsInt, text: str, repetitions: tuple[int, ...] = ()) -> None:
-        """Add a finding."""
-        self.findings.append(Finding(kind, int(count), text, repetitions))
+    def note(self, code: str, text: str, severity: Severity = "warning") -> None:
+        """Add a note."""
+        self.findings.notes.append(Note(code, text, severity=severity))
+
+    def report(self, kind: str, count: SupportsInt, text: str) -> None:
+        """Add a note on a fault, and count its samples or repetitions by kind."""
+        self.note(_CODES.get(kind, "records/corrected"), text)
+        self.findings.repairs[kind] += int(count)
 
     def after(self, first: int) -> "Log":
         """The log from a sample on."""
@@ -70,14 +71,6 @@ class Log:
         """A sample by its number in the file and, where the rate is known, its time."""
         instant = "" if self.rate_hz is None else f" ({(self.first + int(sample)) / self.rate_hz:.6g} s)"
         return f"sample {self.number(sample)}{instant}"
-
-
-def counts(findings: Iterable[Finding]) -> dict[str, int]:
-    """The counts of each kind, added up."""
-    total: dict[str, int] = {}
-    for finding in findings:
-        total[finding.kind] = total.get(finding.kind, 0) + finding.count
-    return total
 
 
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:

@@ -24,23 +24,16 @@ MASKED, STOPPED = "samples taken as missing", "stops"
 
 
 # Limits that distinguish rest, a channel that hangs, drops out or is clipped, steps and spikes from a signal.
-WINDOWS = 20  # of a repetition, samples of one at least
-MIN_WINDOW = 8
+WINDOWS, MIN_WINDOW = 20, 8  # of a repetition, samples of one at least
 START_WINDOWS = 200  # of a log, among which its start is found
 # Samples with one value; range of the other repetitions there, over the scatter of the channel and in its steps.
-MIN_RUN = 20
-MIN_RANGE = 0.25
-MIN_STEPS = 4.0
+MIN_RUN, MIN_RANGE, MIN_STEPS = 20, 0.25, 4.0
 LEAP = 10.0  # of other repetitions from a 0, over the step that 99 % of the samples stay below
 MIN_MOVING_FRACTION = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
 # Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
 MAX_STILL = 0.1
 LEAP_OF_ROWS = 2.0  # of a row of zeros, over the step of a channel that 99 % of the rows stay below
-# Part of a channel that may be missing, single samples apart, without a period.
-MAX_FRACTION = 0.01
-# Of missing samples.
 MAX_MISSING_FRACTION = 1 / 3  # a channel that lacks more than this part is refused
-MAX_ERROR_OVER_NOISE = 5.0  # of the interpolation of a gap, else its repetition is left out
 # Of clipping and quantisation.
 MIN_NOISE_FRACTION = 2e-3  # noise of steps is reported from this part of the signal on
 STEP_SAMPLES = 20_000  # in which steps are looked for
@@ -54,8 +47,7 @@ MIN_EQUAL = 2  # so many equal samples in a row are no peak
 MIN_DEPARTURE = 0.05  # between two visits to a limit the signal leaves it by this part of its span
 MIN_PLACES = 3  # a single peak of a period may be flat; a limit is met at several places of a period
 # Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
-MIN_CLIPPED_FRACTION = 0.002
-MAX_CLIPPED_FRACTION = 0.05
+MIN_CLIPPED_FRACTION, MAX_CLIPPED_FRACTION = 0.002, 0.05
 EQUAL_TOLERANCE = 1e-9  # values this close, as a part of the span, are equal
 
 

@@ -18,8 +18,6 @@ from elastid.base.statistics import runs
 from elastid.recorded.repair import Log, bridged
 from elastid.recorded.repair.interpolation import MAX_BRIDGED, interpolate, largest_step, period_noise
 from elastid.recorded.repair.masks import (
-    MAX_ERROR_OVER_NOISE,
-    MAX_FRACTION,
     MAX_MISSING_FRACTION,
     MAX_STILL,
     report_clipping,
@@ -31,6 +29,8 @@ from elastid.recorded.repair.outliers import without_spikes
 from elastid.recorded.repair.periodicity import MIN_PERIODS, grid_samples
 from elastid.recorded.repair.time_stamps import at_times, resampled
 
+MAX_FRACTION = 0.01  # of a channel that may be missing, single samples apart, without a period
+MAX_ERROR_OVER_NOISE = 5.0  # of the interpolation of a gap, else its repetition is left out
 FILLED = "missing samples filled"
 INTERPOLATED = "missing samples interpolated"
 
@@ -70,7 +70,8 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
             f"{text}, and two complete repetitions are needed; measure again, or cut the bad part off with samples",
             log.where,
         )
-    log.report("repetitions left out", len(left_out), f"{text}, and are left out", tuple(left_out))
+    log.report("repetitions left out", len(left_out), f"{text}, and are left out")
+    log.findings.left_out += left_out
     return result
 
 

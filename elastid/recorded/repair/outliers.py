@@ -33,14 +33,10 @@ MAX_BY_CHANCE = 0.01  # repeated values, or zeros, in a channel
 MIN_PERIODS = 3
 MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
 # Samples: of the running median, of a spike at most, and of neighbours on each side.
-MEDIAN_WINDOW = 11
-MAX_RUN = 3
-NEIGHBOURS = 6
+MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
 QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
 # Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
-USUAL_FRACTION = 0.9
-PARTS = 20
-MIN_OVER_USUAL = 3.0
+USUAL_FRACTION, PARTS, MIN_OVER_USUAL = 0.9, 20, 3.0
 ROUNDS = 8  # large spikes are replaced before smaller ones beside them are judged
 
 

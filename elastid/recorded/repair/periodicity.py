@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError, Note
+from elastid.base.errors import DataError
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.repair import Log, flat
 from elastid.recorded.repair.time_stamps import CLOCK, at_times
@@ -20,19 +20,15 @@ from elastid.recorded.repair.time_stamps import CLOCK, at_times
 # Correlation of a repetition at least; where several periods show that the rest is noise that of CLOCK.
 MIN_CORRELATION = 0.95
 # The rest is noise where so many periods have correlations that differ by no more than this part.
-MIN_NOISY_PERIODS = 4
-MAX_CORRELATION_CHANGE = 0.1
+MIN_NOISY_PERIODS, MAX_CORRELATION_CHANGE = 4, 0.1
 # The change from one repetition to the next is noise where its autocorrelation, from lags of a twentieth to a half
 # of a repetition, is at most this; the change of a motion is as slow as the motion.
-MIN_REST_LAG = 0.05
-MAX_REST_CORRELATION = 0.3
+MIN_REST_LAG, MAX_REST_CORRELATION = 0.05, 0.3
 # A stated period is wrong where another leaves a fifth, and 1 % of the signal's power, less unexplained.
-MAX_UNEXPLAINED_RATIO = 1.2
-UNEXPLAINED_MARGIN = 0.01
+MAX_UNEXPLAINED_RATIO, UNEXPLAINED_MARGIN = 1.2, 0.01
 MIN_PERIODS = 1.9  # so many periods of the log are two of them, of which the second may end early
 # Larger shifts by lost samples, as a part of the period, have other causes.
-MAX_SHIFT = 0.02
-MAX_LOST = 50
+MAX_SHIFT, MAX_LOST = 0.02, 50
 USUAL_CHANGE = 3.0  # of the median one, from one repetition to the next, no samples are lost
 MIN_FRACTION_OF_BEST = 0.8  # peaks with at least this part of the highest one are refined
 
@@ -248,16 +244,16 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
     return float(N) if is_whole else rounded_samples(best.best_samples)
 
 
-def unstated_period_notes(drivers: FloatArray, where: str) -> tuple[Note, ...]:
-    """A note on a period of the drivers (n, d) that the study does not state."""
+def report_unstated_period(drivers: FloatArray, log: Log) -> None:
+    """Report a period of the drivers (n, d) that the study does not state."""
     best = find_period(drivers)
     if best.best_correlation < MIN_CORRELATION or not best.best_samples:
-        return ()
+        return
     text = (
         f"no period is stated, but the torques repeat every {round(best.best_samples, 2):.8g} samples. Set period: "
         "find to estimate the noise from the periods, or period: none for one transient"
     )
-    return (Note("records/period-mismatch", text, where),)
+    log.note("records/period-mismatch", text)
 
 
 def grid_samples(period: float, half_wave: bool) -> int:

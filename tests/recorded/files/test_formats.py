@@ -1,5 +1,6 @@
 """The formats of log files, and channels of a log by name."""
 
+import gzip
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -67,11 +68,13 @@ def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
     """A damaged MATLAB file, bytes of no format, a text without numbers, formats that no text can have."""
     (tmp_path / "bad.mat").write_bytes(b"MATLAB 5.0 MAT-file, but not really".ljust(200, b"x"))
     (tmp_path / "bytes.h5").write_bytes(bytes(range(256)) * 8)
+    (tmp_path / "cut.csv.gz").write_bytes(gzip.compress(b"a,b\n1,2\n" * 9)[:30])
     (tmp_path / "words.csv").write_text("no,numbers\nin,here\n")
     (tmp_path / "empty.csv").write_text("\n")
     for name, text, code, place in (
         ("bad.mat", TextFormatSpec(), "files/damaged", ""),
         ("bytes.h5", TextFormatSpec(), "files/damaged", "bytes.h5"),
+        ("cut.csv.gz", TextFormatSpec(), "files/damaged", "cut.csv.gz"),
         ("words.csv", TextFormatSpec(), "records/text", "words.csv"),
         ("empty.csv", TextFormatSpec(), "records/text", "empty.csv"),
         ("words.csv", TextFormatSpec(",", ","), "records/text", "text"),
@@ -162,7 +165,21 @@ def write_mcap_file(base: Path, log: LogArrays) -> ExperimentSpec:
     return study_of(str(file.relative_to(base)), with_names(BAG_NAMES), time="joint_states.time")
 
 
+def write_npz(base: Path, log: LogArrays) -> ExperimentSpec:
+    currents = np.array([*zip(log["i1"], log["i2"], strict=True)], dtype=[("i1", "f8"), ("i2", "f8")])
+    np.savez(base / "log.npz", rec=currents, phi=log["phi"], w2=log["w2"], who=np.array(["a", None], dtype=object))
+    return study_of("log.npz", with_names({"i1": "rec.i1", "i2": "rec.i2", "phi": "phi", "w2": "w2"}))
+
+
+def _write_gzip(base: Path, log: LogArrays) -> ExperimentSpec:
+    save_csv(base / "log.csv", log)
+    (base / "log.csv.gz").write_bytes(gzip.compress((base / "log.csv").read_bytes()))
+    return study_of("log.csv.gz")
+
+
 WRITERS = [
+    write_npz,
+    _write_gzip,
     write_matlab,
     write_matlab_73,
     write_hdf5,
@@ -201,6 +218,7 @@ def test_every_format_gives_the_same_record_in_si_on_the_link_side(
     ("write", "opened"),
     [
         (write_matlab, foreign.opened_matlab),
+        (write_npz, foreign.opened_numpy),
         (write_tdms, foreign.opened_tdms),
         (write_parquet, foreign.opened_parquet),
         (write_bag_folder, ros_bag.opened),

@@ -10,15 +10,8 @@ from plants.refusals import refused
 from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, found, wave
 
 from elastid.base.arrays import FloatArray
-from elastid.recorded.repair import Log, counts
-from elastid.recorded.repair.masks import (
-    CLIPPED,
-    MASKED,
-    report_clipping,
-    report_steps,
-    step,
-    without_standstill,
-)
+from elastid.recorded.repair import Findings, Log
+from elastid.recorded.repair.masks import CLIPPED, MASKED, report_clipping, report_steps, step, without_standstill
 from elastid.recorded.repair.missing import FILLED, filled, repair
 from elastid.recorded.repair.outliers import without_spikes
 from elastid.recorded.repair.periodicity import repetition
@@ -57,14 +50,14 @@ def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     many[rng.choice(P * N, 90, replace=False), 0] += 1.0
     repaired, findings = found(without_spikes, many, N, 1)
     np.testing.assert_array_equal(repaired, many)
-    assert counts(findings) == {"spikes left": 90}
+    assert [*findings] == ["spikes left"]
     burst = CLEAN + NOISE
     burst[1200:1260, 0] += np.sin(np.arange(60) * 2.0)
     assert not found(without_spikes, burst, N, 1)[1]
     assert not found(without_spikes, many[: 2 * N], N, 1)[1]
     pulses = CLEAN + NOISE
     pulses[[777, 1888], 0] += 0.5
-    assert counts(found(without_spikes, pulses, N, 1)[1]) == {MASKED: 2}
+    assert found(without_spikes, pulses, N, 1)[1] == {MASKED: 2}
     pulses[(np.arange(0, P * N - 60, 47)[:, None] + rng.choice(12, 3, replace=False)).ravel(), 0] += 0.5
     assert not found(without_spikes, pulses, N, 1)[1]
 
@@ -78,7 +71,7 @@ def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length:
     lost = np.isnan(masked)
     assert lost[:, 1].nonzero()[0].tolist() == list(range(3 * N + 100, 3 * N + 100 + length))
     assert not lost[:, 0].any()
-    assert counts(findings) == {MASKED: length}
+    assert findings == {MASKED: length}
     pulses = np.tile(np.where(np.arange(N) % 100 < length, 0.0, 50.0), P)[:, None] + np.zeros(2)
     assert not found(without_standstill, pulses, N)[1]
     assert not found(without_standstill, CLEAN, N)[1]
@@ -109,22 +102,19 @@ def test_what_stands_in_every_period_or_within_a_count_does_not_hang() -> None:
 def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:
     """At 2 rms a word, at 1 rms refused, unclipped and coarse steps nothing."""
     at_two, at_one = (np.clip(CLEAN, -level * CLEAN.std(axis=0), level * CLEAN.std(axis=0)) for level in (2, 1))
-    finding = found(report_clipping, at_two, N)[1][1]
-    assert finding.kind == CLIPPED
-    assert finding.count == pytest.approx(np.sum(np.abs(CLEAN[:, 1]) > 2 * CLEAN[:, 1].std()), rel=0.5)
+    beyond = np.sum(np.abs(CLEAN[:, 1]) > 2 * CLEAN[:, 1].std())
+    counts = found(report_clipping, at_two[:, 1:], N, names=("angle",))[1]
+    assert counts == {CLIPPED: pytest.approx(beyond, rel=0.5)}
     with refused("records/clipped", place="log.csv", holds=("torque", "-1 and 1")):
         found(report_clipping, at_one, N)
     assert not any(found(report_clipping, x, N)[1] for x in (CLEAN, 200 * np.round(CLEAN / 200)))
-
-
-def test_a_force_at_rest_under_its_window_is_not_clipped() -> None:
-    """Six hits of other heights, exactly 0 between them; cut at half of the lowest they are."""
+    # Six hits of different heights, exactly 0 between them under a force window; cut at half of the lowest height.
     x, rng = np.zeros(3000), np.random.default_rng(0)
     for hit in range(6):
         x[500 * hit + 50 : 500 * hit + 80] = rng.uniform(0.7, 1.3) * np.sin(np.pi * (np.arange(30) + 0.5) / 30)
     assert not found(report_clipping, x[:, None], len(x), names=("force",))[1]
-    (finding,) = found(report_clipping, np.minimum(x, 0.35)[:, None], len(x), names=("force",))[1]
-    assert finding.count == np.sum(x > 0.35)
+    low = np.minimum(x, 0.35)[:, None]
+    assert found(report_clipping, low, len(x), names=("force",))[1] == {CLIPPED: np.sum(x > 0.35)}
 
 
 def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
@@ -135,7 +125,7 @@ def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     assert step(coarse) == pytest.approx(1e3 * q, rel=1e-6)
     assert step(CLEAN[:, 0]) == 0
     signals = np.stack([CLEAN[:, 0], coarse], axis=1)
-    assert [finding.count for finding in found(report_steps, signals, N, 1)[1]] == [1]
+    assert [*found(report_steps, signals, N, 1)[1].values()] == [1]
     assert not found(report_steps, np.stack([CLEAN[:, 0], fine], axis=1), N, 1)[1]
 
 
@@ -150,14 +140,16 @@ def test_what_is_filled_never_touches_what_was_measured(gaps: list[tuple[int, in
     repaired, findings = found(filled, signals, N, sign)
     np.testing.assert_array_equal(repaired[good], signals[good])
     assert np.isfinite(repaired).all()
-    assert counts(findings).get(FILLED, 0) == np.sum(~good)
+    assert findings.get(FILLED, 0) == np.sum(~good)
 
 
 def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() -> None:
     """A tenth of a period; one sample, and three, that no period has; a third of a channel; one period left."""
     signals = CLEAN.copy()
     signals[2 * N + 50 : 2 * N + 101] = np.nan
-    assert found(filled, signals, N, 1)[1][-1].repetitions == (2,)
+    log = replace(LOG, findings=Findings())
+    filled(signals, N, 1, log)
+    assert log.findings.left_out == [2]
     everywhere = CLEAN.copy()
     everywhere[np.arange(P * N) % N == 40, 1] = np.nan
     np.testing.assert_allclose(filled(everywhere, N, 1, LOG), CLEAN, atol=0.05 * CLEAN[:, 1].std())
@@ -192,12 +184,12 @@ def test_repairs_restore_the_log_in_any_unit(half_wave: bool, excess: float, sca
     def is_periodic(drivers: FloatArray) -> None:
         assert repetition(scale * drivers, N).is_as_stated
 
-    log = replace(LOG, findings=[])
+    log = replace(LOG, findings=Findings())
     repaired = repair(scale * spoilt, ROLES, float(N), half_wave, log, is_periodic)
     exact = wave(np.arange(len(repaired)), lines=lines)
     error = (repaired / scale - exact)[40:-40] / size
     assert np.abs(error).max() < (0.02 if excess else 7e-3)  # resampling leaves 2 % of what bridges a gap
-    kinds = counts(log.findings)
+    kinds = log.findings.repairs
     assert (RESAMPLED in kinds) == bool(excess)
     assert excess or (kinds[FILLED], kinds[MASKED]) == (3 + 39 + 2, 39 + 2)
-    assert [finding.repetitions for finding in log.findings if finding.repetitions] == [(10,)] * half_wave
+    assert log.findings.left_out == [10] * half_wave

@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -118,8 +119,8 @@ def _elements(*parts: tuple[str, Callable[[ComplexArray], FloatArray]]) -> dict[
     return {f"{name}_{i + 1}_{j + 1}": f(G[:, i, j]) for i in range(2) for j in range(2) for name, f in parts}
 
 
-def _csv(base: Path) -> ResponsesSpec:
-    _csv_of(base, _elements(("re", np.real), ("im", np.imag)))
+def _csv_times(factor: float, base: Path) -> ResponsesSpec:
+    _csv_of(base, _elements(("re", lambda g: factor * g.real), ("im", lambda g: factor * g.imag)))
     return _spec("frf.csv")
 
 
@@ -166,6 +167,7 @@ def _uff(base: Path) -> ResponsesSpec:
     return _spec("frf.uff", channels=channels)
 
 
+_csv = partial(_csv_times, 1.0)
 WRITERS = [_matlab, _matlab_with_names_in_hz, _matlab_73, _hdf5, _csv, _csv_in_db_and_degrees, _csv_in_rad, _uff]
 
 
@@ -214,46 +216,41 @@ def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path: Path) ->
     assert [note.severity for note in _read(tmp_path, _spec("frf.mat")).notes] == ["information"]
 
 
-Two = dict[str, Any]
+def _saved(**variables: Any) -> Callable[[Path], ResponsesSpec]:
+    def write(base: Path) -> ResponsesSpec:
+        savemat(base / "frf.mat", variables)
+        return _spec("frf.mat")
+
+    return write
 
 
 @pytest.mark.parametrize(
-    ("variables", "changes", "code"),
+    ("write", "changes", "code", "holds"),
     [
-        ({"G": _struct(FrequencyUnit="")}, {}, "responses/table"),
-        ({"G": _struct(), "H": _struct()}, {}, "responses/table"),
-        ({"x": np.arange(5)}, {}, "responses/table"),
-        ({"G": {"ResponseData": np.ones((2, 2, 6))}}, {}, "responses/table"),
-        ({"G": _struct(Frequency=FREQ_HZ[:5])}, {}, "responses/table"),
-        ({"G": _struct(Frequency=np.r_[2.0, FREQ_HZ[:5]])}, {}, "responses/lines"),
-        ({"G": _struct(CovarianceData=np.ones((2, 2, 6)))}, {}, "responses/table"),
-        (
-            {"G": _struct()},
-            {"channels": (replace(CHANNELS[0], column=3), *CHANNELS[1:])},
-            "responses/table",
-        ),
+        (_saved(G=_struct(FrequencyUnit="")), {}, "responses/table", "frf.mat"),
+        (_saved(G=_struct(), H=_struct()), {}, "responses/table", "frf.mat"),
+        (_saved(x=np.arange(5)), {}, "responses/table", "frf.mat"),
+        (_saved(G={"ResponseData": np.ones((2, 2, 6))}), {}, "responses/table", "frf.mat"),
+        (_saved(G=_struct(Frequency=FREQ_HZ[:5])), {}, "responses/table", "frf.mat"),
+        (_saved(G=_struct(Frequency=np.r_[2.0, FREQ_HZ[:5]])), {}, "responses/lines", "frf.mat"),
+        (_saved(G=_struct(CovarianceData=np.ones((2, 2, 6)))), {}, "responses/table", "frf.mat"),
+        (_matlab, {"channels": (replace(CHANNELS[0], column=3), *CHANNELS[1:])}, "responses/table", "frf.mat"),
+        # At multiples of its rate a held command is zero.
+        (_matlab, {"hold": "zero-order", "rate_hz": 30.0}, "responses/lines", ("frf.mat", "20 Hz", "30 Hz", "15 Hz")),
+        (_csv, {"columns": ResponseColumnsSpec(real="Re {y}/{u}")}, "responses/table", ("Re 1/1", "freq_hz", "re_1_1")),
+        (_hdf5, {"columns": ResponseColumnsSpec()}, "responses/table", "data/G (2 x 2 x 6)"),
+        # Squares of such sizes would overflow or vanish.
+        (partial(_csv_times, 1e250), {}, "responses/lines", "frf.csv"),
+        (partial(_csv_times, 1e-250), {}, "responses/lines", "frf.csv"),
     ],
 )
-def test_a_matlab_file_that_cannot_be_used_is_refused_with_what_it_holds(
-    variables: Two, changes: Two, code: str, tmp_path: Path
+def test_a_file_that_cannot_be_used_is_refused_with_its_content(
+    write: Callable[[Path], ResponsesSpec], changes: dict[str, Any], code: str, holds: Any, tmp_path: Path
 ) -> None:
     """No unit, two responses, none, no frequencies, shapes that disagree, a line twice, a channel too many."""
-    savemat(tmp_path / "frf.mat", variables)
-    with refused(code, place="frf.mat"):
-        _read(tmp_path, _spec("frf.mat", **changes))
-
-
-def test_a_text_or_hdf5_file_without_its_columns_is_refused_with_those_it_has(tmp_path: Path) -> None:
-    """Named by the study, not in the file."""
-    _csv(tmp_path)
-    _hdf5(tmp_path)
-    columns = ResponseColumnsSpec(real="Re {y}/{u}")
-    for spec, message in (
-        (_spec("frf.csv", columns=columns), ("Re 1/1", "freq_hz", "re_1_1")),
-        (_spec("frf.h5"), "data/G (2 x 2 x 6)"),
-    ):
-        with refused("responses/table", holds=message):
-            _read(tmp_path, spec)
+    spec = replace(write(tmp_path), **changes)
+    with refused(code, holds=holds):
+        _read(tmp_path, spec)
 
 
 def test_universal_files_say_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -329,15 +326,6 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
         np.testing.assert_array_equal(old.noise.variance, same.noise.variance)
 
 
-@pytest.mark.parametrize("factor", [1e250, 1e-250])
-def test_sizes_beyond_any_sensor_are_refused(factor: float, tmp_path: Path) -> None:
-    """Squares of them would overflow or vanish: they are no measured values."""
-    parts = _elements(("re", lambda g: factor * g.real), ("im", lambda g: factor * g.imag))
-    _csv_of(tmp_path, parts)
-    with refused("responses/lines", place="frf.csv"):
-        _read(tmp_path, _spec("frf.csv"))
-
-
 def test_a_response_measured_at_other_angles_is_refused(elsewhere: Path) -> None:
     """frf.h5 of elastid knows its configuration."""
     folder = elsewhere.parent / "run"
@@ -368,13 +356,6 @@ def test_the_hold_of_commands_is_taken_out_once(
     response = _read(tmp_path, _spec("frf.mat", channels=channels, relative_std=0.1, **section))
     np.testing.assert_allclose(response.G, plant(FREQ_HZ), rtol=1e-9)
     np.testing.assert_allclose(response.noise.variance, np.abs(0.1 * plant(FREQ_HZ)) ** 2, rtol=1e-9)
-
-
-def test_a_hold_needs_lines_below_half_of_its_rate(tmp_path: Path) -> None:
-    """At multiples of the rate a held command is zero."""
-    _matlab(tmp_path)
-    with refused("responses/lines", place="frf.mat", holds=("20 Hz", "30 Hz", "15 Hz")):
-        _read(tmp_path, _spec("frf.mat", hold="zero-order", rate_hz=30.0))
 
 
 LINES_HZ = np.arange(1.0, 40.0)
