@@ -27,7 +27,7 @@ from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.files.universal import is_universal_file, time_histories
 from elastid.recorded.repair.periodicity import find_period, repetition
-from elastid.recorded.responses.table import uff_places
+from elastid.recorded.responses.table import responses_in, uff_places
 from elastid.robot import Joint, Robot
 
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
@@ -50,6 +50,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
+        responses = responses_in(log.arrays)
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None:
@@ -58,7 +59,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
             "records/channels",
             "names and units of the channels show no torques (motor, hammer, shaker) or no positions. Name them tau_1, "
             "q_1, ..., or list the second file under `also` in experiment.recorded.files. Varying channels: "
-            f"{named}",
+            f"{named}. Frequency responses, for experiment.responses.files: {', '.join(responses) or 'none'}",
             first,
         )
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed

@@ -23,7 +23,18 @@ from elastid.recorded.repair import Findings, Log
 from elastid.recorded.repair.masks import rest_before
 from elastid.recorded.repair.missing import bridged_gaps, filled
 from elastid.recorded.repair.periodicity import period_samples, rounded_samples
-from elastid.recorded.repair.time_stamps import CLOCK, PASSBAND, at_times, clock_drift, delay, delay_by_torque, on_grid
+from elastid.recorded.repair.time_stamps import (
+    MAX_CLOCK_ERROR,
+    MAX_GRID_DEVIATION,
+    MAX_REMAINING_FRACTION,
+    MIN_DELAY_CORRELATION,
+    PASSBAND,
+    at_times,
+    clock_drift,
+    delay,
+    delay_by_torque,
+    on_grid,
+)
 
 Signals: TypeAlias = dict[tuple[str, str, str], FloatArray]
 
@@ -268,8 +279,8 @@ def _clock_of(base: Sequence[_Part], further: Sequence[_Part], N: int | None, ch
         return 1.0
     first, second = clock_drift(ours, N), clock_drift(theirs, N)
     excess, periods = second.excess - first.excess, len(theirs) / N
-    of_both = [drift.left <= CLOCK.max_remaining_share * drift.unexplained for drift in (first, second)]
-    is_clock = CLOCK.max_deviation <= abs(excess) * periods and abs(excess) <= CLOCK.max_error * N and any(of_both)
+    of_both = [drift.left <= MAX_REMAINING_FRACTION * drift.unexplained for drift in (first, second)]
+    is_clock = abs(excess) * periods >= MAX_GRID_DEVIATION and abs(excess) <= MAX_CLOCK_ERROR * N and any(of_both)
     return (N + second.excess) / (N + first.excess) if is_clock else 1.0
 
 
@@ -302,7 +313,7 @@ def _delay_of(
         delays = {place: delay(known[place], x, N) for place, x in candidates.items() if place in known}
         best = max(delays, key=lambda place: delays[place][1], default=None)
         correlation = 0.0 if best is None else delays[best][1]
-        if best is not None and correlation >= CLOCK.min_correlation:
+        if best is not None and correlation >= MIN_DELAY_CORRELATION:
             whole = "" if is_exact else ", to whole samples: log r in both files, or name delay in fit.parameters"
             lag = delays[best][0]
             return lag if is_exact else float(round(lag)), f"{best[0]} at {best[1]}{whole}"
@@ -313,7 +324,7 @@ def _delay_of(
         u, y = _stacked([ours["u", at, ""] for _, at, _ in motions]), _stacked([*motions.values()])
         orders = np.array([2 - MOTION_ORDER[cast(Motion, what)] for *_, what in motions])
         lag, agreement, stated = delay_by_torque(u, y, orders, N, shift or 0.0)
-        if agreement > max(CLOCK.min_correlation, 0.0 if shift is None else 2 * abs(stated)):
+        if agreement > max(MIN_DELAY_CORRELATION, 0.0 if shift is None else 2 * abs(stated)):
             return lag, "torques and accelerations, to about a millisecond: add delay to fit.parameters"
     if shift is None:
         raise DataError(

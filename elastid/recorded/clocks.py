@@ -10,7 +10,7 @@ from elastid.base.errors import ElastidError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.recorded.channel_names import guess_by_name
 from elastid.recorded.files.log import Log
-from elastid.recorded.repair.time_stamps import CLOCK, even_grid
+from elastid.recorded.repair.time_stamps import MIN_GAP, even_grid
 
 # Samples that are read of a log.
 MAX_SAMPLES = 1 << 17
@@ -19,8 +19,8 @@ _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
 _MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
-_MAX_WRONG_FRACTION = 0.01  # single wrong cells
-_MAX_WRONG_DISTANCE = 5.0  # of a stamp from the median of its neighbours, in steps of the clock
+# Single wrong cells, and distance of one from the median of its neighbours, in steps of the clock.
+_MAX_WRONG_FRACTION, _MAX_WRONG_DISTANCE = 0.01, 5.0
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def clock_of(log: Log) -> Clock:
         steps = np.diff(t)
         if len(t) > 2 and (np.all(steps > 0) if is_time(name) else is_clock(t) and np.any(steps != 1)):
             # Gaps left out, their mean is that of a clock that jitters or is rounded.
-            typical_hz = 1 / float(np.mean(steps[steps < CLOCK.min_gap * np.median(steps)]))
+            typical_hz = 1 / float(np.mean(steps[steps < MIN_GAP * np.median(steps)]))
             low, high = 20.0, 200e3  # of logs of machines
             unit = next((u for u, s in TIME_UNITS.items() if low <= typical_hz / s <= high), "s")
             grid = even_grid(t)

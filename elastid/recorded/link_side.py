@@ -19,7 +19,7 @@ from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.recorded import RecordedSpec
 from elastid.recorded.repair import Log, blocks
-from elastid.recorded.repair.time_stamps import CLOCK
+from elastid.recorded.repair.time_stamps import MIN_DELAY_CORRELATION
 
 UNWRAPPED = "records/unwrapped"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
@@ -170,7 +170,7 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
                 "limits and delay. Log the acting torque, or omit the channel of role r without feedback"
             )
             log.note("records/same-signal", text)
-        elif (rho := _at_once(r, acting, N)) <= -CLOCK.min_correlation:
+        elif (rho := _at_once(r, acting, N)) <= -MIN_DELAY_CORRELATION:
             text = f"u at {place} and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
             log.note("records/torque", text)
     C = np.cov(signals, rowvar=False)

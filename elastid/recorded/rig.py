@@ -36,7 +36,7 @@ from elastid.recorded.repair import Log
 from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples, report_unstated_period
-from elastid.recorded.repair.time_stamps import CLOCK, RESAMPLED, at_times, delay
+from elastid.recorded.repair.time_stamps import MAX_CLOCK_ERROR, MIN_DELAY_CORRELATION, RESAMPLED, at_times, delay
 from elastid.recorded.step_images import without_step_images
 from elastid.robot import before_channels
 
@@ -201,10 +201,8 @@ def repaired_signals(
     return before_channels(signals, rate_hz, errors), N, rate_hz
 
 
-# A log of fewer values is measured as a whole.
-MIN_VALUES = 1 << 22
-# A median over fewer periods cannot distinguish a spike from a signal.
-_MIN_PERIODS = 8
+MIN_VALUES = 1 << 22  # a log of fewer is measured as a whole
+_MIN_PERIODS = 8  # a median over fewer cannot distinguish a spike from a signal
 
 
 def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
@@ -289,7 +287,7 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
     return all(
         abs(lag) <= MAX_LAG or (abs(lag) < 1 and not _lags(b - a, a))
         for a, b, (lag, correlation) in zip(first.T, mean.T, delays, strict=True)
-        if correlation >= CLOCK.min_correlation
+        if correlation >= MIN_DELAY_CORRELATION
     )
 
 
@@ -332,7 +330,7 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
 def _brought_into_step(first: Record, record: Record, both: str) -> Record:
     """A record that begins at the phase of the first, and has its means; DataError for another excitation."""
     N = first.period_samples
-    if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > CLOCK.max_error:
+    if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > MAX_CLOCK_ERROR:
         raise DataError(
             "records/inconsistent",
             f"{both}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "

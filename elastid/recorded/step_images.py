@@ -18,7 +18,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import CascadeSpec, RecordedSpec
 from elastid.recorded.repair import Log
-from elastid.recorded.repair.time_stamps import CLOCK, delay
+from elastid.recorded.repair.time_stamps import MAX_CLOCK_ERROR, delay
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
 
@@ -51,7 +51,7 @@ def without_step_images(
     text = f"{100 * gain:.2g} % and {1e3 * shift_s:.2g} ms at {freq_hz[edge]:.3g} Hz"
     text = f"aliases of the reference's steps change the response by {text}"
     R = np.fft.rfft(signals[:, roles["r"]], axis=0)
-    if abs(rate_hz * controller.cycle - 1) <= CLOCK.max_error and R.shape == U.shape:
+    if abs(rate_hz * controller.cycle - 1) <= MAX_CLOCK_ERROR and R.shape == U.shape:
         above = (freq_hz > _LOWEST * rate_hz)[:, None]
         expected, torques = (np.fft.irfft(above * X, n, axis=0) for X in ((forward + images) * R, U))
         lag, agreement = delay(expected, torques, N or n)

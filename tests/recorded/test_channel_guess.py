@@ -1,7 +1,7 @@
 """Channels by name, unit, neighbours and the motion of their joint; and silence where evidence is weak."""
 
 import re
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -152,59 +152,53 @@ def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int, g
 
 
 RATIO = 50.0
-ROBOT = Robot(
-    "one", (Body("arm", joints=(Joint("1", "z", motor=Motor(1e-3, RATIO)),), inertia=2.0),), gravity=(0, 0, 0)
-)
 U = ChannelSpec("u", "motor 1", "tau")
 Q = ChannelSpec("y", "motor 1", "q", quantity="position")
 NOISE = np.random.default_rng(5).standard_normal((5000, 3))
 LINK = ChannelSpec("y", "joint 1", "link", quantity="position")
 
 
-def signals() -> np.ndarray:
-    """Torque, motor and link position (n, 3) of a joint of 4.5 kg*m^2."""
-    q, _, _, u = (0.3 * x for x in moved(J=4.5))
-    return np.stack([u, q, q + 1e-5 * np.random.default_rng(3).standard_normal(len(q))], axis=1)
-
-
 def robot(gear: float = RATIO, angle: tuple[float, float] = (-np.inf, np.inf)) -> Robot:
     joint = Joint("1", "z", motor=Motor(1e-3, gear), limits=Limits(angle=angle))
-    return replace(ROBOT, bodies=(Body("arm", joints=(joint,), inertia=2.0),))
+    return Robot("one", (Body("arm", joints=(joint,), inertia=2.0),), gravity=(0, 0, 0))
 
 
-SPEED = np.stack([*signals()[:, :2].T, np.gradient(signals()[:, 1], 1 / RATE)], axis=1)
-TEN_TURNS = (1, 20 * np.pi / np.ptp(signals()[:, 1]))
+# Torque, motor and link position (n, 3) of a joint of 4.5 kg*m^2.
+MOTION, *_, TORQUE = (0.3 * x for x in moved(J=4.5))
+RIGHT = np.stack([TORQUE, MOTION, MOTION + 1e-5 * np.random.default_rng(3).standard_normal(len(MOTION))], axis=1)
+SPEED = np.stack([*RIGHT[:, :2].T, np.gradient(RIGHT[:, 1], 1 / RATE)], axis=1)
+TEN_TURNS = (1, 20 * np.pi / np.ptp(RIGHT[:, 1]))
 
 
 @pytest.mark.parametrize(
-    ("values", "factors", "of_robot", "expected"),
+    ("values", "factors", "keys", "expected"),
     [
-        (signals(), (1, 1, 1), ROBOT, []),
-        (signals(), (1, 1, 1.6), ROBOT, []),  # a gain, which the fit finds
-        (NOISE, (1, 1, 1), ROBOT, []),  # a joint at rest
-        (signals(), (0.1, 10, 1), ROBOT, [(2, "scale")]),  # the motor turns ten times as far: another gear
-        (signals(), (1, 1, 57.3), ROBOT, [(2, "unit")]),
-        (signals(), (1, 57.3, 1), ROBOT, [(1, "unit")]),
-        (signals(), (1, 1, RATIO), ROBOT, [(2, "side")]),
-        (signals(), (1, RATIO, 1), ROBOT, [(1, "side")]),
-        (signals(), (1, 1, -1), ROBOT, [(2, "sign")]),
-        (signals(), (1, -1, 1), ROBOT, [(1, "sign")]),
-        (signals(), (-1, 1, 1), ROBOT, [(0, "sign")]),
-        (signals(), (1 / RATIO, 1), ROBOT, [(0, "side")]),  # less inertia than the rotor has
-        (signals(), (1 / RATIO, RATIO), ROBOT, [(0, "side")]),
-        (SPEED, (1, 1, 1), ROBOT, [(2, "quantity")]),
-        (signals(), (1, 1), robot(angle=(-2.0, 2.0)), []),
-        (signals(), (1, 57.3), robot(angle=(-2.0, 2.0)), [(1, "unit")]),
-        (signals(), TEN_TURNS, ROBOT, [(1, "unit")]),  # a joint without limits behind a gear
-        (signals(), TEN_TURNS, robot(gear=1.0), []),
+        (RIGHT, (1, 1, 1), {}, []),
+        (RIGHT, (1, 1, 1.6), {}, []),  # a gain, which the fit finds
+        (NOISE, (1, 1, 1), {}, []),  # a joint at rest
+        (RIGHT, (0.1, 10, 1), {}, [(2, "scale")]),  # the motor turns ten times as far: another gear
+        (RIGHT, (1, 1, 57.3), {}, [(2, "unit")]),
+        (RIGHT, (1, 57.3, 1), {}, [(1, "unit")]),
+        (RIGHT, (1, 1, RATIO), {}, [(2, "side")]),
+        (RIGHT, (1, RATIO, 1), {}, [(1, "side")]),
+        (RIGHT, (1, 1, -1), {}, [(2, "sign")]),
+        (RIGHT, (1, -1, 1), {}, [(1, "sign")]),
+        (RIGHT, (-1, 1, 1), {}, [(0, "sign")]),
+        (RIGHT, (1 / RATIO, 1), {}, [(0, "side")]),  # less inertia than the rotor has
+        (RIGHT, (1 / RATIO, RATIO), {}, [(0, "side")]),
+        (SPEED, (1, 1, 1), {}, [(2, "quantity")]),
+        (RIGHT, (1, 1), {"angle": (-2.0, 2.0)}, []),
+        (RIGHT, (1, 57.3), {"angle": (-2.0, 2.0)}, [(1, "unit")]),
+        (RIGHT, TEN_TURNS, {}, [(1, "unit")]),  # a joint without limits behind a gear
+        (RIGHT, TEN_TURNS, {"gear": 1.0}, []),
     ],
 )
 def test_channels_are_doubted_where_the_others_contradict_them(
-    values: np.ndarray, factors: tuple[float, ...], of_robot: Robot, expected: list[tuple[int, str]]
+    values: np.ndarray, factors: tuple[float, ...], keys: dict[str, Any], expected: list[tuple[int, str]]
 ) -> None:
     """The one that the other two contradict; signals before the gear have no contradiction but the inertia."""
     n = len(factors)
-    doubts = channel_doubts((U, Q, LINK)[:n], values[:, :n] * factors, RATE, of_robot)
+    doubts = channel_doubts((U, Q, LINK)[:n], values[:, :n] * factors, RATE, robot(**keys))
     assert [(doubt.channel, doubt.key) for doubt in doubts] == expected
 
 
@@ -228,4 +222,4 @@ def test_channels_of_an_elastic_joint_on_a_slow_carrier_raise_no_doubt(seed: int
     torque = scale * u + 40.0 * np.tanh(20 * np.gradient(slow, t)) + 5 * np.gradient(motion, t) + rng.normal(size=n)
     late = int(rng.integers(0, 3))
     values = np.stack([np.roll(torque, late), motion + 1e-5 * rng.normal(size=n)], axis=1)
-    assert not list(channel_doubts((U, Q), values, rate, ROBOT))
+    assert not list(channel_doubts((U, Q), values, rate, robot()))

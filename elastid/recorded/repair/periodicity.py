@@ -14,10 +14,10 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.repair import Log, flat
-from elastid.recorded.repair.time_stamps import CLOCK, at_times
+from elastid.recorded.repair.time_stamps import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION, at_times
 
 # Limits of the judgement that a signal repeats.
-# Correlation of a repetition at least; where several periods show that the rest is noise that of CLOCK.
+# Correlation of a repetition at least; where several periods show that the rest is noise MIN_DELAY_CORRELATION.
 MIN_CORRELATION = 0.95
 # The rest is noise where so many periods have correlations that differ by no more than this part.
 MIN_NOISY_PERIODS, MAX_CORRELATION_CHANGE = 4, 0.1
@@ -50,7 +50,7 @@ class Repetition:
     @property
     def is_as_stated(self) -> bool:
         """True if the stated lag repeats the signals, as well as any other does."""
-        least = CLOCK.min_correlation if self.rest_is_noise else MIN_CORRELATION
+        least = MIN_DELAY_CORRELATION if self.rest_is_noise else MIN_CORRELATION
         return self.correlation >= least and _is_as_good(self.correlation, self.best_correlation)
 
     @property
@@ -159,7 +159,7 @@ def _anywhere(x: FloatArray) -> Repetition:
     highest = float(rho[start:].max())
     inner = rho[start + 1 : -1]
     peaks = start + 1 + np.flatnonzero((inner >= rho[start:-2]) & (inner > rho[start + 2 :]))
-    peaks = peaks[rho[peaks] > max(MIN_FRACTION_OF_BEST * highest, CLOCK.min_correlation)]
+    peaks = peaks[rho[peaks] > max(MIN_FRACTION_OF_BEST * highest, MIN_DELAY_CORRELATION)]
     if peaks.size == 0:
         return Repetition(0.0, 0.0, highest)
     best = max(highest, _refined(all_lags, int(peaks[np.argmax(rho[peaks])]))[1])
@@ -240,7 +240,7 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
         )
     N = round(best.best_samples)
     # The generator's clock is right where its periods are whole: the log is then resampled to it.
-    is_whole = len(drivers) >= 2 * N and abs(best.best_samples - N) <= CLOCK.max_error * N
+    is_whole = len(drivers) >= 2 * N and abs(best.best_samples - N) <= MAX_CLOCK_ERROR * N
     return float(N) if is_whole else rounded_samples(best.best_samples)
 
 
@@ -332,7 +332,7 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
         others = sign * (others - others.mean(axis=1, keepdims=True))
         inner = np.einsum("nc,knc->k", part, others)
         rho = inner / np.maximum(np.linalg.norm(part) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
-        is_nearer = 1 - rho.max() < CLOCK.max_remaining_share * (1 - rho[reach])
+        is_nearer = 1 - rho.max() < MAX_REMAINING_FRACTION * (1 - rho[reach])
         lag = int(np.argmax(rho)) - reach if is_nearer else 0
         lags.append(lag if rho.max() > MIN_CORRELATION else reach + 1)
     known = [lag for lag in lags if lag <= reach]

@@ -39,31 +39,24 @@ HALF_WIDTH, _BETA, PASSBAND = 32, 9.0, 0.45
 _TIMES_AT_ONCE = 4096
 
 
-@dataclass(frozen=True)
-class ClockLimits:
-    """Limits of delays, clocks and time stamps."""
-
-    # Correlation at the best delay at least; below, the signals are not the same.
-    min_correlation: float = 0.5
-    # Quartz clocks differ by less; a period that is off by more is stated wrong.
-    max_error: float = 5e-4
-    # Resampling must leave at most this part of the power that does not repeat.
-    max_remaining_share: float = 0.5
-    # A log may end this part of a period too early; the rest is taken from the period before.
-    max_missing_end: float = 5e-3
-    # Deviations from an even grid, and shifts over a whole record, in samples, that do no harm.
-    max_deviation: float = 0.02
-    # Half the last digit of rounded stamps, and the tilt of the fitted line where halves are rounded up, then down.
-    max_rounding: float = 0.8
-    # Longer steps, in medians, are gaps.
-    min_gap: float = 1.9
-    # Knots per sample at rate_hz, at least; fewer leave too little of the band that the rate promises.
-    min_rate_share: float = 0.75
-    # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
-    max_ratio: float = 20.0
-
-
-CLOCK = ClockLimits()
+# Correlation at the best delay at least; below, the signals are not the same.
+MIN_DELAY_CORRELATION = 0.5
+# Quartz clocks differ by less; a period that is off by more is stated wrong.
+MAX_CLOCK_ERROR = 5e-4
+# Resampling must leave at most this part of the power that does not repeat.
+MAX_REMAINING_FRACTION = 0.5
+# A log may end this part of a period too early; the rest is taken from the period before.
+MAX_MISSING_END = 5e-3
+# Deviations from an even grid, and shifts over a whole record, in samples, that do no harm.
+MAX_GRID_DEVIATION = 0.02
+# Half the last digit of rounded stamps, and the tilt of the fitted line where halves are rounded up, then down.
+MAX_ROUNDING = 0.8
+# Longer steps, in medians, are gaps.
+MIN_GAP = 1.9
+# Knots per sample at rate_hz, at least; fewer leave too little of the band that the rate promises.
+MIN_RATE_FRACTION = 0.75
+# Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
+MAX_RATE_RATIO = 20.0
 
 
 def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, float]:
@@ -196,7 +189,7 @@ def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     C, _ = _cross(Z, 1)
     C_far, power_far = _cross(Z, far)
     # In eighths of a sample, from which the maximum is found.
-    shifts = np.arange(-(limit := 8 * int(CLOCK.max_error * N + 2)), limit + 1)
+    shifts = np.arange(-(limit := 8 * int(MAX_CLOCK_ERROR * N + 2)), limit + 1)
     excess = refined_shift(C, N, float(shifts[np.argmax(np.fft.irfft(C, 8 * N)[shifts % (8 * N)])]) / 8)
     excess = refined_shift(C_far, N, far * excess) / far
     before, after = (1 - correlation(C_far, N, e) / power_far for e in (0.0, far * excess))
@@ -209,15 +202,15 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Flo
     if P < 2:
         return signals
     drift = clock_drift(drivers, N)
-    is_clock = CLOCK.max_deviation <= abs(drift.excess) * P and abs(drift.excess) <= CLOCK.max_error * N
-    if not is_clock or drift.left > CLOCK.max_remaining_share * drift.unexplained:
+    is_clock = abs(drift.excess) * P >= MAX_GRID_DEVIATION and abs(drift.excess) <= MAX_CLOCK_ERROR * N
+    if not is_clock or drift.left > MAX_REMAINING_FRACTION * drift.unexplained:
         return signals
     T = N + drift.excess
     # Leakage biases the first estimate: corrected by the drift that is left after resampling.
     for _ in range(2):
         times = np.arange(int(len(drivers) / max(T, N)) * N, dtype=np.float64) * (T / N)
         T *= 1 + clock_drift(at_times(drivers, times, T), N).excess / N
-    periods = int((len(signals) + CLOCK.max_missing_end * N) // T)
+    periods = int((len(signals) + MAX_MISSING_END * N) // T)
     if periods < 2:
         raise DataError(
             "records/clock",
@@ -270,10 +263,10 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
     median = float(np.median(steps))
     if median > 0:
         candidates.append(np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / median), 1).astype(np.int64))]))
-    rounding = CLOCK.max_rounding * _resolution(time_s)
+    rounding = MAX_ROUNDING * _resolution(time_s)
     for rows in candidates:
         step, start = np.polyfit(rows.astype(np.float64), time_s, 1)
-        allowed = np.maximum(CLOCK.max_deviation * step, rounding)
+        allowed = np.maximum(MAX_GRID_DEVIATION * step, rounding)
         if step > 0 and np.all(np.abs(time_s - start - step * rows) <= allowed):
             return rows, 1 / float(step)
     return None
@@ -304,7 +297,7 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
             "records/clock", "its time does not increase. Name another channel as time, or omit time", log.where
         )
     time_s = time_s - time_s[0]
-    if not 1 / CLOCK.max_ratio < (len(time_s) - 1) / (time_s[-1] * rate_hz) < CLOCK.max_ratio:
+    if not 1 / MAX_RATE_RATIO < (len(time_s) - 1) / (time_s[-1] * rate_hz) < MAX_RATE_RATIO:
         after = log.time_of(int(np.argmax(np.diff(time_s))))
         raise DataError(
             "records/clock",
@@ -324,7 +317,7 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
         log.report(JITTER, len(time_s), text)
     if grid is not None:
         rows, grid_hz = grid
-        if abs(grid_hz / rate_hz - 1) <= CLOCK.max_error:
+        if abs(grid_hz / rate_hz - 1) <= MAX_CLOCK_ERROR:
             lost, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
             result[rows] = signals
             _report_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log)
@@ -345,7 +338,7 @@ def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, floa
     if not jitter_s < step:
         return None
     some = slice(0, _KNOTS // 4)  # each channel takes seconds
-    knot_hz = CLOCK.min_rate_share / step
+    knot_hz = MIN_RATE_FRACTION / step
     at_stamps, on_rows = (_fitted(t[some], signals[some], t[:1], knot_hz)[1] for t in (time_s, step * rows))
     return (jitter_s, 1 / float(step)) if on_rows <= at_stamps else None
 
@@ -359,11 +352,11 @@ def _report_gaps(lost: int, gaps: IntArray, log: Log) -> None:
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
     """Resampled from instants (n,) in s, the first of which is 0."""
     steps_s, steps = np.diff(time_s), steps_in_words(time_s)
-    gaps = np.flatnonzero(steps_s > CLOCK.min_gap * np.median(steps_s))
+    gaps = np.flatnonzero(steps_s > MIN_GAP * np.median(steps_s))
     of_knots = np.delete(steps_s, gaps)
     row = min(8, len(of_knots))  # steps, whose mean no knots are closer than
     knot_hz = 1 / float(np.convolve(of_knots, np.full(row, 1 / row), mode="valid").max())
-    if knot_hz < CLOCK.min_rate_share * rate_hz:
+    if knot_hz < MIN_RATE_FRACTION * rate_hz:
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
         raise DataError(

@@ -143,6 +143,12 @@ def structs_in(leaves: Mapping[str, StoredArray]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(match.group(1) or "" for match in names if match))
 
 
+def responses_in(leaves: Mapping[str, StoredArray]) -> list[str]:
+    """Structs and complex arrays that hold a frequency response, by name."""
+    arrays = (name for name, array in leaves.items() if array.dtype.kind == "c" and max(array.shape, default=0) > 2)
+    return [name or _DATA for name in dict.fromkeys((*structs_in(leaves), *arrays))]
+
+
 def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> ResponseTable:
     """The response in a struct; DataError where it or one of its fields is missing."""
     structs = structs_in(leaves)
