@@ -33,7 +33,7 @@ time. A model error that the parameters absorb equally in all configurations doe
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -138,65 +138,154 @@ def estimate_uncertainty(
 
     Readings of load tests have the covariance that is stated.  is_taken_out: friction of motors is, of the torques.
     """
+    sums = sum_up(fit, responses, weights, x, execution or Execution())
+    parts, half, unreached = sums.parts, sums.half, sums.unreached
+    noise, expected_cost, cost_dof = noise_covariance(sums)
+    costs = np.array([part.cost for part in parts])
+    cost = expected_cost if is_forecast else float(costs.sum() + sums.static_r @ sums.static_r)
+    residuals, blocks = residual_variance(sums), block_variance([part.blocks for part in parts], half)
+    if is_in_error(cost, expected_cost, cost_dof):
+        residuals = np.maximum.reduce([residuals, blocks, jackknife_variance(parts, half)])
+    floor = floor_covariance(sums, cost, expected_cost, cost_dof)
+    ratios, friction = ratio_covariance(parts, half), friction_variance(fit.parameters, responses, is_taken_out)
+    total = np.maximum(np.diag(noise + ratios) + friction, 1e-300)
+    of_file, lasting = file_variance(sums, [i for i, p in enumerate(fit.parameters.free) if p.is_nuisance])
+    repeated = np.maximum(np.diag(noise) - of_file, 0.0)
+    by_loads = np.sum((sums.static_J @ half) ** 2, axis=0)
+    power = tuple(part.power[:, : len(x)] for part in parts)
+    fraction = np.divide(repeated, np.diag(noise), out=np.ones(len(x)), where=np.diag(noise) > 0)
+    known_dof = noise_dof(power, [part.noise_dof for part in parts], by_loads) / np.maximum(fraction, 1e-6) ** 2
+    widened = small_sample_factors(known_dof)
+    covariance = _larger(noise * np.outer(widened, widened), residuals, half) + floor + ratios + np.diag(friction)
+    covariance[unreached] = covariance[:, unreached] = np.nan
+    covariance[unreached, unreached] = np.inf
+    share, band_hz = information_shares(power, [part.freq_hz for part in parts], by_loads)
+    return Uncertainty(
+        covariance=covariance,
+        singular_values=sums.singular_values,
+        unreached=unreached,
+        expected_cost=expected_cost,
+        cost_dof=cost_dof,
+        information_fraction=share,
+        information_band_hz=band_hz,
+        disagreement=disagreement([part.disagreement for part in parts], len(half)),
+        shift=np.where(unreached, 0.0, np.sqrt(blocks / (total + np.diag(floor)))),
+        averaging_fraction=repeated / total,
+        persistent_fraction=(np.minimum(lasting, of_file) + np.diag(ratios)) / total,
+        costs=costs,
+        power=power,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Sums of all configurations in the variables z of `sum_lines`, x = H^T z, and the rows beside the responses.
+
+    half (n, n_x): H without the columns of shared factors.  prior_J (n_p, n), static_J (m, n): rows of the priors 1 / s
+    (0 without one) and of load tests, whose residuals are static_r (m,).  floor_pulls: summed `LineSums.floor_pull`.
+    n_residuals: real ones of the responses and load tests; dof: less the parameters, with the priors.
+    """
+
+    parts: tuple[LineSums, ...]
+    half: FloatArray
+    singular_values: FloatArray
+    unreached: BoolArray
+    prior_J: FloatArray
+    static_J: FloatArray
+    static_r: FloatArray
+    floor_pulls: Mapping[tuple[str, str, int], ComplexArray]
+    n_residuals: int
+    dof: int
+
+
+def sum_up(
+    fit: ElasticFit, responses: Sequence[Response], weights: Sequence[Weights], x: FloatArray, home: Execution
+) -> Sums:
+    """The sums at x (n_x,), the optimum of `fit`."""
     factors, n_x = find_factors(responses), len(x)
-    prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
-    # To other processes each chunk goes by itself.
-    home, bare = execution or Execution(), replace(fit, parts=(), loads=None)
+    bare = replace(fit, parts=(), loads=None)  # to other processes each chunk goes by itself
     static_r, static_J = fit.static(x)
     static_J = np.pad(static_J, ((0, 0), (0, len(factors))))  # no factor of the responses moves load tests
+    prior_J = np.diag(np.concatenate([fit.prior_slopes, np.ones(len(factors))]))
     configurations = list(zip(fit.parts, responses, weights, strict=True))
-    R = np.vstack([np.diag(prior), static_J])
+    R = np.vstack([prior_J, static_J])
     for block in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
         R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
     half, singular_values, unreached = inverse_information(R)
-    parts, floor_pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
+    parts, pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
     for sums in each_at_home(partial(sum_lines, bare, x, factors, half), configurations, home):
-        for key, pull in sums.floor_pull.items():
-            floor_pulls[key] = floor_pulls.get(key, 0.0) + pull
+        pulls |= {key: pulls.get(key, 0.0) + pull for key, pull in sums.floor_pull.items()}
         parts.append(replace(sums, floor_pull={}))
-    beside_J = np.vstack([np.diag(prior), static_J]) @ half.T  # of what is in no response, as that of the sums
-    static_J = beside_J[len(prior) :]
-    meat, expected_cost, cost_dof = _noise(beside_J, prior, fit.problem.dof, parts)
-    noise = half.T @ meat @ half
-    dof = fit.problem.dof
-    correlated = correlation_length([part.autocovariance for part in parts], sum(part.n_residuals for part in parts))
-    inflation = fit.n_residuals / max(dof, 1) * correlated
-    pulls = np.hstack([_by_frequency(parts), static_J.T * static_r])
-    residuals = inflation * np.sum((half.T @ pulls) ** 2, axis=1)
-    blocks = [part.blocks for part in parts]
-    by_blocks = block_variance(blocks, half)
-    costs = np.array([part.cost for part in parts])
-    cost = expected_cost if is_forecast else sum(costs.tolist()) + float(static_r @ static_r)
-    floor = _floor(parts, floor_pulls, half, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
-    if is_in_error(cost, expected_cost, cost_dof):
-        residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, half)])
-    # Tolerances scatter from file to file, not from measurement to measurement.
-    of_file = [i for i, p in enumerate(fit.parameters.free) if p.is_nuisance]
-    variance, of_file_J = np.diag(noise), beside_J[of_file]
-    by_file = np.sum((of_file_J @ half) ** 2, axis=0)
-    repeated = 1 - np.divide(by_file, variance, out=np.zeros(len(prior)), where=variance > 0)
-    lasting = np.minimum(variance_left(of_file_J, half) / np.maximum(variance, 1e-300), 1 - repeated)
-    by_loads = np.sum((static_J @ half) ** 2, axis=0)
-    power = [part.power for part in parts]
-    known_dof = noise_dof(power, [part.noise_dof for part in parts], by_loads)
-    widened = small_sample_factors(known_dof / np.maximum(repeated, 1e-6) ** 2)
-    of_ratios, of_friction = _by_ratios(parts, half), np.zeros(len(prior))
-    of_friction[:n_x] = taken_out_error(fit.parameters) ** 2 * is_taken_out
-    of_friction[:n_x] += unexplained_error(fit.parameters, responses) ** 2
-    total = np.maximum(variance + np.diag(of_ratios) + of_friction, 1e-300)
-    repeated, lasting = repeated * variance / total, (lasting * variance + np.diag(of_ratios)) / total
-    covariance = _larger(noise * np.outer(widened, widened), residuals, half) + floor + of_ratios + np.diag(of_friction)
-    covariance[unreached] = covariance[:, unreached] = np.nan
-    covariance[unreached, unreached] = np.inf
-    known = total + np.diag(floor)
-    shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
-    share, band_hz = information_shares(power, [part.freq_hz for part in parts], by_loads)
-    kept = slice(n_x)  # the factors are no part of the result
-    by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept])
-    parted = disagreement([part.disagreement for part in parts], len(half))
-    estimate = covariance[kept, kept], singular_values, unreached[kept]
-    further, power = (repeated[kept], lasting[kept], costs), [part[:, kept] for part in power]
-    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], *further, tuple(power))
+    known = half[:, :n_x], singular_values, unreached[:n_x], prior_J @ half.T, static_J @ half.T, static_r
+    return Sums(tuple(parts), *known, pulls, fit.n_residuals, fit.problem.dof)
+
+
+def noise_covariance(sums: Sums) -> tuple[FloatArray, float, float]:
+    """Covariance (n_x, n_x) of x by the measured noise and the priors, the V that they lead to, and cost_dof.
+
+    Where no noise was measured the residuals are taken for it.
+    """
+    parts = sums.parts
+    meat = sums.prior_J.T @ sums.prior_J + sums.static_J.T @ sums.static_J
+    power = float(np.count_nonzero(np.any(sums.prior_J, axis=1)) + len(sums.static_J))
+    level, spread = sum(part.cost for part in parts) / max(sums.dof, 1), 2 * power
+    for part in parts:
+        if part.noise is None:
+            meat, power = meat + level * part.rows.T @ part.rows, power + level * part.n_residuals
+            spread += 2 * level**2 * part.n_residuals
+        else:
+            meat, power = meat + part.noise, power + part.noise_power
+            spread += part.noise_spread
+    is_known = any(part.noise is not None for part in parts)
+    cost_dof = 2 * power**2 / max(spread, 1e-300) if is_known else math.nan
+    return sums.half.T @ meat @ sums.half, power - float(np.trace(meat)), cost_dof
+
+
+def residual_variance(sums: Sums) -> FloatArray:
+    """Variances (n_x,) of x by the pulls of the residuals, summed over configurations at equal frequencies."""
+    parts = sums.parts
+    freq_hz, place = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
+    pulls = np.zeros((len(freq_hz), len(sums.half)))
+    np.add.at(pulls, place, np.concatenate([part.pull for part in parts], axis=1).T)
+    moved = np.vstack([pulls, sums.static_J * sums.static_r[:, None]]) @ sums.half
+    length = correlation_length([part.autocovariance for part in parts], sum(part.n_residuals for part in parts))
+    return np.asarray(length * sums.n_residuals / max(sums.dof, 1) * np.sum(moved**2, axis=0))
+
+
+def ratio_covariance(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
+    """Covariance (n_x, n_x) of x by the ratios of the gears, each off alike in all configurations."""
+    pulls: dict[str, FloatArray] = {}
+    for part in parts:
+        pulls |= {name: pulls.get(name, 0.0) + pull for name, pull in part.ratio_pull.items()}
+    shifts = np.reshape([*pulls.values()], (-1, len(half))) @ half
+    return np.asarray(shifts.T @ shifts)
+
+
+def friction_variance(parameters: Parameters, responses: Sequence[Response], is_taken_out: bool) -> FloatArray:
+    """Variances (n_x,) of x by errors of friction compensation, and by distortion that no friction explains."""
+    return taken_out_error(parameters) ** 2 * is_taken_out + unexplained_error(parameters, responses) ** 2
+
+
+def floor_covariance(sums: Sums, cost: float, expected_cost: float, cost_dof: float) -> FloatArray:
+    """Covariance (n_x, n_x) of x by the floor, each element off by one random factor an octave, times s.
+
+    s: the share of its power for which V leaves room above the noise and two standard deviations of V.
+    """
+    shifts = np.stack([*sums.floor_pulls.values()]) @ sums.half
+    power = sum(part.floor_power for part in sums.parts)
+    dof = sums.dof if math.isnan(cost_dof) else cost_dof
+    room = cost - expected_cost + 2 * expected_cost * math.sqrt(2 / max(dof, 1.0))
+    share = min(max(room / power, 0.0), 1.0) if power else 0.0
+    return np.asarray(share * 0.5 * (shifts.conj().T @ shifts).real)
+
+
+def file_variance(sums: Sums, of_file: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    """Variances (n_x,) of x by the tolerances of the numbers at `of_file`, and their remainder for endless data.
+
+    Tolerances scatter from file to file, not from measurement to measurement.
+    """
+    J = sums.prior_J[list(of_file)]
+    return np.sum((J @ sums.half) ** 2, axis=0), variance_left(J, sums.half)
 
 
 # Of a stiffness, of a damping, and of a motor's viscous friction: std of what friction or effects of gears leave that
@@ -266,45 +355,6 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
     return half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0)
 
 
-def _noise(
-    beside_J: FloatArray, prior: FloatArray, dof: int, parts: Sequence[LineSums]
-) -> tuple[FloatArray, float, float]:
-    """Covariance of J^T r (n, n) under the measured noise and the priors, the V that they lead to, and cost_dof.
-
-    In the variables of the sums.  beside_J: rows of the priors 1 / s (n_x,), then of load tests.  Where no noise was
-    measured the residuals are taken for it.
-    """
-    meat, power = beside_J.T @ beside_J, float(np.count_nonzero(prior) + len(beside_J) - len(prior))
-    known = any(part.noise is not None for part in parts)
-    level, spread = sum(part.cost for part in parts) / max(dof, 1), 2 * power
-    for part in parts:
-        if part.noise is None:
-            meat, power = meat + level * part.rows.T @ part.rows, power + level * part.n_residuals
-            spread += 2 * level**2 * part.n_residuals
-        else:
-            meat, power = meat + part.noise, power + part.noise_power
-            spread += part.noise_spread
-    return meat, power - float(np.trace(meat)), 2 * power**2 / max(spread, 1e-300) if known else math.nan
-
-
-def _by_ratios(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
-    """Covariance (n_x, n_x) of x by the ratios of the gears, each off alike in all configurations."""
-    pulls: dict[str, FloatArray] = {}
-    for part in parts:
-        for name, pull in part.ratio_pull.items():
-            pulls[name] = pulls.get(name, 0.0) + pull
-    shifts = half.T @ np.stack(list(pulls.values()), axis=1) if pulls else np.zeros((half.shape[1], 0))
-    return shifts @ shifts.T
-
-
-def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:
-    """Pulls (n_x, F) of all configurations, summed over equal frequencies."""
-    freq_hz, place = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
-    total = np.zeros((len(freq_hz), len(parts[0].pull)))
-    np.add.at(total, place, np.concatenate([part.pull for part in parts], axis=1).T)
-    return total.T
-
-
 def _larger(noise: FloatArray, residuals: FloatArray, half: FloatArray) -> FloatArray:
     """Larger variances (n_x,) of noise and residuals, with the correlations of the noise (by default of A^-1)."""
     variance = np.diag(noise)
@@ -312,24 +362,3 @@ def _larger(noise: FloatArray, residuals: FloatArray, half: FloatArray) -> Float
     wanted, deviation = np.sqrt(np.maximum(variance, residuals)), np.sqrt(np.diag(shape))
     scale = np.divide(wanted, deviation, out=np.zeros_like(wanted), where=deviation > 0)
     return np.asarray(shape * np.outer(scale, scale))
-
-
-def _floor(
-    parts: Sequence[LineSums],
-    pulls: Mapping[tuple[str, str, int], ComplexArray],
-    half: FloatArray,
-    cost: float,
-    expected_cost: float,
-    cost_dof: float,
-) -> FloatArray:
-    """Covariance (n_x, n_x) of x by the floor, each element off by one random factor an octave, times s.
-
-    pulls: `LineSums.floor_pull`, summed over the configurations.  s: the share of its power for which V leaves room
-    above the noise and two standard deviations of V.
-    """
-    shifts = half.T @ np.stack(list(pulls.values()), axis=1)
-    power = sum(part.floor_power for part in parts)
-    deviation = expected_cost * np.sqrt(2 / max(cost_dof, 1.0))
-    room = cost - expected_cost + 2 * deviation
-    share = np.clip(room / power, 0.0, 1.0) if power else 0.0
-    return share * (0.5 * (shifts @ shifts.conj().T).real)

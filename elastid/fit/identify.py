@@ -9,7 +9,6 @@ The operating point moves with the stiffnesses under gravity, so the model is li
 again until nothing moves. Where springs are nonlinear the search itself linearises at every step.
 """
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,7 +18,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import DataError, FitError, Note, StudyError, check_kind
+from elastid.base.errors import DataError, FitError, StudyError, check_kind
 from elastid.base.execution import Execution, lasting_workers
 from elastid.fit.assembly import (
     Assembly,
@@ -34,6 +33,7 @@ from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import RESIDUALS, diagnose, judge
+from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
 from elastid.fit.diagnosis.readings import common_delay
 from elastid.fit.diagnosis.second_source import static_agreement, tool_agreement
 from elastid.fit.diagnosis.sensitivities import thinning
@@ -105,7 +105,9 @@ def identified(
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
             result = add_intervals(result, optimum, spec, execution)
-            result = replace(result, notes=(*result.notes, *_contradicted_priors(result)))
+            result = replace(
+                result, notes=(*result.notes, *contradicted_priors(result), *contradicted_tolerances(result))
+            )
             pairs = zip(assembly.responses, optimum.responses, strict=True)
             known = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
             return result, known
@@ -430,33 +432,3 @@ def _estimate(assembly: Assembly, ends: _Ends, execution: Execution) -> tuple[Re
         model_error=max(weights.floor for weights in assembly.weights),
     )
     return optimum, uncertainty, result
-
-
-# Of data and prior, in standard deviations of their difference; by chance one prior in two thousand.
-_CONTRADICTED = 3.5
-# Of the prior's variance, at most, that the data must leave to contradict it.
-_LEFT = 0.8
-
-
-def _contradicted_priors(result: Result) -> tuple[Note, ...]:
-    """The priors of the study that data without them contradict.
-
-    Of a prior of mean m and variance S the difference x - m has the variance S - P, P being that of x.
-    """
-    notes = []
-    for parameter, x, P in zip(result.parameters.free, result.x, np.diag(result.covariance), strict=True):
-        if parameter.prior is None or parameter.is_nuisance or not _LEFT * parameter.prior.std**2 > P:
-            continue
-        S, mean = parameter.prior.std**2, parameter.to_x(parameter.prior.mean)
-        sigmas = abs(float(x) - mean) / math.sqrt(S - P)
-        if sigmas < _CONTRADICTED:
-            continue
-        alone = mean + (float(x) - mean) * S / (S - P)
-        value = math.exp(alone) if parameter.log else alone
-        text = (
-            f"the data contradict the prior: {parameter.name} = {value:.6g} {parameter.unit} without it, instead of "
-            f"{parameter.prior.mean:.6g} {parameter.unit} ({sigmas:.3g} std apart); the estimate is between the two. "
-            "Correct the prior, or check the records"
-        )
-        notes.append(Note("fit/prior-contradicted", text))
-    return tuple(notes)

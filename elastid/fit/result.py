@@ -40,12 +40,6 @@ class RigidPart:
     changes: FloatArray = labelled("change of each parameter asked for, of x")
     detection_limit: float = labelled("stiffness from which on no interval is left", "N*m/rad")
 
-    def most_moved(self, names: Sequence[str], most: int = 2) -> dict[str, float]:
-        """The stiffnesses among `names` (n,) that it moves most, and their relative changes."""
-        stiff = [i for i, name in enumerate(names) if name.startswith("k")]
-        stiff.sort(key=lambda i: -abs(float(self.changes[i])))
-        return {names[i]: math.expm1(float(self.changes[i])) for i in stiff[:most] if self.changes[i]}
-
 
 @frozen_value
 class ModificationIndex:
@@ -123,7 +117,7 @@ HELD_AS_EXACT = "fit/fixed-values"
 # Codes of notes on causes of model errors: two sentences each, the cause and its remedy.
 CAUSES = (
     "fit/frequency-unit", "fit/likely-cause", "fit/inconsistent-responses", "fit/loads", "fit/tool",
-    "fit/prior-contradicted",
+    "fit/prior-contradicted", "fit/tolerances",
 )  # fmt: skip
 NO_CAUSE = "no tested cause explains the excess residuals"
 OTHER_JOINTS = (

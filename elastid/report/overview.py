@@ -162,13 +162,16 @@ def _of_widths(rows: Sequence[ParameterRow]) -> str:
     judged = springs_and_dampers(rows)
     kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
     widths = [half_width(row) for row in judged]
-    if widths and max(widths) <= WIDTH_CLASSES[-1]:
-        return f"{len(judged)} of {len(judged)} {kind} identified to ±{percent(max(widths))} or better"
-    for limit in WIDTH_CLASSES:
-        within = sum(width <= limit for width in widths)
-        if within >= max(len(judged) / 2, 1):
-            return f"{within} of {len(judged)} {kind} identified to ±{percent(limit)} or better"
-    return ""
+    limits = [width for width in (max(widths, default=math.inf),) if width <= WIDTH_CLASSES[-1]] or WIDTH_CLASSES
+    counts = {limit: sum(width <= limit for width in widths) for limit in limits}
+    return next(
+        (
+            f"{count} of {len(judged)} {kind} identified to ±{percent(limit)} or better"
+            for limit, count in counts.items()
+            if count >= max(len(judged) / 2, 1)
+        ),
+        "",
+    )
 
 
 def strip(agreements: Sequence[Agreement]) -> Strip:
@@ -239,7 +242,9 @@ def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ..
     if result.cause[0].startswith(NO_CAUSE):
         candidates.reverse()
     if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
-        candidates.append(None if result.exceeds_noise else _of_experiments(result, poor))
+        candidates.append(
+            None if result.exceeds_noise else _of_tolerance(result, poor) or _of_experiments(result, poor)
+        )
     if result.is_within_declared:
         candidates.append(Action(f"{OTHER_AMPLITUDE}.", ""))
     actions = [action for action in candidates if action is not None]
@@ -270,6 +275,35 @@ def _of_cause(result: Result) -> Action | None:
     return Action(f"{what}.", "", text) if what else None
 
 
+# Numbers of a robot model that are measured together, by the beginnings of their names.
+TOLERANCES = {
+    "gain_u_": "Calibrate the torque constants", "Jm_": "Measure the motor inertias", "m_": "Weigh the bodies",
+    "I_": "Measure the inertias", "c_": "Measure the centres of mass", "p": "Measure the lengths",
+    "zero_": "Calibrate the zero angles",
+}  # fmt: skip
+
+
+def _of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
+    """The measurement of the numbers whose tolerances are most of a variance, if any are: of it C_xn C_nn^-1 C_nx."""
+    C, names = result.covariance, result.parameters.free_names
+    i, n, fractions = names.index(poor.name), len(result.parameters.asked), {}
+    for beginning in TOLERANCES:
+        of_kind = [j for j in range(n, len(names)) if names[j].startswith(beginning)]
+        cross = C[i, of_kind]
+        fractions[beginning] = float(cross @ np.linalg.pinv(C[np.ix_(of_kind, of_kind)]) @ cross / C[i, i])
+    most = max(fractions, key=lambda beginning: fractions[beginning])
+    if 2 * fractions[most] < 1:
+        return None
+    what = f"{TOLERANCES[most]} ({', '.join(name for name in names[n:] if name.startswith(most))})."
+    return _narrower(what, poor, fractions[most], "variance of", math.sqrt(max(1 - fractions[most], 0.0)))
+
+
+def _narrower(what: str, poor: ParameterRow, share: float, of: str, factor: float) -> Action | None:
+    before, after = percent(half_width(poor)), percent(factor * half_width(poor))
+    gain = f"{percent(share)} of the {of} {poor.name} is from there; its ±{before} becomes ±{after}."
+    return None if before == after else Action(what, gain)
+
+
 def _of_experiments(result: Result, poor: ParameterRow) -> Action | None:
     column = result.parameters.free_names.index(poor.name)
     if not result.information_fraction.size or not np.isfinite(result.information_fraction[:, column]).any():
@@ -278,13 +312,7 @@ def _of_experiments(result: Result, poor: ParameterRow) -> Action | None:
     # The robot's file errs in the next measurement as in this one.
     of_data = float(result.averaging_fraction[column]) if len(result.averaging_fraction) else 1.0
     share, name = of_data * float(result.information_fraction[q, column]), result.configurations[q]
-    before, after = percent(half_width(poor)), percent(half_width(poor) / np.sqrt(1 + share))
-    if before == after:
-        return None
-    return Action(
-        f"Measure twice as long in “{name}”.",
-        f"{percent(share)} of the information on {poor.name} is from there; its ±{before} becomes ±{after}.",
-    )
+    return _narrower(f"Measure twice as long in “{name}”.", poor, share, "information on", 1 / math.sqrt(1 + share))
 
 
 # Configurations whose modes the first screen names.

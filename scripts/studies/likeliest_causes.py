@@ -44,7 +44,7 @@ from causes import FURTHER, INJECTIONS, exact, noisy, workshop
 from data_sheet_robots import PLANTS, Plant, drawn
 
 from elastid.base.execution import Execution
-from elastid.fit.diagnosis.hypothesis import LIMITS
+from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.response import Response

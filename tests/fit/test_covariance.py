@@ -12,7 +12,18 @@ from scipy.stats import t as student
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.covariance import Covariance
-from elastid.fit.covariance import estimate_uncertainty, noise_dof, taken_out_error, unexplained_error
+from elastid.fit.covariance import (
+    Sums,
+    estimate_uncertainty,
+    file_variance,
+    floor_covariance,
+    noise_covariance,
+    noise_dof,
+    ratio_covariance,
+    residual_variance,
+    taken_out_error,
+    unexplained_error,
+)
 from elastid.fit.intervals import bootstrap, profile_ends
 from elastid.fit.line_sums import LineSums, autocovariance, block_variance, disagreement, jackknife_variance, sum_blocks
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
@@ -254,3 +265,57 @@ def test_a_model_is_in_error_where_noise_does_not_explain_the_cost(dof: int):
     draws = np.random.default_rng(0).chisquare(dof, 700_000)
     assert np.mean(draws > dof * largest_by_chance(dof)) == pytest.approx(1 / 700, rel=0.1)
     assert is_in_error(1.4 * 500.0, 500.0, 500)
+
+
+J, R = (np.random.default_rng(7).standard_normal(shape) for shape in ((30, 2), 30))
+HALF = np.diag([2.0, 0.1])
+
+
+def sums_of(*parts: LineSums, **given) -> Sums:
+    """Sums in which A^-1 = H^T H, without priors, load tests or floor unless given."""
+    none, count = np.zeros((0, 2)), sum(part.n_residuals for part in parts)
+    return replace(Sums(parts, HALF, np.ones(2), none, none, none, none[:, 0], {}, count, count - 2), **given)
+
+
+def test_residuals_count_over_their_degrees_of_freedom_and_together_at_a_frequency() -> None:
+    """N / (N - n_x) of 30; two configurations alike add up before they are squared; load tests; tau = 2."""
+    white = replace(evidence_of(J, R), freq_hz=np.arange(30.0), autocovariance=np.array([R @ R]))
+    single, loads = (np.sum((J[:n] * R[:n, None]) ** 2, axis=0) * [4.0, 0.01] for n in (30, 3))
+    for sums, expected in (
+        (sums_of(white), 30 / 28 * single),
+        (sums_of(white, white), 60 / 58 * 4 * single),
+        (sums_of(white, replace(white, freq_hz=white.freq_hz + 100)), 60 / 58 * 2 * single),
+        (sums_of(white, static_J=J[:3], static_r=R[:3]), 30 / 28 * (single + loads)),
+        (sums_of(replace(white, autocovariance=np.eye(30)[0] + 0.5 * np.eye(30)[1])), 30 / 28 * 2 * single),
+    ):
+        np.testing.assert_allclose(residual_variance(sums), expected)
+
+
+def test_noise_counts_as_it_was_measured_and_as_the_residuals_where_it_was_not() -> None:
+    """Covariance H^T S H with priors and load tests; V of the power less what the parameters take; its dof."""
+    one, prior = evidence_of(J, R), np.diag([0.4, 0.0])
+    measured = replace(one, noise=np.array([[0.5, 0.1], [0.1, 0.3]]), noise_power=50.0, noise_spread=90.0)
+    level, S = R @ R / 28, measured.noise + prior**2 + J[:3].T @ J[:3]
+    for sums, meat, power, dof in (
+        (sums_of(measured, prior_J=prior, static_J=J[:3]), S, 54.0, 2 * 54**2 / (90 + 8)),
+        (sums_of(one), level * J.T @ J, level * 30, np.nan),
+    ):
+        covariance, *cost_and_dof = noise_covariance(sums)
+        np.testing.assert_allclose(covariance, HALF @ meat @ HALF)
+        assert cost_and_dof == pytest.approx([power - np.trace(meat), dof], nan_ok=True)
+
+
+def test_gear_ratios_and_floor_err_alike_in_all_configurations() -> None:
+    """Pulls of a ratio add up before they are squared; the floor has at most the power that V leaves room for."""
+    part = replace(evidence_of(J, R), ratio_pull={"1": np.array([1.0, 2.0])}, floor_power=40.0)
+    np.testing.assert_allclose(ratio_covariance([part, part], HALF), [[16.0, 1.6], [1.6, 0.16]])
+    sums = sums_of(part, floor_pulls={("y", "u", 0): np.array([1.0, 1j]), ("y", "u", 1): np.array([2.0, 0])})
+    for cost, share in ((160.0, 1.0), (80.0, 0.0), (100.0, 0.5), (110.0, 0.75)):
+        np.testing.assert_allclose(floor_covariance(sums, cost, 100.0, 200.0), share * np.diag([10.0, 0.005]))
+
+
+def test_a_file_leaves_what_endless_data_cannot_tell() -> None:
+    """A parameter of the prior alone keeps its variance; where the data have half, a ten thousandth is left."""
+    sums = sums_of(half=np.eye(2), prior_J=np.diag([1.0, np.sqrt(0.5)]))
+    np.testing.assert_allclose(file_variance(sums, [0, 1]), [[1.0, 0.5], [1.0, 2e-4]], rtol=1e-3)
+    assert not np.any(file_variance(sums, [])[0])

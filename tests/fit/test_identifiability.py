@@ -76,13 +76,9 @@ def test_late_and_filtered_torques_are_identified(late: Channel) -> None:
     assert result.status == "converged"
     assert deviations(result, robot).max() < 3.5
     assert all(result.values[name] == pytest.approx(robot.parameters()[name][0], abs=2e-5) for name in names)
-
-
-def test_delay_of_a_late_torque_channel_is_negative() -> None:
-    """`delay` is that of the motion after the torque."""
-    robot = replace(arm(), chain=Chain(channels=(Channel("u", delay=4e-3),)))
-    result = identify(measured(robot), arm(), spec_of({"delay": ParameterSpec()}))
-    assert result.values["delay"] == pytest.approx(-4e-3, abs=2e-5)
+    if not late.at:  # `delay` is that of the motion after the torque
+        of_motion = identify(measured(robot), arm(), spec_of({"delay": ParameterSpec()}))
+        assert of_motion.values["delay"] == pytest.approx(-late.delay, abs=2e-5)
 
 
 def test_gains_that_nothing_scales_are_named_and_a_prior_or_a_held_one_helps() -> None:

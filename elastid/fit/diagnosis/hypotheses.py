@@ -18,8 +18,10 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
-from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Hypothesis, Size, axis, relative
+from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size, axis
+from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
+from elastid.fit.diagnosis.priors import relative
 from elastid.fit.diagnosis.readings import FORMS, READINGS, find_lateness, find_misreading
 from elastid.fit.diagnosis.sensitivities import (
     channel_delays,

@@ -28,6 +28,8 @@ from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.diagnosis.priors import contradicted_tolerances, exceeded_tolerance, relative
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse, Reading
 from elastid.fit.problem.least_squares import error_gain, is_far_from_noise
@@ -37,75 +39,6 @@ Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
 Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Reading]]
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of the diagnosis, far above the values of correct models (scripts/studies/results.csv).
-
-    Measured there: V 1.13 of its expectation, and the disagreement of blocks, whose noise is less well known than that
-    of all lines together, 1.4; of 330 true models, some with a variance of two degrees of freedom, no number reached a
-    drop of 20; friction in a simulated arm of three axes reached 61, with an effect of 2.1 deviations.  A missing
-    spring lowers V by 44 to 87 where V shows nothing (5 % of noise).
-    false_alarm_rate: Bonferroni over all candidates, not a false discovery rate: a single false cause in a report is
-    one too many, and their drops are strongly correlated.
-    """
-
-    # A misfit, as `status` has it.
-    excess: float = 1.2
-    disagreement: float = 1.5
-    structure: float = 1.3
-    shift: float = 2.0  # standard deviations
-    drop: float = 30.0
-    effect: float = 0.005  # of a parameter, below which a change is a note and no misfit, and has no words
-    effect_on_damping: float = 0.05  # likewise of a damping or a friction
-    # An estimate.
-    interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
-    residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
-    factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
-    stiffness_std: float = 0.5  # the largest, of ln k, of a stiffness that counts there
-    suspect_explained_share: float = 0.9  # below which, where the noise is unknown, responses may have been misread
-    # Shares of the excess of V that a cause explains.
-    further_share: float = 0.05  # that each in a sequence explains
-    stated_share: float = 0.1  # below which a cause has no sentence, and a delay no other form
-    reason_share: float = 0.3  # below which even the best is not named as the reason, nor a load sought
-    half: float = 0.5  # of a variant, of a cause of contradictions; of the responses that a model explains
-    explained_share: float = 0.8  # of a reading; from which on no cause is sought that V does not rank
-    certain_share: float = 0.9  # below which a cause is said not to be certain, and springs are sought
-    whole: float = 0.99  # below which scales and variants are tried, too
-    # The ranking of causes.
-    false_alarm_rate: float = 0.01  # probability that any candidate has so large a drop by the noise alone
-    linear_error: float = 0.002  # of the excess that one step leaves of what the true cause explains
-    equal_correlation: float = 0.95  # squared, from which two candidates cannot be distinguished
-    equal_drop: float = 0.9  # ratio of their drops, likewise, or of V of two readings or variants
-    equal_odds: float = 6.0  # 2 ln of the odds (20 to 1) below which two causes cannot be told apart
-    variances: float = 10.0  # difference of V, in variances of the noise, below which there is no minimum, no best form
-    form_share: float = 0.01  # likewise of what V has beyond the noise
-    sequence: int = 3  # candidates in a sequence
-    alone: int = 15  # in the table
-    ranked: int = 25  # judged by their forms
-    named: int = 3  # parameters, postures, or causes besides, in a sentence
-    prior_std: float = 0.5  # the widest prior that is recommended
-    # What is searched for.
-    exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
-    followed: int = 3  # readings, springs and delays that are followed
-    predicted_ratio: float = 1.5  # V over that of the fit up to which readings and springs are followed
-    screened_ratio: float = 4.0  # likewise of springs by the derivatives of the fit
-    frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances of a spring
-    stiffnesses: int = 14  # of each spring
-    scale: float = 1.7  # a factor nearer to one may be an inertia that is not quite known
-    scale_rounds: int = 2  # in which scales and parameters are found in turn
-    edge_phase: float = 0.8  # f T at the upper edge of the longest lateness that is sought
-    residuals: int = 2_000  # of the fit of a variant
-    iterations: int = 15  # of the solver with a reading, a spring, a load or a second source, of the search for T
-    rounds: int = 4  # of linearisations, in which a load is found
-    load_radius: float = 0.1  # of gyration of a load at the start, m
-    load_std: float = 1.0  # of the logarithms of its mass and inertia about the start, and of its place in m
-    # A second source: each test errs once in 700 fits.
-    tail: float = 1 / 700  # probability of T, and of the factor, by chance
-    unreached: float = 30.0  # std of x in a direction that the motors' responses do not reach
-    largest: float = 0.9  # factor less 1, beyond which another reading explains what it imitates
-
-
-LIMITS = Limits()
 SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
 # Remedies; a command to copy is at the end, after a colon.
 FREE_MOTORS = "Free the viscous friction of all motors, which the robot model lacks: `--set 'fit.parameters.fm_*={}'`"
@@ -277,20 +210,13 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
     if result.is_within_declared and evidence.best.explained_fraction < LIMITS.reason_share:
         return ()
     is_without = not (sequence or evidence.apart) and result.status == "misfit" and result.exceeds_noise
-    if sequence and exceeded_tolerance(sequence[0], result):
+    if sequence and contradicted_tolerances(result):
         stated = stated or sequence[:1]
     elif (sequence and sequence[0].explained_fraction < LIMITS.reason_share) or is_without:
         best = "".join(f" (best: {phrase(i, evidence)}, {_percent(i.explained_fraction)})" for i in stated[:1])
         is_friction = any(map(_is_motor_friction, sequence[:1]))
         return (Note("fit/likely-cause", f"{NO_CAUSE}{best}. {FREE_MOTORS if is_friction else result.test_of_causes}"),)
     return tuple(Note("fit/likely-cause", f"{fault(i, evidence)}. {_remedy(i, evidence)}") for i in stated)
-
-
-def exceeded_tolerance(index: ModificationIndex, result: Result) -> float:
-    """Tolerances by which the data move a value of the robot model, the most of a cause; 0 if not significant."""
-    priors = {p.name: p.prior.std for p in result.parameters.free if p.is_nuisance and p.prior is not None}
-    steps = zip(index.members, np.abs(index.steps).tolist(), strict=True)
-    return max((step / priors.get(name, math.inf) for name, step in steps if index.drop > LIMITS.drop), default=0.0)
 
 
 def fault(index: ModificationIndex, evidence: Evidence) -> str:
@@ -341,7 +267,8 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
     if _is_motor_friction(index):
         return FREE_MOTORS
-    usual = min(hypothesis.size.usual if hypothesis else 0.1, LIMITS.prior_std)
+    step = max(np.abs(index.steps).tolist(), default=0.0)  # which the prior must not contradict
+    usual = min(max(hypothesis.size.usual if hypothesis else 0.1, float(f"{1.1 * step:.1g}")), LIMITS.prior_std)
     # The common factor of an inertia's entries is no parameter of a study; they are.
     is_factor = index.name.startswith("I_") and index.name not in evidence.assembly.linearisation.model.parameters
     name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name
@@ -361,11 +288,6 @@ def hypothesis_of_index(index: ModificationIndex, hypotheses: Sequence[Hypothesi
     if by_number.family == index.group:
         return by_number
     return next((hypothesis for hypothesis in hypotheses if hypothesis.family == index.group), None)
-
-
-def relative(factor: float) -> str:
-    """A factor as a percentage where it is near one."""
-    return f"{100 * (factor - 1):+.2g} %" if 0.5 < factor < 2 else f"a factor {factor:.3g}"
 
 
 def _percent(share: float) -> str:

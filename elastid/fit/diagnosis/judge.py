@@ -35,7 +35,6 @@ from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import (
-    LIMITS,
     Columns,
     Evidence,
     Hypothesis,
@@ -44,6 +43,8 @@ from elastid.fit.diagnosis.hypothesis import (
     hypothesis_of,
     hypothesis_of_index,
 )
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.diagnosis.priors import contradicted_tolerances
 from elastid.fit.diagnosis.readings import as_delay
 from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, HeldNumber, ScoreTest, find_load, free_drop
 from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held, inertial, spread_out, thinning
@@ -53,7 +54,6 @@ from elastid.fit.diagnosis.status import (
     estimate_notes,
     find_disagreement,
     find_wrong_frequency_unit,
-    is_beyond_tolerance,
     with_status,
 )
 from elastid.fit.diagnosis.undetectable_errors import find_elastic_base, find_rigid_parts, find_undetectable_errors
@@ -349,7 +349,7 @@ def judge(
         indices = modification_indices(evidence, scores)
         # Where V is that of the noise, only a cause counts that shows the model, or the file, to be wrong.
         is_decisive = decisive_index(result, uncertainty, indices) is not None
-        if not (evidence.is_unexplained or is_decisive or is_beyond_tolerance(result, indices)):
+        if not (evidence.is_unexplained or is_decisive or contradicted_tolerances(result)):
             indices = ()
         evidence = replace(evidence, result=replace(result, indices=indices), scores=scores)
     if apart := find_disagreement(evidence):

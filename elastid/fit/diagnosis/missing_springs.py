@@ -3,20 +3,8 @@ r"""Missing springs: coordinates that the robot's file has as rigid, each tried 
 .. math:: k_i = m_c\, (2 \pi f_i)^2, \qquad d_i = k_i \operatorname{median} \frac{d}{k}, \qquad f_{i+1} = \sqrt 2 f_i
 
 m_c: the inertia that moves with coordinate c while all others stand still; d / k: of the robot's springs.  The linear
-step of `score_test` knows only springs that are nearly rigid: a resonance within the band is no small change.  A stiff
-spring stands in for each rigid coordinate and is made softer without a further solution:
-
-.. math:: Z_k = Z + \delta\, y y^T, \quad \delta = k (1 + j \omega \eta) - k_s, \quad h = y^T Z^{-1} y, \qquad
-          G_k = G - c\, \frac{\delta}{1 + \delta h}\, (C Z^{-1} y)(y^T Z^{-1} B)
-
-(Sherman and Morrison 1950), and with the derivatives J of the residuals r at the optimum V after a step of the
-parameters is
-
-.. math:: V_k \approx r^T r - r^T \bar J (\bar J^T \bar J + \text{priors})^{-1} \bar J^T r, \qquad
-          \bar J = [J, \partial r / \partial \ln k], \quad r = r(G_k)
-
-J is that without the spring, so V_k shows where it has a minimum rather than how deep that is.  Where it has one, and a
-step of the fit with such a spring leads about as low as V of the fit without it, the solver follows with k free.
+step of `score_test` knows only springs that are nearly rigid: a resonance within the band is no small change.  Where V
+after a step of the fit with such a spring has a minimum about as low as V without it, the solver follows with k free.
 """
 
 import math
@@ -25,13 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import FitError
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.hypothesis import LIMITS, Evidence, Scores, against
+from elastid.fit.diagnosis.hypothesis import Evidence, Scores, against
+from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.sensitivities import (
     AS_READ,
-    Evaluated,
     HeldModel,
     evaluate,
     predict,
@@ -45,7 +33,6 @@ from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.derivatives import Columns
-from elastid.linear.response.transfer import factor
 from elastid.parameters import Parameter, Parameters, Tie
 from elastid.response import Response
 
@@ -57,11 +44,10 @@ def find_missing_springs(
     explained = max((index.explained_fraction for index in indices), default=0.0)
     if evidence.result.exceeds_noise and explained > LIMITS.certain_share:
         return indices
-    candidates = sorted(_promising(evidence, scores), key=lambda spring: -spring.predicted)
-    best = {spring.name: spring for spring in candidates}
-    followed = sorted(best.values(), key=lambda spring: spring.predicted)[: LIMITS.followed]
-    springs = (_followed(spring, evidence, scores) for spring in followed)
-    by_name = {index.name: index for index in springs if index is not None and index.drop > scores.significant[1]}
+    promising = sorted(_promising(evidence, scores), key=lambda spring: spring.predicted)[: LIMITS.followed]
+    springs = [index for index in (_followed(spring, evidence, scores) for spring in promising) if index is not None]
+    springs = sorted((i for i in springs if i.drop > scores.significant[1]), key=lambda index: index.drop)
+    by_name = {index.name: index for index in springs}
     return [*(index for index in indices if index.name not in by_name), *by_name.values()]
 
 
@@ -79,25 +65,21 @@ class _Spring:
 def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     assembly, optimum, held = evidence.assembly, evidence.optimum, scores.held
     every, x = spread_out(len(optimum.fit.parts)), optimum.end.x
-    part_of_fit = replace(optimum.fit, parts=optimum.fit.parts[every])
-    fit, models = thinned(part_of_fit), _models(evidence, held, assembly.responses[every])
+    models = _models(evidence, held, assembly.responses[every])
     springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
     damped = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
-    evaluated, ratio = evaluate(fit, x), float(np.median(damped)) if damped else 1e-3
-    used = [model for part, model in zip(fit.parts, models, strict=True) if part.n_residuals]
-    V = sum(squares(evaluated))
+    few = thinned(replace(optimum.fit, parts=optimum.fit.parts[every]), LIMITS.residuals)
+    ratio = float(np.median(damped)) if damped else 1e-3
+    V, known = sum(squares(evaluate(few, x))), dict(zip(assembly.parameters.free_names, x.tolist(), strict=True))
     for name in held.rigid:
-        stiffnesses = _stiffnesses(name, used, fit)
-        costs = released_costs(evaluated, used, name, stiffnesses, ratio, fit.prior_slopes)
-        for k in stiffnesses[_minima(costs, LIMITS.variances * scores.level) & (costs < LIMITS.screened_ratio * V)]:
-            sprung = _with_spring(part_of_fit, name, float(k), ratio, models, assembly)
-            known = dict(zip(assembly.parameters.free_names, x.tolist(), strict=True))
+        trials = []
+        for k in _stiffnesses(name, models, few).tolist():
+            sprung = _with_spring(few, name, k, ratio, models, assembly)
             start = np.array([known.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
-            thin, every_one = thinned(sprung), np.ones(len(start), dtype=bool)
-            cost, step = predict(AS_READ, evaluate(thin, start), thin.prior_slopes, every_one)
-            if cost < LIMITS.predicted_ratio * V:
-                end = np.clip(start + step, *sprung.parameters.x_bounds)
-                yield _Spring(name, float(k), ratio, end, cost)
+            cost, step = predict(AS_READ, evaluate(sprung, start), sprung.prior_slopes, np.ones(len(start), dtype=bool))
+            trials.append(_Spring(name, k, ratio, np.clip(start + step, *sprung.parameters.x_bounds), cost))
+        least = _minima(np.array([spring.predicted for spring in trials]), LIMITS.variances * scores.level)
+        yield from (trials[i] for i in np.flatnonzero(least) if trials[i].predicted < LIMITS.predicted_ratio * V)
 
 
 def _models(evidence: Evidence, held: HeldModel, responses: Sequence[Response]) -> list[LinearModel]:
@@ -122,8 +104,9 @@ def _minima(costs: FloatArray, depth: float) -> BoolArray:
 
 def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> FloatArray:
     """k_i (n_k,), the last a step above the band."""
-    directions = [direction(model, name) for model in models]
-    inertia = np.mean([y @ model.M @ y / (y @ y) ** 2 for model, y in zip(models, directions, strict=True)])
+    stiff = [model.slopes[name].K for model in models]  # y y^T
+    places = [int(np.argmax(np.diag(K))) for K in stiff if K is not None]
+    inertia = np.mean([model.M[i, i] for model, i in zip(models, places, strict=True)])
     freq_hz = np.concatenate([part.kernel.freq_hz for part in fit.parts])
     low, high = float(freq_hz[freq_hz > 0].min()), float(freq_hz.max())
     count = min(LIMITS.stiffnesses, 2 + math.ceil(math.log(high / low) / math.log(LIMITS.frequency_step)))
@@ -171,67 +154,3 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
     number = (name,), np.zeros(1), ("rad/(N*m)",), (False,), np.array([1 / k])
     index = ModificationIndex(name, "compliance", *number, std)
     return against(index, scores.cost - drop, np.array(x), evidence, scores)
-
-
-def released_costs(
-    evaluated: Sequence[Evaluated],
-    models: Sequence[LinearModel],
-    name: str,
-    stiffnesses: FloatArray,
-    damping_ratio: float,
-    prior: FloatArray,
-) -> FloatArray:
-    """V_k (n_k,) of a stiff spring, `name` its parameter, at some stiffnesses.
-
-    evaluated: all configurations at the optimum; models: the same with the stiff spring.  damping_ratio: d / k in s.
-    prior (n_x,): 1 / s of the priors.
-    """
-    n_x = len(prior)
-    A = np.zeros((len(stiffnesses), n_x + 1, n_x + 1))
-    A[:, range(n_x), range(n_x)] += prior**2
-    b, V = np.zeros((len(stiffnesses), n_x + 1)), np.zeros(len(stiffnesses))
-    for rigid, model in zip(evaluated, models, strict=True):
-        for i, (dG, slope) in enumerate(released(model, rigid.part.kernel.freq_hz, name, stiffnesses, damping_ratio)):
-            soft = replace(rigid, G=rigid.G + dG)
-            fitted = rigid if rigid.part.criterion == "complex" else soft  # slopes of a difference are those of any G
-            r, J, j = soft.residual, fitted.rows, -soft.whitened(slope[None])[0]
-            A[i, :n_x, :n_x] += fitted.information
-            A[i, :n_x, n_x] += J @ j
-            A[i, n_x, n_x] += j @ j
-            b[i] += np.append(J @ r, j @ r)
-            V[i] += float(r @ r)
-    A[:, n_x, :n_x] = A[:, :n_x, n_x]
-    size = np.sqrt(np.maximum(np.einsum("kii->ki", A), 1e-300))
-    scaled = A / (size[:, :, None] * size[:, None, :]) + 1e-12 * np.eye(n_x + 1)  # regular
-    steps = np.linalg.solve(scaled, (b / size)[:, :, None])[:, :, 0]
-    return np.asarray(V - np.sum(steps * b / size, axis=1))
-
-
-def released(
-    model: LinearModel, freq_hz: FloatArray, name: str, stiffnesses: FloatArray, damping_ratio: float
-) -> Iterator[tuple[ComplexArray, ComplexArray]]:
-    """G_k - G and its derivative to ln k (F, n_y, n_u) at each stiffness."""
-    theta, s = model.theta_ref, np.asarray(2j * np.pi * freq_hz, np.complex128)
-    (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
-    y = direction(model, name)
-    of_outputs, of_inputs = model.channel_factors(theta, s)
-    gain = factor(model, theta, s)[:, None, None] * of_outputs[..., :, None] * of_inputs[..., None, :]
-    Z = K + s[:, None, None] * D + s[:, None, None] ** 2 * M
-    reached = np.linalg.solve(Z, y[:, None])[:, :, 0]  # Z^-1 y (F, n)
-    across = (reached @ C.T + reached @ T.T / s[:, None] ** 2)[:, :, None] * (reached @ model.B)[:, None, :]
-    h, stiff = reached @ y, model.number(theta, name)
-    for k in stiffnesses:
-        softer = k * (1 + s * damping_ratio)
-        delta = softer - stiff
-        taken = 1 / (1 + delta * h)
-        change, slope = ((w[:, None, None] * across) for w in (delta * taken, softer * taken**2))
-        yield -gain * change, -gain * slope
-
-
-def direction(model: LinearModel, name: str) -> FloatArray:
-    """y (n,) of the coordinate that a spring acts on: its dK / dk is y y^T."""
-    K = model.slopes[name].K
-    if K is None:
-        raise ValueError(f"{name} does not enter the model of {model.configuration.name}")
-    i = int(np.argmax(np.diag(K)))
-    return np.asarray(K[:, i] / np.sqrt(K[i, i]))

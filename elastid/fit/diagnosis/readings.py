@@ -28,9 +28,11 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Changes, Evidence, Hypothesis, Scores, against
+from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores, against
+from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.sensitivities import (
     AS_READ,
+    Change,
     Evaluated,
     Reading,
     evaluate,
@@ -42,7 +44,7 @@ from elastid.fit.diagnosis.sensitivities import (
     thinned,
 )
 from elastid.fit.parameter_choice import MAX_TIME
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.result import ModificationIndex
 from elastid.linear.linear_model import DELAY
 from elastid.robot import channel_name, low_pass_response
@@ -64,7 +66,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         for problem, start, free in starts
         for evaluated in (evaluate(problem, start),)
         for hypothesis in evidence.hypotheses
-        for reading in (hypothesis.changes(evaluated, costs) if hypothesis.changes is not None else ())
+        for reading in (_changes(hypothesis.changes, evaluated, costs) if hypothesis.changes is not None else ())
     ]
     followed: dict[str, tuple[float, FloatArray, Reading]] = {}
     for cost, reading, (problem, start, free) in sorted(predicted, key=lambda trial: trial[0]):
@@ -89,6 +91,20 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
     index = ModificationIndex(best.name, best.family, alike=equal, occam=occam)
     return [*indices, against(index, cost, x_end, evidence, scores)]
+
+
+def _changes(changes: Changes, evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Reading]:
+    """Readings of all configurations, and of each alone of those that fit worst."""
+    yield from changes(evaluated, costs)
+    for i in np.argsort(-costs)[: LIMITS.followed] if len(costs) > 2 else ():
+        part = evaluated[i].part
+        for reading in changes([evaluated[i]], costs[[i]]):
+            name = f"{reading.name} in configuration {part.configuration} alone"
+            yield replace(reading, name=name, change=partial(_of_one, part, reading.change))
+
+
+def _of_one(part: Part, change: Change, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+    return change(evaluated, values) if evaluated.part.configuration == part.configuration else values
 
 
 def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:

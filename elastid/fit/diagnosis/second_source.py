@@ -23,7 +23,7 @@ from elastid.base.errors import FitError
 from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.hypothesis import LIMITS
+from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.sensitivities import evaluate
 from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, ToolAgreement, ToolComparison
 from elastid.fit.problem.elastic import ElasticFit, Part

@@ -12,6 +12,8 @@ By a number that the fit held, or a spring that the robot's file lacks, where al
 the noise: a single number, or a common factor of several, whose freeing lowers V, in which the declared floor counts as
 noise, by `drop`, and moves a parameter by `effect` of its standard deviations and by `size` of itself.
 
+By a number that the data move beyond `LIMITS.prior` standard deviations of its prior or tolerance.
+
 By static load tests, or responses at the tool, that contradict the responses of the motors (`second_source`).
 
 A damping that the responses do not show, or show as less than none, falls to zero, whose logarithm has no end: no
@@ -29,7 +31,9 @@ from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.base.names import matching, posture_of
 from elastid.fit.covariance import Uncertainty
-from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, exceeded_tolerance, fault, phrase
+from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, fault, phrase
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances, prior_moves
 from elastid.fit.result import (
     AT_BOUND,
     BIASED,
@@ -103,7 +107,7 @@ def with_status(evidence: Evidence) -> Result:
     if by_blocks and cause is not None and cause.explained_fraction >= LIMITS.reason_share:
         by_blocks = f"{fault(cause, evidence)}. {capital(by_blocks)}"
     misfit = by_blocks or _by_held_number(evidence) or _beyond_declared(evidence)
-    if misfit := misfit or next((note.text for note in contradictions(result)), ""):
+    if misfit := misfit or _by_prior(evidence) or next((note.text for note in contradictions(result)), ""):
         return ended("misfit", f"{misfit}{held and f'. The fit ended{held}'}")
     biased = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(BIASED)]
     but = f", but {', '.join(biased)} biased" if biased else ""
@@ -190,11 +194,6 @@ def decisive_index(
     return max(equal, key=lambda index: index.drop, default=None if explains_all else largest)
 
 
-def is_beyond_tolerance(result: Result, indices: Sequence[ModificationIndex]) -> bool:
-    """True if the likeliest cause are values of the robot model that the fit has moved beyond their tolerances."""
-    return any(index.place == 1 and exceeded_tolerance(index, result) > 0 for index in indices)
-
-
 def _blocks_disagree(evidence: Evidence) -> bool:
     """True if configurations and bands disagree about the parameters by more than noise and model error together."""
     result = evidence.result
@@ -235,6 +234,15 @@ def _beyond_declared(evidence: Evidence) -> str:
         return ""
     needed = f"fit.weights.model_error={result.model_error * result.error_ratio:.2g}"
     return f"the residuals exceed the declared model error. Find their cause, or set {needed}"
+
+
+def _by_prior(evidence: Evidence) -> str:
+    result = evidence.result
+    if np.abs(prior_moves(result)).max() <= LIMITS.prior:
+        return ""
+    if evidence.cause is not None:
+        return fault(evidence.cause, evidence)
+    return next((note.text for note in (*contradicted_priors(result), *contradicted_tolerances(result))), "")
 
 
 def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:

@@ -18,7 +18,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.diagnosis.hypothesis import LIMITS, Scores
+from elastid.fit.diagnosis.hypothesis import Scores
+from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.score_test import HeldNumber
 from elastid.fit.result import HELD_AS_EXACT, Result, RigidPart
 from elastid.robot import Robot

@@ -18,7 +18,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Scores, against
+from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, against
+from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.score_test import LEAST, find_load, steps_of
 from elastid.fit.diagnosis.sensitivities import AS_READ, settle, thinned
 from elastid.fit.result import ModificationIndex

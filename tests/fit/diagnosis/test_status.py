@@ -1,17 +1,26 @@
 """A fit whose model is wrong does not end as converged, a fit whose model is true does; bounds are named."""
 
+import re
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
+from plants.data_sheet_arm import SPEC as OF_SHEET
+from plants.data_sheet_arm import arm as sheet
+from plants.data_sheet_arm import measure as sheet_responses
 from plants.elastic_arm import measure, pendulum
 from plants.faults import SPEC, drawn, faulty, rubbing, true_case
+from plants.measured_robots import responses_of
 
 from elastid.fit.diagnosis.status import bound_notes
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
 from elastid.parameters import Parameters
+from elastid.report.content import parameter_rows
+from elastid.report.overview import next_steps, residual_sentence
+from elastid.response import Response
+from elastid.robot import Body, Joint, Motor, Robot, Spring, Tolerances
 
 
 @pytest.mark.slow
@@ -65,3 +74,55 @@ def test_an_estimate_at_its_bound_says_so():
     assert result.inflation_factor > 1.5
     of_file = Parameters(tuple(replace(parameter, is_nuisance=True) for parameter in result.parameters))
     assert len([*bound_notes(replace(result, parameters=of_file))]) == 1
+
+
+FILE = sheet(Tolerances())
+
+
+def measured(true: Robot = FILE) -> list[Response]:
+    return sheet_responses(true, np.random.default_rng(5))
+
+
+def test_a_file_beyond_its_tolerances_is_a_misfit_everywhere() -> None:
+    """A motor inertia 9.4 tolerances off, at residuals of the noise; its advice is no contradiction."""
+    responses = measured(FILE.with_parameters({"Jm_2": 1.6e-3}))
+    result = identify(responses, FILE, OF_SHEET)
+    assert (result.status, result.exceeds_noise, result.indices[0].name) == ("misfit", False, "Jm_2")
+    for text in (result.message, residual_sentence(result, ()), result.cause[0]):
+        assert re.search(r"Jm_2 = 0\.0016 .* 9\.4 ", text)
+    (advised,) = next_steps(result, parameter_rows(result, None))
+    for std, status in ((0.05, "misfit"), (float(re.findall(r"std: (.*)}}", advised.text)[0]), "converged")):
+        freed = OF_SHEET.parameters | {"Jm_2": ParameterSpec(prior=PriorSpec(std=std))}
+        assert identify(responses, FILE, replace(OF_SHEET, parameters=freed)).status == status
+
+
+@pytest.mark.parametrize(("factor", "changes"), [(1.0, []), (1.2, [-17])])
+def test_what_the_tolerances_absorb_together_is_said_with_its_size(factor: float, changes: list[float]) -> None:
+    """Torque constants 20 % off: no number beyond 5 tolerances, all stiffnesses 20 % off, as an exact file has them."""
+    result = identify([replace(G, G=G.G / factor) for G in measured()], FILE, OF_SHEET)
+    notes = [note for note in result.notes if note.code == "fit/tolerances"]
+    found = [float(re.findall(rf"{note.place} by (.\d+) %", note.text)[0]) for note in notes]
+    assert found == pytest.approx(changes, abs=2)
+    assert result.status == ("misfit" if changes else "converged")
+
+
+def test_motors_exchanged_in_one_configuration_are_named_with_it() -> None:
+    first, *others = measured()
+    first = identify([replace(first, G=first.G[:, ::-1, ::-1]), *others], FILE, OF_SHEET).indices[0]
+    assert first.group == "exchanged channels"
+    assert {*re.findall(r"motor \d|c\d", first.name)} == {"motor 1", "motor 2", "c0"}
+
+
+def test_the_torque_constant_is_what_narrows_an_interval_that_it_makes() -> None:
+    """A joint whose inertias are sought: 5 % of its torque constant are +-9.8 % of all, which noise alone is not."""
+    joint = Joint("1", spring=Spring(64.0, damping=0.014), motor=Motor(1.2e-3, viscous=2e-3))
+    load, known = Body("load", joints=(joint,), inertia=8e-4), Tolerances(torque_constant=0.05)
+    robot = Robot("bench", (load,), gravity=(0, 0, 0), tolerances=known)
+    responses = responses_of(robot, {"c": (0.0,)}, np.random.default_rng(5), np.linspace(5, 100, 40), 0.01, 0.0)
+    names = ("k_1", "d_1", "Jm_1", "I_load", "fm_1")
+    result = identify(responses, robot, FitSpec(parameters={name: ParameterSpec() for name in names}, starts=1))
+    action = next_steps(result, parameter_rows(result, None))[0]
+    assert "gain_u_motor_1" in action.what
+    ((name, before, after),) = re.findall(r"of (\w+) is .*±(\S+) % becomes ±(\S+) %", action.gain)
+    assert float(before) > 9.0
+    assert float(after) == pytest.approx(196 * result.std_noise[name] / result.values[name], rel=0.1)

@@ -7,18 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants import three_mass
 from plants.faults import SPEC, Case, drawn, faulty
 from plants.measured_robots import responses_of
 
-from elastid.fit.diagnosis.missing_springs import released_costs
-from elastid.fit.diagnosis.sensitivities import evaluate
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit
-from elastid.fit.problem.weights import weigh
 from elastid.fit.result import ModificationIndex, Result
 from elastid.fit.spec import WeightSpec
-from elastid.parameters import Parameter, Tie
 from elastid.robot import Payload, Robot, Tolerances
 from elastid.study import load
 
@@ -69,23 +63,3 @@ def test_a_missing_torsion_is_named_where_v_does_not_show_it(noise: float, floor
     first = result.indices[0]
     assert first.name == "torsion_fore_z"
     assert 1 / first.steps[0] == pytest.approx(case.truth.parameters()["k_2z"][0], rel=0.05)
-
-
-def test_a_stiff_spring_that_is_made_softer_costs_what_least_squares_with_the_soft_one_do() -> None:
-    """V after a step of a gear's spring and damper, with their slopes beside the stiff one, and of the soft one."""
-    model, ratio, k = three_mass.plant((0, 2)), 1e-3, 20.0
-    response = three_mass.measured(model, three_mass.noise_of(model), np.random.default_rng(0))
-
-    def fit_with(k_a: Parameter, d_a: Parameter) -> ElasticFit:
-        free = three_mass.parameters(k_a=k_a, d_a=d_a)
-        return elastic_fit([response], [model], [weigh(response, three_mass.NO_FLOOR)], free, "complex")
-
-    rigid = fit_with(Parameter("k_a", 1e3 * k, free=False), Parameter("d_a", 0.0, free=False))
-    soft = fit_with(Parameter("k_a", k, log=True), Parameter("d_a", 0.0, tie=Tie("k_a", ratio)))
-    x, theta = rigid.parameters.x, rigid.parameters.theta
-    _, D, K = model.matrices(theta)
-    stiff = replace(model, theta_ref=theta, D=D, K=K)
-    (cost,) = released_costs(evaluate(rigid, x), [stiff], "k_a", np.array([k]), ratio, np.zeros(2))
-    r, J = three_mass.stacked(soft, soft.parameters.x)
-    columns = np.column_stack([three_mass.stacked(rigid, x)[1], J[:, 2]])
-    assert cost == pytest.approx(np.linalg.lstsq(columns, r)[1][0], rel=1e-6)

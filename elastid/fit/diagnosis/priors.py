@@ -1,0 +1,79 @@
+"""Priors of the study and tolerances of the robot model against the data."""
+
+import math
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import Note
+from elastid.base.statistics import chi_square_limit
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.result import ModificationIndex, Result
+
+
+def exceeded_tolerance(index: ModificationIndex, result: Result) -> float:
+    """Tolerances by which the data move a value of the robot model, the most of a cause; 0 if not significant."""
+    priors = {p.name: p.prior.std for p in result.parameters.free if p.is_nuisance and p.prior is not None}
+    steps = zip(index.members, np.abs(index.steps).tolist(), strict=True)
+    return max((step / priors.get(name, math.inf) for name, step in steps if index.drop > LIMITS.drop), default=0.0)
+
+
+def prior_moves(result: Result) -> FloatArray:
+    """Change (n_x,) of each number from the mean of its prior or tolerance, over its standard deviation."""
+    pairs = zip(result.parameters.free, result.x.tolist(), strict=True)
+    return np.array([0.0 if p.prior is None else (x - p.to_x(p.prior.mean)) / p.prior.std for p, x in pairs])
+
+
+def contradicted_priors(result: Result) -> tuple[Note, ...]:
+    """The priors of the study that data without them contradict.
+
+    Of a prior of mean m and variance S the difference x - m has the variance S - P, P being that of x.
+    """
+    notes = []
+    for parameter, x, P in zip(result.parameters.free, result.x.tolist(), np.diag(result.covariance), strict=True):
+        if parameter.prior is None or parameter.is_nuisance or not LIMITS.left * parameter.prior.std**2 > P:
+            continue
+        S, mean = parameter.prior.std**2, parameter.to_x(parameter.prior.mean)
+        sigmas = abs(x - mean) / math.sqrt(S - P)
+        if sigmas < LIMITS.prior:
+            continue
+        alone = mean + (x - mean) * S / (S - P)
+        value = math.exp(alone) if parameter.log else alone
+        text = (
+            f"the data contradict the prior: {parameter.name} = {value:.6g} {parameter.unit} without it, instead of "
+            f"{parameter.prior.mean:.6g} {parameter.unit} ({sigmas:.3g} std apart); the estimate is between the two. "
+            "Correct the prior, or check the records"
+        )
+        notes.append(Note("fit/prior-contradicted", text, parameter.name))
+    return tuple(notes)
+
+
+def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
+    r"""A note if numbers of the robot model leave their tolerances, all together (chi-square test, 1/700) or one.
+
+    Of distances d over their tolerances d^T d has the expectation tr(1 - P), P being the covariance of d that is left.
+    They move the parameters asked for by L d, L = C_an C_nn^-1, from their values with an exact model.
+    """
+    n, C = len(result.parameters.asked), result.covariance
+    d, s = prior_moves(result)[n:], np.array([p.prior.std for p in result.parameters.free[n:] if p.prior is not None])
+    if not len(s) == len(d) > 0 or not np.isfinite(C).all():
+        return ()
+    dof, square = max(float(np.sum(1 - np.diag(C)[n:] / s**2)), 1.0), float(d @ d)
+    limit = chi_square_limit(dof, LIMITS.tail)
+    if square <= limit and np.abs(d).max() <= LIMITS.prior:
+        return ()
+    moved = C[:n, n:] @ np.linalg.solve(C[n:, n:], d * s)
+    worst = int(np.argmax(np.abs(moved) / np.sqrt(np.diag(C)[:n])))
+    p = result.parameters.asked[worst]
+    change = relative(math.exp(-moved[worst])) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
+    ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
+    text = (
+        f"the robot model is off by {ratio:.2g} of its tolerances (rms; limit {most:.2g}), and an exact one would change "
+        f"{p.name} by {change}. Check torque constants, angles and payload, which the tolerances may absorb"
+    )
+    return (Note("fit/tolerances", text, p.name),)
+
+
+def relative(factor: float) -> str:
+    """A factor as a percentage where it is near one."""
+    return f"{100 * (factor - 1):+.2g} %" if 0.5 < factor < 2 else f"a factor {factor:.3g}"
