@@ -126,14 +126,9 @@ ENDLESS = 1e4
 
 
 def estimate_uncertainty(
-    fit: ElasticFit,
-    responses: Sequence[Response],
-    weights: Sequence[Weights],
-    x: FloatArray,
-    execution: Execution | None = None,
-    is_forecast: bool = False,
-    is_taken_out: bool = False,
-) -> Uncertainty:
+    fit: ElasticFit, responses: Sequence[Response], weights: Sequence[Weights], x: FloatArray,
+    execution: Execution | None = None, is_forecast: bool = False, is_taken_out: bool = False,
+) -> Uncertainty:  # fmt: skip
     """Covariance of x (n_x,), the optimum of `fit`. is_forecast: expected covariance for responses without noise.
 
     Readings of load tests have the covariance that is stated.  is_taken_out: friction of motors is, of the torques.
@@ -161,20 +156,14 @@ def estimate_uncertainty(
     covariance[unreached, unreached] = np.inf
     share, band_hz = information_shares(power, [part.freq_hz for part in parts], by_loads)
     return Uncertainty(
-        covariance=covariance,
-        singular_values=sums.singular_values,
-        unreached=unreached,
-        expected_cost=expected_cost,
-        cost_dof=cost_dof,
-        information_fraction=share,
-        information_band_hz=band_hz,
+        covariance=covariance, singular_values=sums.singular_values, unreached=unreached,
+        expected_cost=expected_cost, cost_dof=cost_dof, information_fraction=share, information_band_hz=band_hz,
         disagreement=disagreement([part.disagreement for part in parts], len(half)),
         shift=np.where(unreached, 0.0, np.sqrt(blocks / (total + np.diag(floor)))),
         averaging_fraction=repeated / total,
         persistent_fraction=(np.minimum(lasting, of_file) + np.diag(ratios)) / total,
-        costs=costs,
-        power=power,
-    )
+        costs=costs, power=power,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

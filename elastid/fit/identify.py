@@ -83,15 +83,10 @@ def identify(
 
 @lasting_workers()
 def identified(
-    responses: Sequence[Response],
-    robot: Robot,
-    spec: FitSpec,
-    model: ModelSpec = EXACT,
-    execution: Execution | None = None,
-    hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
-    parameters: Parameters | None = None,
-    loads: Sequence[PlacedTest] = (),
-) -> tuple[Result, dict[str, ComplexArray]]:
+    responses: Sequence[Response], robot: Robot, spec: FitSpec, model: ModelSpec = EXACT,
+    execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
+    parameters: Parameters | None = None, loads: Sequence[PlacedTest] = (),
+) -> tuple[Result, dict[str, ComplexArray]]:  # fmt: skip
     """`identify`, and the motion-induced bias (F, n_y, n_u) of each fitted response, by configuration."""
     execution = execution or Execution()
     assembly, ends = _search(responses, robot, spec, model, execution, parameters, loads)
@@ -123,27 +118,18 @@ def identified(
 
 
 def fit_parameters(
-    responses: Sequence[Response],
-    robot: Robot,
-    spec: FitSpec,
-    *,
-    model: ModelSpec = EXACT,
+    responses: Sequence[Response], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT,
     loads: Sequence[PlacedTest] = (),
-) -> Result:
+) -> Result:  # fmt: skip
     """Result without the intervals and causes that take longer than the fit, for many fits that are compared."""
     bare = replace(spec, profile=(), bootstrap=0)
     return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS, loads=loads)
 
 
 def _search(
-    responses: Sequence[Response],
-    robot: Robot,
-    spec: FitSpec,
-    model: ModelSpec,
-    execution: Execution,
-    parameters: Parameters | None = None,
-    loads: Sequence[PlacedTest] = (),
-) -> "tuple[Assembly, _Ends]":
+    responses: Sequence[Response], robot: Robot, spec: FitSpec, model: ModelSpec, execution: Execution,
+    parameters: Parameters | None = None, loads: Sequence[PlacedTest] = (),
+) -> "tuple[Assembly, _Ends]":  # fmt: skip
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_kind(parameters, Parameters | None, "parameters", "elastid.choose(robot, 'k_*') makes them")
     check_responses(responses, robot)

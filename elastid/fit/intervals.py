@@ -43,13 +43,9 @@ from elastid.parameters import Parameter, Parameters
 
 
 def bootstrap(
-    fit: ElasticFit,
-    weights: Sequence[Weights],
-    x: FloatArray,
-    repetitions: int,
-    seed: int = 0,
+    fit: ElasticFit, weights: Sequence[Weights], x: FloatArray, repetitions: int, seed: int = 0,
     execution: Execution | None = None,
-) -> FloatArray:
+) -> FloatArray:  # fmt: skip
     """Estimates (repetitions, n_x) from data drawn about the optimum x (n_x,); NaN rows where a fit failed.
 
     Each repetition has its own random numbers, so that the result does not depend on the execution.
@@ -64,12 +60,9 @@ def bootstrap(
 
 
 def _repeat(
-    fit: ElasticFit,
-    sources: "tuple[_Source, ...]",
-    static: FloatArray | None,
-    x: FloatArray,
+    fit: ElasticFit, sources: "tuple[_Source, ...]", static: FloatArray | None, x: FloatArray,
     draw: np.random.SeedSequence,
-) -> LocalOptimum:
+) -> LocalOptimum:  # fmt: skip
     rng = np.random.default_rng(draw)
     drawn = (source.draw(rng) for source in sources)
     parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))

@@ -83,12 +83,9 @@ def triangle(
 
 
 def sum_lines(
-    fit: ElasticFit,
-    x: FloatArray,
-    factors: Sequence[Factor],
-    half: FloatArray,
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], half: FloatArray,
     configuration: tuple[Part, Response, Weights],
-) -> LineSums:
+) -> LineSums:  # fmt: skip
     """The sums of one configuration at x (n_p,); fit: whose parameters count.
 
     factors: of systematic errors, which are further columns of J.  half (n_x, n_p): H with A^-1 = H^T H.  The variables
@@ -134,13 +131,9 @@ def sum_lines(
 
 
 def _block(
-    fit: ElasticFit,
-    x: FloatArray,
-    factors: Sequence[Factor],
-    part: Part,
-    response: Response,
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], part: Part, response: Response,
     mixing: ComplexArray | None,
-) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+) -> tuple[ComplexArray, ComplexArray, FloatArray]:  # fmt: skip
     """Whitened r (F, n_y, n_u), and J and T of `with_factors`."""
     r, J = fit.block(part, x, mixing)
     return r, *with_factors(J, part, response, factors, mixing)

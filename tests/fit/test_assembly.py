@@ -118,7 +118,7 @@ SPEC = FitSpec(
         "k_1": ParameterSpec(per="robot"),
         "k_2": ParameterSpec(),
         "d_*": ParameterSpec(),
-        "fm_*": ParameterSpec(per="robot"),
+        "fm_*": ParameterSpec(per=ROBOTS),
     },
 )
 TRUTH = {"k_1@A": 3e4, "k_1@B": 3.6e4, "k_2": 2e4, "fm_1@A": 1e-2, "fm_1@B": 3e-2, "fm_2@A": 1e-2, "fm_2@B": 5e-3}
@@ -136,6 +136,9 @@ def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     assert not {"fit/responses", "fit/inconsistent-responses"} & {note.code for note in result.notes}
     place = result.parameters.index("k_1")
     assert result.parameters.expand(result.x, "b3")[place] == result.values["k_1@B"]
+    # Most information on a number of robot B is from the configurations of B.
+    assert result.information_fraction[3:, result.parameters.free_names.index("fm_1@B")].sum() > 0.6
+    np.testing.assert_allclose(result.information_fraction.sum(axis=0), 1.0)
     # A third robot of the type, of which nothing was fitted: the mean of those that were.
     assert result.parameters.expand(result.x, "c1")[place] == pytest.approx(
         math.sqrt(result.values["k_1@A"] * result.values["k_1@B"])

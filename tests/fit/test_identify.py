@@ -16,7 +16,7 @@ from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import DISTORTED, Result
 from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.parameters import Tie
 from elastid.response import UNEXPLAINED, Covariance, Response
@@ -115,16 +115,6 @@ def test_what_only_a_sum_determines_is_ill_conditioned():
     assert np.isinf([result.std["f_1"], result.std["fm_1"]]).all()
     assert result.std["I_load"] < 1e-4
     assert result.singular_values[-1] < 1e-8 * result.singular_values[0]
-
-
-@pytest.mark.parametrize(("off", "is_said"), [(1.05, True), (1.0, False), (1.015, False)])
-def test_a_prior_that_the_data_contradict_is_named(off: float, is_said: bool):
-    """A stiffness known to 1 %, 5 % off."""
-    (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(1))
-    free = {name: ParameterSpec() for name in ("k_1", "d_1")}
-    prior = PriorSpec(mean=off * pendulum().parameters()["k_1"][0], std=0.01)
-    result = identify([response], pendulum(), FitSpec(parameters=free | {"k_1": ParameterSpec(prior=prior)}, starts=2))
-    assert ("fit/prior-contradicted" in {note.code for note in result.notes}) == is_said
 
 
 def test_masks_that_leave_nothing_or_name_nothing_are_refused():

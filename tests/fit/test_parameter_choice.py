@@ -113,29 +113,6 @@ def measure(robot: Robot, name: str, rng: np.random.Generator, relative: float =
     return responses_of(robot, {name: (0.0, 0.3)}, rng, FREQ, relative, 0.01 * relative)[0]
 
 
-def test_friction_of_its_own_for_each_temperature_is_found_in_one_fit():
-    """Two cold configurations with three times the friction of a warm one, springs shared."""
-    rng = np.random.default_rng(0)
-    data = [measure(bench(3e-2), "c1", rng), measure(bench(3e-2), "c2", rng), measure(bench(1e-2), "c3", rng)]
-    per = {"cold": ("c1", "c2"), "warm": ("c3",)}
-    spec = FitSpec(
-        parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(), "fm_1": ParameterSpec(per=per)},
-        starts=4,
-        weights=WeightSpec(model_error=0.0),
-    )
-    result = identify(data, bench(5e-3), spec)
-    assert result.parameters.free_names == ("k_1", "d_1", "k_2", "d_2", "fm_1@cold", "fm_1@warm")
-    for name, truth in (("fm_1@cold", 3e-2), ("fm_1@warm", 1e-2), ("k_2", 100.0)):
-        assert deviation(result, name, truth) < 4
-    place = result.parameters.index("fm_1")
-    assert result.parameters.expand(result.x, "c2")[place] == result.values["fm_1@cold"]
-    assert result.parameters.expand(result.x, "c3")[place] == result.values["fm_1@warm"]
-    # What informs the friction of the cold is where it is cold.
-    cold = result.parameters.free_names.index("fm_1@cold")
-    assert result.information_fraction[:2, cold].sum() > 0.9
-    np.testing.assert_allclose(result.information_fraction.sum(axis=0), 1.0)
-
-
 def test_one_ratio_damps_all_springs():
     """d = beta k with one beta for both dampers, and as a loss factor at 10 Hz: beta = eta / (2 pi 10)."""
     data = [measure(bench(), "c1", np.random.default_rng(1))]

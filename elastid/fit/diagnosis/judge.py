@@ -120,14 +120,9 @@ def _with_priors(
 
 
 def _sums(
-    held: HeldModel,
-    fitted: Parameters,
-    x: FloatArray,
-    columns: Sequence[Columns],
-    chosen: Container[str],
-    thin: Callable[[Part], Part],
-    part: Part,
-) -> _Sums | None:
+    held: HeldModel, fitted: Parameters, x: FloatArray, columns: Sequence[Columns], chosen: Container[str],
+    thin: Callable[[Part], Part], part: Part,
+) -> _Sums | None:  # fmt: skip
     """The sums of a configuration, some lines of which count; None of one that is not chosen."""
     if part.configuration not in chosen or not (part := thin(part)).n_residuals:
         return None
@@ -334,13 +329,9 @@ CONSEQUENCES = ("fit/at-bound", "fit/weakly-identifiable")  # codes of notes
 
 
 def judge(
-    result: Result,
-    assembly: Assembly,
-    optimum: RelinearisedOptimum,
-    uncertainty: Uncertainty,
-    execution: Execution,
+    result: Result, assembly: Assembly, optimum: RelinearisedOptimum, uncertainty: Uncertainty, execution: Execution,
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
-) -> Evidence:
+) -> Evidence:  # fmt: skip
     """The evidence with a result that has its status, and modification indices where they bear on it."""
     evidence = Evidence(assembly, optimum, uncertainty, result, hypotheses, execution)
     # Where no noise is known, only suspect responses are judged.

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 class Limits:
     """Thresholds of the diagnosis, far above the values of correct models (scripts/studies/results.csv).
 
-    Measured there: V 1.13 of its expectation, and the disagreement of blocks, whose noise is less well known than that
-    of all lines together, 1.4; of 330 true models, some with a variance of two degrees of freedom, no number reached a
-    drop of 20; friction in a simulated arm of three axes reached 61, with an effect of 2.1 deviations.  A missing
-    spring lowers V by 44 to 87 where V shows nothing (5 % of noise).
+    Measured there: V 1.13 of its expectation, disagreement of blocks 1.4; of 330 true models none reached a drop of
+    20; a missing spring lowers V by 44 to 87 where V shows nothing (5 % of noise).
     false_alarm_rate: Bonferroni over all candidates, not a false discovery rate: a single false cause in a report is
     one too many, and their drops are strongly correlated.
     """

@@ -104,14 +104,13 @@ def _minima(costs: FloatArray, depth: float) -> BoolArray:
 
 def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> FloatArray:
     """k_i (n_k,), the last a step above the band."""
-    stiff = [model.slopes[name].K for model in models]  # y y^T
-    places = [int(np.argmax(np.diag(K))) for K in stiff if K is not None]
-    inertia = np.mean([model.M[i, i] for model, i in zip(models, places, strict=True)])
+    place = int(np.argmax(np.diag(np.asarray(models[0].slopes[name].K))))  # of its coordinate
+    inertia = float(np.mean([model.M[place, place] for model in models]))
     freq_hz = np.concatenate([part.kernel.freq_hz for part in fit.parts])
     low, high = float(freq_hz[freq_hz > 0].min()), float(freq_hz.max())
     count = min(LIMITS.stiffnesses, 2 + math.ceil(math.log(high / low) / math.log(LIMITS.frequency_step)))
     f = high * LIMITS.frequency_step ** np.arange(2 - count, 2)
-    return inertia * (2 * np.pi * f) ** 2
+    return np.asarray(inertia * (2 * np.pi * f) ** 2)
 
 
 def _with_spring(

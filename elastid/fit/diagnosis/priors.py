@@ -30,21 +30,17 @@ def contradicted_priors(result: Result) -> tuple[Note, ...]:
     Of a prior of mean m and variance S the difference x - m has the variance S - P, P being that of x.
     """
     notes = []
-    for parameter, x, P in zip(result.parameters.free, result.x.tolist(), np.diag(result.covariance), strict=True):
-        if parameter.prior is None or parameter.is_nuisance or not LIMITS.left * parameter.prior.std**2 > P:
+    for p, P, move in zip(result.parameters.free, np.diag(result.covariance), prior_moves(result), strict=True):
+        if p.prior is None or p.is_nuisance or not (gain := 1 - P / p.prior.std**2) > 1 - LIMITS.left:
             continue
-        S, mean = parameter.prior.std**2, parameter.to_x(parameter.prior.mean)
-        sigmas = abs(x - mean) / math.sqrt(S - P)
-        if sigmas < LIMITS.prior:
-            continue
-        alone = mean + (x - mean) * S / (S - P)
-        value = math.exp(alone) if parameter.log else alone
-        text = (
-            f"the data contradict the prior: {parameter.name} = {value:.6g} {parameter.unit} without it, instead of "
-            f"{parameter.prior.mean:.6g} {parameter.unit} ({sigmas:.3g} std apart); the estimate is between the two. "
-            "Correct the prior, or check the records"
-        )
-        notes.append(Note("fit/prior-contradicted", text, parameter.name))
+        sigmas, alone = abs(move) / math.sqrt(gain), p.to_x(p.prior.mean) + move * p.prior.std / gain
+        if sigmas >= LIMITS.prior:
+            text = (
+                f"the data contradict the prior: {p.name} = {math.exp(alone) if p.log else alone:.6g} {p.unit} "
+                f"without it, instead of {p.prior.mean:.6g} {p.unit} ({sigmas:.3g} std apart). "
+                "Correct the prior, or check the records"
+            )
+            notes.append(Note("fit/prior-contradicted", text, p.name))
     return tuple(notes)
 
 
@@ -68,8 +64,8 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     change = relative(math.exp(-moved[worst])) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (
-        f"the robot model is off by {ratio:.2g} of its tolerances (rms; limit {most:.2g}), and an exact one would change "
-        f"{p.name} by {change}. Check torque constants, angles and payload, which the tolerances may absorb"
+        f"the robot model is off by {ratio:.2g} of its tolerances (rms; limit {most:.2g}), and an exact one would "
+        f"change {p.name} by {change}. Check torque constants, angles and payload, which the tolerances may absorb"
     )
     return (Note("fit/tolerances", text, p.name),)
 
