@@ -27,6 +27,7 @@ import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.display import percent
 from elastid.base.errors import DataError, Note, check_kind
 from elastid.modal.fitted_mode import (
     LIMITS,
@@ -164,6 +165,25 @@ def estimate_modes(
     if poles_hz is None:
         _refuse_overload(response)
     response = usable(response, band_hz)
+    orders, fit = _search(response, max_order, poles_hz)
+    notes: tuple[Note, ...] = ()
+    if (unexplained := _unexplained(response, fit)) > LIMITS.unexplained:
+        # The phase convention of an analyser may be e^(-j omega t): stable poles then look unstable.
+        inverted = replace(response, G=response.G.conj())
+        others, other = _search(inverted, max_order, poles_hz)
+        if (remaining := _unexplained(inverted, other)) < LIMITS.phase_gain * unexplained:
+            response, orders, fit = inverted, others, other
+            text = f"the phases have the opposite sign: the conjugate leaves {percent(remaining)} of the power"
+            notes = (Note("modal/phase", f"{text}; elastid uses it", response.configuration.name),)
+    shift = 0.0 if exponential_s is None else 1 / exponential_s
+    modes = _modes(response, fit, stabilisation(orders), shift, poles_hz)
+    return replace(modes, notes=(*modes.notes, *notes))
+
+
+def _search(
+    response: Response, max_order: int | None, poles_hz: Sequence[float] | None
+) -> tuple[tuple[tuple[int, ComplexArray], ...], ModalFit]:
+    """Poles of all orders, and the fit with those that are modes."""
     data, correlated = modal_data(response), response.correlated_lines
     orders = poles_over_orders(
         response.freq_hz, weighted(response, data), data.weight, max_order or int(np.clip(response.n_lines // 6, 8, 60))
@@ -174,8 +194,13 @@ def estimate_modes(
         for _ in range(2):  # by the residuals, which follow a resonance where differences of lines do not
             data = modal_data(response, _residual_variance(response, fit))
             fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz, fit.poles)
-    shift = 0.0 if exponential_s is None else 1 / exponential_s
-    return _modes(response, fit, stabilisation(orders), shift, poles_hz)
+    return orders, fit
+
+
+def _unexplained(response: Response, fit: ModalFit) -> float:
+    """Residual power over the power of the response."""
+    residual = response.G - fit.synthesis().reshape(response.G.shape)
+    return float(np.sum(np.abs(residual) ** 2) / np.sum(np.abs(response.G) ** 2))
 
 
 def modes_of_responses(responses: Sequence[Response], spec: ModalSpec) -> tuple[Modes, ...]:
@@ -299,7 +324,7 @@ def _modes(
     for r in np.argsort(np.abs(fit.poles)).tolist():
         fitted.append(FittedMode.of(response, influences, r, complex(fit.poles[r] * scale) + shift))
     if poles_hz is None:
-        within = without_twins([mode for mode in fitted if mode.is_within(response)])
+        within = without_twins([mode for mode in fitted if mode.is_within(response, shift)])
         chosen = [mode for mode in within if not mode.is_background(response)]
     else:
         chosen = [mode for mode in fitted if mode.is_near(poles_hz)]

@@ -50,6 +50,8 @@ class ModeLimits:
     residue_std: float = 0.5  # of a broad mode's residue, relative
     undamped_std: float = 4.0  # standard deviations by which a damping is below 0
     lines_in_width: float = 1.5  # of a resonance between its half powers, below which its damping is doubtful
+    unexplained: float = 0.1  # power fraction, from which on the conjugate response is tried
+    phase_gain: float = 0.2  # of it, that the conjugate leaves at most
     chosen_distance: float = 0.05  # of a pole from the frequency that it was chosen by, relative
 
 
@@ -81,11 +83,16 @@ class FittedMode:
         std = (influences.residue_std(r) * fit.data.scale * scale).reshape(shape)
         return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std)
 
-    def is_within(self, response: Response) -> bool:
-        """True within the band, with a frequency and a damping that are known."""
+    def is_within(self, response: Response, shift: float = 0.0) -> bool:
+        """True within the band, if frequency and damping have small intervals. Widths below a line need no damping."""
         inside = response.freq_hz[0] <= self.freq_hz <= response.freq_hz[-1]
         inside = inside and self.freq_std <= LIMITS.freq_std * self.freq_hz
-        return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < POLES.max_damping)
+        is_damped = LIMITS.damping_significance * self.zeta_std < self.zeta or self.lines_in_width(response, shift) < 1
+        return bool(inside and is_damped and self.zeta < POLES.max_damping)
+
+    def lines_in_width(self, response: Response, shift: float = 0.0) -> float:
+        """Lines within the half-power width 2 zeta f, with an exponential window of 1 / shift s: 1 / (pi tau) more."""
+        return (2 * self.zeta * self.freq_hz + shift / np.pi) / float(np.median(np.diff(response.freq_hz)))
 
     def is_background(self, response: Response) -> bool:
         """True for a broad pole of little height within its half powers, or of a shape that is not known."""
@@ -142,8 +149,7 @@ def window_notes(modes: Sequence[FittedMode], shift: float, response: Response) 
 
 def line_notes(modes: Sequence[FittedMode], response: Response) -> tuple[Note, ...]:
     """A note on modes whose half-power width 2 zeta f holds too few lines: records too short for their damping."""
-    spacing = float(np.median(np.diff(response.freq_hz)))
-    lines = np.array([2 * mode.zeta * mode.freq_hz / spacing for mode in modes])
+    lines = np.array([mode.lines_in_width(response) for mode in modes])
     if not np.any(lines < LIMITS.lines_in_width):
         return ()
     worst, count = int(np.argmin(lines)), int(np.sum(lines < LIMITS.lines_in_width))

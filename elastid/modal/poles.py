@@ -22,6 +22,7 @@ common: that of an input is, at a resonance.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
@@ -189,25 +190,26 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
     return np.where(is_new[:, None], residues, 0.0)
 
 
-def own_drops(fit: ModalFit) -> FloatArray:
-    """D (n, C) by which the squares grow without each pole, the others where they are."""
+def own_drops(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
+    """D (n, C) of each pole, the others where they are: on all lines, and without its three highest neighbouring ones.
+
+    A disturbance of up to three lines has none of the latter.
+    """
     n = len(fit.poles)
-    _, R, norms = fit.factors
-    coefficients = (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)
+    Q, R, norms = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
-    inverse = np.linalg.pinv(np.einsum("rik,rjk->rij", rows, rows))
-    return np.asarray(np.einsum("ric,rij,rjc->rc", coefficients, inverse, coefficients, optimize=True))
-
-
-def lone_shares(fit: ModalFit) -> FloatArray:
-    """Share (n,) of the line with the most in the power of each pole by itself: near 1 for a pole on a single line."""
-    n = len(fit.poles)
-    Q, R, _ = fit.factors
-    rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n]
-    # The part of a pole's columns that the others do not have.
-    free = unstacked(Q @ rows.T).reshape(-1, n, 2)
-    power = np.sum(np.abs(free) ** 2, axis=2)
-    return np.asarray(power.max(axis=0) / power.sum(axis=0))
+    whole, wide = np.zeros((2, n, fit.residual.shape[1]))
+    for r, row in enumerate(rows):
+        # The part of the pole's columns that the others do not have.
+        columns = Q @ (np.linalg.pinv(row @ row.T) @ row).T
+        part = columns @ (fit.coefficients * norms[:, None])[2 * r : 2 * r + 2]
+        whole[r] = np.sum(part**2, axis=0)
+        power = np.sum(np.abs(unstacked(columns)) ** 2, axis=1)
+        top = int(np.argmax(np.convolve(power, np.ones(3), "same")))
+        outside = np.abs(np.arange(len(power)) - top) > 1
+        basis = scipy.linalg.orth(columns * np.tile(outside, 2)[:, None])
+        wide[r] = np.sum((basis.T @ (fit.residual + part)) ** 2, axis=0)
+    return whole, wide
 
 
 def _at(fit: ModalFit, pole: complex) -> FloatArray:
@@ -242,10 +244,10 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
     if not len(fit.poles):
         return np.empty(0)
     s_r, n_r = levels(fit)
-    drop, level, trials = own_drops(fit), s_r * correlated_lines, LIMITS.trials_per_line * len(fit.data.weight)
-    # An outlier is a pole on one line: without it, none is left.
-    rest = drop * (1 - lone_shares(fit))[:, None]
-    return np.maximum(p_value(drop, level, n_r, trials), p_value(rest, level, n_r, 1.0))
+    (whole, wide), level = own_drops(fit), s_r * correlated_lines
+    return np.maximum(
+        p_value(whole, level, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(wide, level, n_r, 1.0)
+    )
 
 
 def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) -> ModalFit:
@@ -280,7 +282,20 @@ def eliminated(fit: ModalFit, correlated_lines: float) -> ModalFit:
         if chance[worst] < LIMITS.records_with_false_modes:
             break
         fit = fit.without(worst).refined(8, 1e-2)
+    while (unresolved := _unresolved(fit)) is not None:
+        fit = fit.without(unresolved).refined(8, 1e-2)
     return fit.refined(30, 1e-4)
+
+
+def _unresolved(fit: ModalFit) -> int | None:
+    """The weaker of two poles within a line that are narrower than lines: one mode, moved between references."""
+    spacing, order = float(np.median(np.diff(fit.data.basis.s.imag))), np.argsort(fit.poles.imag)
+    for low, high in pairwise(order.tolist()):
+        widths = -2 * fit.poles.real[[low, high]]
+        if max(float(fit.poles.imag[high] - fit.poles.imag[low]), float(widths.max())) < spacing:
+            drop = own_drops(fit)[0].sum(axis=1)
+            return int(low if drop[low] < drop[high] else high)
+    return None
 
 
 def residual_peaks(fit: ModalFit) -> ComplexArray:

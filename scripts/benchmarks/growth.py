@@ -51,6 +51,7 @@ SIZES = {
     "map": {"postures": (1000, 2000, 4000, 8000)},
 }
 USUAL = {"records": 24, "samples": 4096, "configurations": 8, "coordinates": 18, "postures": 1000}
+QUICK = {"records": (12, 24), "configurations": (3, 6), "postures": (50, 100)}
 LINES = {"estimate": 512, "identify": 100, "map": 100}
 
 
@@ -75,7 +76,7 @@ def of_map(postures: int, **fit: int) -> Callable[[], object]:
     """Compliance, modes and stability with their intervals at random postures."""
     result = of_identify(**fit)()
     angles = random_postures(result.known_robot, postures, 1)
-    return lambda: map_workspace(result, angles, frame="6")
+    return lambda: map_workspace(result, angles, frame=str(fit["coordinates"] // 3))
 
 
 def memory_mb(name: str) -> float:
@@ -99,14 +100,16 @@ def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
 def main() -> None:
     """A line for each size, then the slopes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="two sizes of one thing each, to see that it runs")
+    parser.add_argument("--quick", action="store_true", help="two small sizes of one thing each, to see that it runs")
     is_quick, slopes = parser.parse_args().quick, dict[str, float]()
     print(machine())
     for name, over in SIZES.items():
         known = {key: USUAL[key] for key in (*over, *(SIZES["identify"] if name == "map" else ())) if key != "lines"}
         known["lines"] = LINES[name]
+        if is_quick and "coordinates" in known:
+            known |= {"configurations": 3, "coordinates": 9}
         for key, sizes in [*over.items()][: 1 if is_quick else None]:
-            used = sizes[:2] if is_quick else sizes
+            used = QUICK[key] if is_quick else sizes
             tasks = [(name, known | {key: size}) for size in used]
             with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
                 found = np.array(pool.map(point, tasks, chunksize=1))
