@@ -79,16 +79,10 @@ class Assembly:
 
     @classmethod
     def of(
-        cls,
-        responses: Sequence[Response],
-        robot: Robot,
-        spec: FitSpec,
-        parameters: Parameters,
-        model: ModelSpec = EXACT,
-        loads: Sequence[PlacedTest] = (),
-        weights: Sequence[Weights] | None = None,
+        cls, responses: Sequence[Response], robot: Robot, spec: FitSpec, parameters: Parameters,
+        model: ModelSpec = EXACT, loads: Sequence[PlacedTest] = (), weights: Sequence[Weights] | None = None,
         home: Execution = HERE,
-    ) -> "Assembly":
+    ) -> "Assembly":  # fmt: skip
         """Weigh the responses, unless their weights are known, and build the model, under the static loads, too."""
         weights = tuple(weights or (weigh(response, spec) for response in responses))
         linearisation = Linearisation.of_robot(robot, model, parameters.names)

@@ -65,13 +65,9 @@ CREEPING = "the cost no longer decreases"
 
 
 def trust_region(
-    problem: LeastSquares,
-    x0: FloatArray,
-    beginning: Evaluation,
-    tolerance: float,
-    max_iterations: int,
+    problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float, max_iterations: int,
     fixed: BoolArray | None = None,
-) -> Ending:
+) -> Ending:  # fmt: skip
     """End of the steps from x0 (n_x,), within its bounds; beginning: the problem there.
 
     An iteration is one evaluation.  fixed (n_x,): variables that stay.
