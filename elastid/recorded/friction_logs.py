@@ -192,11 +192,10 @@ class _LogReader:
         at_rest = zip(self.robot.driven, self.angles, strict=True)
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
         posture = Configuration(self.file.configuration or self.name, np.array(angles))
-        carried: dict[str, float] = {}  # |torque| (Nm, N) that holds each driven joint, the payload at the last frame
+        load_torque = np.zeros(len(angles))  # Nm, N: holds each driven joint, the payload at the last frame
         if self.file.load:
             model = formulate(with_point_mass(self.robot, self.payload))
-            held = np.abs(equilibrium(model, np.asarray(model.theta), posture).u).tolist()
-            carried = dict(zip(self.robot.driven_names, held, strict=True))
+            load_torque = np.abs(equilibrium(model, np.asarray(model.theta), posture).u)
         holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
         return tuple(
             FrictionRecord(
@@ -217,7 +216,7 @@ class _LogReader:
                 speed=self.file.speed,
                 load=self.file.load,
                 payload=self.payload,
-                load_torque=carried.get(joint.name, 0.0),
+                load_torque=float(load_torque[self.robot.driven_names.index(joint.name)]),
                 # A held torque acts half a sample after its instant, on average.
                 torque_delay_s=0.5 / rate_hz if holds[joint.name] == "zero-order" else 0.0,
                 period_samples=period,

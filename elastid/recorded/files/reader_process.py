@@ -18,7 +18,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from threading import RLock
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,9 +51,11 @@ class _File:
         return log
 
 
-def guarded(
-    reader: Callable[[Path, TextFormatSpec], AbstractContextManager[ArrayLog]],
-) -> Callable[[Path, TextFormatSpec], AbstractContextManager[ArrayLog]]:
+# Opens a file as a log.
+Opener: TypeAlias = Callable[[Path, TextFormatSpec], AbstractContextManager[ArrayLog]]
+
+
+def guarded(reader: Opener) -> Opener:
     """The function that opens a file, carried out in the guarded process."""
 
     @contextmanager

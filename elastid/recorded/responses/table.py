@@ -167,10 +167,10 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     data = complex_array(leaves, f"{prefix}{_DATA}")
     assert data is not None  # it is listed by structs_in
     G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
-    keys = [key for key in ("FrequencyUnit", "Units", "TimeUnit") if prefix + key in leaves]
-    texts = {key: _text(leaves[prefix + key]) for key in keys}
-    unit = texts.get("FrequencyUnit") or texts.get("Units", "")
-    if "timeunit" in unit.lower() and texts.get("TimeUnit", "").lower() not in ("", "seconds", "s"):
+    keys = (prefix + key for key in ("FrequencyUnit", "Units", "TimeUnit"))
+    stated, other, time = (_text(leaves[key]) if key in leaves else "" for key in keys)
+    unit = stated or other
+    if "timeunit" in unit.lower() and time.lower() not in ("", "seconds", "s"):
         raise DataError(
             "responses/table", f"{prefix}TimeUnit is not seconds. Set frequency_unit, or save it in rad/s", path
         )
