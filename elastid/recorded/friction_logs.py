@@ -43,7 +43,7 @@ from elastid.robot.simplified import with_point_mass
 
 # Limits of motions and temperatures of joints, and of warm-ups (all of 12 clean logs are accepted).
 # Travel below which a joint is held by its controller, in m where it slides and in rad.
-HELD_TRAVEL_M, HELD_TRAVEL_RAD = 1e-3, 5e-3
+REST_TRAVEL_M, REST_TRAVEL_RAD = 1e-3, 5e-3
 IMPOSSIBLE_DEGC = 150.0
 # Of warm-ups.
 STEP_S = 10.0  # of constant power, at least: several cycles of a motion
@@ -246,8 +246,8 @@ class _LogReader:
         return moving
 
     def _moves(self, joint: Joint, position: FloatArray) -> bool:
-        held = HELD_TRAVEL_M if joint.slides else HELD_TRAVEL_RAD
-        return joint.name == self.file.joint or float(np.ptp(position)) > held
+        rest = REST_TRAVEL_M if joint.slides else REST_TRAVEL_RAD
+        return joint.name == self.file.joint or float(np.ptp(position)) > rest
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)

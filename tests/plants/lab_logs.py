@@ -59,7 +59,7 @@ def save_csv(
     path.write_text(text.replace(".", ",") if comma else text)
 
 
-def logged(
+def record_of(
     base: Path, log: Mapping[str, np.ndarray], channels: tuple[ChannelSpec, ...] = CHANNELS, **changes: Any
 ) -> Record:
     """The record of a log that is written as CSV."""

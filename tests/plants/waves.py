@@ -29,7 +29,7 @@ DRIFT = np.arange(P * N)[:, None] / (P * N) * np.array([0.0, 5e4])
 NOISE = np.random.default_rng(9).normal(size=CLEAN.shape) * np.array([1e-3, 1.0])
 
 
-def found(repair: Callable[..., Any], *args: Any, names: tuple[str, ...] = LOG.names) -> tuple[Any, Counter[str]]:
+def outcome(repair: Callable[..., Any], *args: Any, names: tuple[str, ...] = LOG.names) -> tuple[Any, Counter[str]]:
     """Result of a repair whose last argument is a log, and its counts by kind."""
     log = replace(LOG, names=names, findings=Findings())
     return repair(*args, log), log.findings.repairs

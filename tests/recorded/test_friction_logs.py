@@ -27,7 +27,7 @@ def read(folder: Path, *files: FileSpec, channels: tuple[ChannelSpec, ...] = CHA
     return read_friction_logs(ROBOT, logs(*files, channels=channels), folder, ["1"], {}).records
 
 
-def logged(folder: Path, q: np.ndarray, u: np.ndarray) -> tuple[FrictionRecord, ...]:
+def records_of(folder: Path, q: np.ndarray, u: np.ndarray) -> tuple[FrictionRecord, ...]:
     write_log(folder / "log.csv", q, u)
     return read(folder, FileSpec("log.csv"))
 
@@ -48,7 +48,7 @@ def test_spikes_of_torque_and_position_are_masked(tmp_path: Path) -> None:
     q, u = Q.copy(), U.copy()
     u[[700, 1500]] += 60.0
     q[[700, 1500]] = 0.0
-    (of_torque,), (of_position,), (clean,) = (logged(tmp_path, *each) for each in ((Q, u), (q, U), (Q, U)))
+    (of_torque,), (of_position,), (clean,) = (records_of(tmp_path, *each) for each in ((Q, u), (q, U), (Q, U)))
     assert np.abs(of_torque.torque - U).max() < 2.0
     assert [note.code for note in of_torque.notes] == ["records/corrected"]
     assert np.abs(of_position.position - Q).max() < np.abs(np.diff(Q)).max()
@@ -59,7 +59,7 @@ def test_rows_of_zeros_are_missing_and_interpolated(tmp_path: Path) -> None:
     """One row in seven, as of a second publisher of a topic."""
     q, u = Q + 1.0, U.copy()
     q[::7] = u[::7] = 0.0
-    (record,) = logged(tmp_path, q, u)
+    (record,) = records_of(tmp_path, q, u)
     at = np.setdiff1d(np.arange(len(q)), np.arange(0, len(q), 7))
     inside = slice(at[0], at[-1] + 1)
     assert np.abs(record.position - (Q + 1.0)[inside][: len(record.position)]).max() < np.abs(np.diff(Q)).max()
@@ -73,7 +73,7 @@ def test_a_long_gap_divides_a_log_and_lost_messages_do_not(tmp_path: Path) -> No
     lost = np.random.default_rng(0).choice(np.arange(5, middle - 50), middle // 100, replace=False)
     for x in (q, u):
         x[lost] = x[middle : middle + 40] = np.nan
-    first, second = logged(tmp_path, q, u)
+    first, second = records_of(tmp_path, q, u)
     assert (first.name, second.name) == ("log", "log part 2")
     assert second.start_s * second.rate_hz == pytest.approx(middle + 40)
     np.testing.assert_allclose(second.position, Q[middle + 40 :], atol=1e-5)
@@ -82,7 +82,7 @@ def test_a_long_gap_divides_a_log_and_lost_messages_do_not(tmp_path: Path) -> No
 
 def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
     with refused("records/channels", place="log.csv"):
-        logged(tmp_path, 1e-4 * Q, U)
+        records_of(tmp_path, 1e-4 * Q, U)
 
 
 def read_warm_up(folder: Path, log: WarmLog, file: FileSpec, thermometer: ChannelSpec = THERMOMETER) -> WarmUp:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis.extra.numpy import arrays
-from plants.lab_logs import CHANNELS, ROBOT, N, logged, measured, save_csv, study_of
+from plants.lab_logs import CHANNELS, ROBOT, N, measured, record_of, save_csv, study_of
 from plants.measured import KUKA
 from plants.measured import measured as record_file
 from plants.notes import said
@@ -41,7 +41,7 @@ def test_samples_that_are_lost_in_three_periods_are_said(
     assert found[1] == f"{abs(lost)} samples are {'missing' if lost > 0 else 'duplicated'}"
     assert abs(int(found[2]) - place) < 50
     with refused("records/period-mismatch", holds="200 samples"):
-        logged(tmp_path, {name: x[:600] for name, x in log.items()}, period_samples=202)
+        record_of(tmp_path, {name: x[:600] for name, x in log.items()}, period_samples=202)
 
 
 AXIS = Robot("axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-2)),), inertia=1.0),))
@@ -73,7 +73,7 @@ def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(
 def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path: Path) -> None:
     """1.95 periods: two of them, the last 10 samples from the first."""
     whole = _log_of_period(N, 400)
-    record = logged(tmp_path, {name: x[:390] for name, x in whole.items()})
+    record = record_of(tmp_path, {name: x[:390] for name, x in whole.items()})
     assert record.n_periods == 2
     np.testing.assert_allclose(record.u[:, 1], whole["i1"] * 0.5e-3 * -50.0, atol=1e-6 * np.ptp(record.u))
     assert record.left_out == ()
@@ -84,7 +84,7 @@ def test_without_a_period_the_whole_record_is_one_piece(period: str | None, tmp_
     """Noise, all of its samples; nothing is mended from other periods."""
     rng = np.random.default_rng(0)
     log = {name: rng.normal(size=777) for name in ("i1", "i2", "phi", "w2")}
-    record = logged(tmp_path, log, period_samples=None, period=period)
+    record = record_of(tmp_path, log, period_samples=None, period=period)
     assert not record.is_periodic
     assert (record.n_samples, record.period_samples, record.n_periods) == (777, 777, 1)
     np.testing.assert_allclose(record.u[:, 1], log["i1"] * 0.5e-3 * -50.0, rtol=1e-12)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import friction_logs
 from plants.friction_logs import logs, sliding_torque, trapezoids
-from plants.lab_logs import CHANNELS, RATE, ROBOT, N, U, Y, logged, measured, save_csv, study_of, write_csv
+from plants.lab_logs import CHANNELS, RATE, ROBOT, N, U, Y, measured, record_of, save_csv, study_of, write_csv
 from plants.notes import noted
 from plants.refusals import refused
 
@@ -49,7 +49,7 @@ def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(
     tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
     """One motor at a time is a lawful experiment; the estimator judges all of them together."""
-    (note,) = logged(tmp_path, log | {"i2": np.full(800, 0.5)}).notes
+    (note,) = record_of(tmp_path, log | {"i2": np.full(800, 0.5)}).notes
     assert noted(note) == ("records/input-not-excited", "record home-r0-e0", [2, 2, 0.5])
 
 
@@ -78,7 +78,7 @@ def test_a_log_of_one_row_and_a_dead_sensor_are_refused(
     change: Callable[[str, np.ndarray], np.ndarray], holds: str, tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
     with refused("records/values", place="log.csv", holds=holds):
-        logged(tmp_path, {name: change(name, x) for name, x in log.items()})
+        record_of(tmp_path, {name: change(name, x) for name, x in log.items()})
 
 
 def test_a_motor_side_without_a_gear_is_refused(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
@@ -165,7 +165,7 @@ def test_feedback_that_turns_the_phase_mirrors_nothing(step: int, sign: int) -> 
 def test_a_signal_that_was_logged_twice_is_named(
     second: Callable[..., np.ndarray], places: list[str], tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
-    notes = logged(tmp_path, log | {"i2": second(log["i1"], log["i2"])}).notes
+    notes = record_of(tmp_path, log | {"i2": second(log["i1"], log["i2"])}).notes
     named = [note.place for note in notes if note.code == "records/same-signal" and {"i1", "i2"} < {*note.text.split()}]
     assert named == places
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
-from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, found, wave
+from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, outcome, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import Findings, Log
@@ -38,7 +38,7 @@ def test_noise_steps_of_an_encoder_and_a_transient_are_no_spikes(
     signals += signals.std(axis=0) * (noise + ringing[:, None])
     if q:
         signals[:, 1] = q * np.round(signals[:, 1] / q)
-    repaired, findings = found(without_spikes, signals, N, 1)
+    repaired, findings = outcome(without_spikes, signals, N, 1)
     assert not findings
     np.testing.assert_array_equal(repaired, signals)
 
@@ -48,18 +48,18 @@ def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     rng = np.random.default_rng(5)
     many = CLEAN + NOISE
     many[rng.choice(P * N, 90, replace=False), 0] += 1.0
-    repaired, findings = found(without_spikes, many, N, 1)
+    repaired, findings = outcome(without_spikes, many, N, 1)
     np.testing.assert_array_equal(repaired, many)
     assert [*findings] == ["spikes left"]
     burst = CLEAN + NOISE
     burst[1200:1260, 0] += np.sin(np.arange(60) * 2.0)
-    assert not found(without_spikes, burst, N, 1)[1]
-    assert not found(without_spikes, many[: 2 * N], N, 1)[1]
+    assert not outcome(without_spikes, burst, N, 1)[1]
+    assert not outcome(without_spikes, many[: 2 * N], N, 1)[1]
     pulses = CLEAN + NOISE
     pulses[[777, 1888], 0] += 0.5
-    assert found(without_spikes, pulses, N, 1)[1] == {MASKED: 2}
+    assert outcome(without_spikes, pulses, N, 1)[1] == {MASKED: 2}
     pulses[(np.arange(0, P * N - 60, 47)[:, None] + rng.choice(12, 3, replace=False)).ravel(), 0] += 0.5
-    assert not found(without_spikes, pulses, N, 1)[1]
+    assert not outcome(without_spikes, pulses, N, 1)[1]
 
 
 @pytest.mark.parametrize("length", [1, 3, 40])
@@ -67,14 +67,14 @@ def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length:
     """A bus that lost samples of an angle far from 0; those of a torque about 0 stay, and pulses that repeat."""
     signals = 1e-4 * CLEAN + np.array([0.0, 90.0])
     signals[3 * N + 100 : 3 * N + 100 + length] = 0.0
-    masked, findings = found(without_standstill, signals, N)
+    masked, findings = outcome(without_standstill, signals, N)
     lost = np.isnan(masked)
     assert lost[:, 1].nonzero()[0].tolist() == list(range(3 * N + 100, 3 * N + 100 + length))
     assert not lost[:, 0].any()
     assert findings == {MASKED: length}
     pulses = np.tile(np.where(np.arange(N) % 100 < length, 0.0, 50.0), P)[:, None] + np.zeros(2)
-    assert not found(without_standstill, pulses, N)[1]
-    assert not found(without_standstill, CLEAN, N)[1]
+    assert not outcome(without_standstill, pulses, N)[1]
+    assert not outcome(without_standstill, CLEAN, N)[1]
 
 
 M = 400
@@ -93,28 +93,28 @@ def test_what_stands_in_every_period_or_within_a_count_does_not_hang() -> None:
     signals = sines()
     signals[np.arange(4 * M) % M > 300] = 0.0
     signals[100:115, 0] = signals[100, 0]
-    assert not found(without_standstill, signals, M)[1]
+    assert not outcome(without_standstill, signals, M)[1]
     for seed in range(20):
         coarse = np.stack([np.round(sines(seed)[:, 0] / 4) * 4, np.clip(sines(seed)[:, 1], -3, 3)], axis=1)
-        assert not found(without_standstill, coarse, M)[1]
+        assert not outcome(without_standstill, coarse, M)[1]
 
 
 def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:
     """At 2 rms a word, at 1 rms refused, unclipped and coarse steps nothing."""
     at_two, at_one = (np.clip(CLEAN, -level * CLEAN.std(axis=0), level * CLEAN.std(axis=0)) for level in (2, 1))
     beyond = np.sum(np.abs(CLEAN[:, 1]) > 2 * CLEAN[:, 1].std())
-    counts = found(report_clipping, at_two[:, 1:], N, names=("angle",))[1]
+    counts = outcome(report_clipping, at_two[:, 1:], N, names=("angle",))[1]
     assert counts == {CLIPPED: pytest.approx(beyond, rel=0.5)}
     with refused("records/clipped", place="log.csv", holds=("torque", "-1 and 1")):
-        found(report_clipping, at_one, N)
-    assert not any(found(report_clipping, x, N)[1] for x in (CLEAN, 200 * np.round(CLEAN / 200)))
+        outcome(report_clipping, at_one, N)
+    assert not any(outcome(report_clipping, x, N)[1] for x in (CLEAN, 200 * np.round(CLEAN / 200)))
     # Six hits of different heights, exactly 0 between them under a force window; cut at half of the lowest height.
     x, rng = np.zeros(3000), np.random.default_rng(0)
     for hit in range(6):
         x[500 * hit + 50 : 500 * hit + 80] = rng.uniform(0.7, 1.3) * np.sin(np.pi * (np.arange(30) + 0.5) / 30)
-    assert not found(report_clipping, x[:, None], len(x), names=("force",))[1]
+    assert not outcome(report_clipping, x[:, None], len(x), names=("force",))[1]
     low = np.minimum(x, 0.35)[:, None]
-    assert found(report_clipping, low, len(x), names=("force",))[1] == {CLIPPED: np.sum(x > 0.35)}
+    assert outcome(report_clipping, low, len(x), names=("force",))[1] == {CLIPPED: np.sum(x > 0.35)}
 
 
 def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
@@ -125,8 +125,8 @@ def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     assert step(coarse) == pytest.approx(1e3 * q, rel=1e-6)
     assert step(CLEAN[:, 0]) == 0
     signals = np.stack([CLEAN[:, 0], coarse], axis=1)
-    assert [*found(report_steps, signals, N, 1)[1].values()] == [1]
-    assert not found(report_steps, np.stack([CLEAN[:, 0], fine], axis=1), N, 1)[1]
+    assert [*outcome(report_steps, signals, N, 1)[1].values()] == [1]
+    assert not outcome(report_steps, np.stack([CLEAN[:, 0], fine], axis=1), N, 1)[1]
 
 
 @settings(max_examples=25, deadline=None)
@@ -137,7 +137,7 @@ def test_what_is_filled_never_touches_what_was_measured(gaps: list[tuple[int, in
     for start, length in gaps:
         signals[start : start + length, 0] = np.nan
     good = np.isfinite(signals)
-    repaired, findings = found(filled, signals, N, sign)
+    repaired, findings = outcome(filled, signals, N, sign)
     np.testing.assert_array_equal(repaired[good], signals[good])
     assert np.isfinite(repaired).all()
     assert findings.get(FILLED, 0) == np.sum(~good)

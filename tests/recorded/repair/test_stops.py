@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.lab_logs import N, logged
+from plants.lab_logs import N, record_of
 from plants.notes import noted, said
-from plants.waves import found
+from plants.waves import outcome
 
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.recorded.repair.masks import without_stops
@@ -30,7 +30,7 @@ def _stopped(log: dict[str, np.ndarray], first: int, last: int) -> dict[str, np.
 def test_a_stop_within_one_period_is_found_named_and_left_out(tmp_path: Path) -> None:
     """The third of six periods stops after 60 samples; the others are as they were logged."""
     whole = _log(6)
-    record = logged(tmp_path, _stopped(whole, 460, 600))
+    record = record_of(tmp_path, _stopped(whole, 460, 600))
     assert record.left_out == (2,)
     (note,) = (text for text in said(record.notes) if "as at a stop" in text)
     assert "repetitions 3 of 6" in note
@@ -47,7 +47,7 @@ def test_a_multisine_stops_nowhere_whatever_friction_noise_and_rounding_do(frict
         for step, std in ((0.0, 1e-3), (0.02, 1e-3), (0.1, 0.0), (0.0, 0.1)):
             x = signals + std * noise
             x = step * np.round(x / step) if step else x
-            assert not found(without_stops, x, [0], L)[1]
+            assert not outcome(without_stops, x, [0], L)[1]
 
 
 def _with_friction(friction: float, count: int, L: int) -> np.ndarray:
@@ -72,7 +72,7 @@ def _with_friction(friction: float, count: int, L: int) -> np.ndarray:
 @pytest.mark.parametrize("periods", [6, 20])
 def test_what_follows_a_stop_for_good_is_cut_off(periods: int, tmp_path: Path) -> None:
     """Stopped in the fourth period, for up to most of the log."""
-    record = logged(tmp_path, _stopped(_log(periods), 700, periods * N))
+    record = record_of(tmp_path, _stopped(_log(periods), 700, periods * N))
     assert (record.n_periods, record.left_out) == (3, ())
     assert noted(*record.notes) == ("records/corrected", "record home-r0-e0", [*range(4, periods + 1), periods])
 
@@ -81,7 +81,7 @@ def test_what_follows_a_stop_for_good_is_cut_off(periods: int, tmp_path: Path) -
 def test_a_log_that_begins_before_the_excitation_keeps_all_its_periods(periods: int, tmp_path: Path) -> None:
     """Rest during 0.7 of the first period is a start, no stop, and later periods show that the period is right."""
     log = {name: np.where(np.arange(periods * N) < 140, 0.0, x) for name, x in _log(periods).items()}
-    record = logged(tmp_path, log)
+    record = record_of(tmp_path, log)
     assert (record.n_periods, record.left_out) == (periods, ())
     assert not any("stop" in text for text in said(record.notes))
 
@@ -92,7 +92,7 @@ def test_rest_before_the_excitation_is_left_out(rest: int, tmp_path: Path) -> No
     log = _log(4)
     noise = 1e-3 * np.random.default_rng(4).normal(size=(rest, 4))
     before = dict(zip(log, noise.T, strict=True))
-    record = logged(tmp_path, {name: np.r_[before[name], x] for name, x in log.items()})
+    record = record_of(tmp_path, {name: np.r_[before[name], x] for name, x in log.items()})
     assert record.n_periods == (4 * N + rest % N) // N
     code, place, (start, _, discarded) = noted(record.notes[0])
     assert (code, place, discarded) == ("records/corrected", "record home-r0-e0", rest // N)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
-from plants.waves import CLEAN, DRIFT, LOG, N, P, found, wave
+from plants.waves import CLEAN, DRIFT, LOG, N, P, outcome, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import Findings
@@ -30,11 +30,11 @@ def test_gaps_in_even_times_become_missing_samples() -> None:
     t = np.arange(100) / 1000 * (1 + 2e-4) + 1e-5 * np.random.default_rng(1).uniform(-1, 1, 100)
     left = np.r_[0:20, 23:70, 71:100]
     x = np.arange(100.0)[:, None]
-    repaired, findings = found(on_grid, t[left], x[left], 1000.0)
+    repaired, findings = outcome(on_grid, t[left], x[left], 1000.0)
     assert np.flatnonzero(np.isnan(repaired[:, 0])).tolist() == [20, 21, 22, 70]
     assert findings == {GAPS: 4}
     np.testing.assert_array_equal(repaired[left], x[left])
-    assert not found(on_grid, t, x, 1000.0)[1]
+    assert not outcome(on_grid, t, x, 1000.0)[1]
 
 
 UNEVEN: dict[str, tuple[FloatArray, float, float]] = {
@@ -67,7 +67,7 @@ def test_stamps_of_an_even_sampling_do_not_move_samples(jitter: float, highest_h
     rng, rows = np.random.default_rng(7), np.arange(3000)
     t = (rows + rng.uniform(-jitter, jitter, len(rows))) / 1000.1
     signals = waves(rows / 1000, highest_hz) + 1e-3 * rng.normal(size=(len(rows), 2))
-    repaired, findings = found(on_grid, t, signals, 1000.0)
+    repaired, findings = outcome(on_grid, t, signals, 1000.0)
     np.testing.assert_array_equal(repaired, signals)
     assert findings == {JITTER: 3000}
 
@@ -88,7 +88,7 @@ def test_a_pause_longer_than_a_block_and_an_empty_channel_stay_missing() -> None
     t[10_000:] += 40.0
     signals = waves(t, 100.0)
     signals[:, 1] = np.nan
-    repaired, findings = found(on_grid, t, signals, 1000.0)
+    repaired, findings = outcome(on_grid, t, signals, 1000.0)
     missing = np.isnan(repaired)
     assert missing[:, 1].all()
     assert missing[:, 0].sum() == pytest.approx(40_000, abs=3)
@@ -121,7 +121,7 @@ def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
     t = np.cumsum(np.random.default_rng(4).choice([0.010, 0.012], 2000))
     with refused("records/clock", place="log.csv", holds=("37.5 Hz", "90 Hz", "rate_hz 200", "rate_hz: 83")):
         on_grid(t, t[:, None], 200.0, LOG)
-    resampled, findings = found(on_grid, t, t[:, None], 83.0)
+    resampled, findings = outcome(on_grid, t, t[:, None], 83.0)
     assert findings
     assert len(resampled) == int((t[-1] - t[0]) * 83.0) + 1
     with refused("records/clock", place="log.csv", holds="sample 50"):
@@ -152,7 +152,7 @@ def test_a_clock_that_differs_is_taken_out(excess: float, drift: float) -> None:
     """A period of N + e samples: the signal is back to 2e-4 of its size, drift or not."""
     t = np.arange(int(np.ceil(P * (N + excess)))) * N / (N + excess)
     signals = wave(t) + drift * np.outer(t / (P * N), [0.0, 5e4])
-    repaired, findings = found(resampled, signals, signals[:, :1], N)
+    repaired, findings = outcome(resampled, signals, signals[:, :1], N)
     error = repaired - CLEAN - drift * DRIFT
     # Near its ends the log leans on what it is continued with.
     assert np.all(np.abs(error[50:-50]).max(axis=0) < 2e-4 * CLEAN.std(axis=0))
