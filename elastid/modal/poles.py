@@ -191,11 +191,11 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
 
 
 def own_drops(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
-    """D (n, C) of each pole, the others where they are: on all lines, and without its three highest neighbouring ones.
+    """D (n, C) of each pole, the others where they are: on all lines, and without its highest line.
 
-    A disturbance of up to three lines has none of the latter.
+    Of a pole narrower than a line without the three highest neighbouring lines: a disturbance of these has no other.
     """
-    n = len(fit.poles)
+    n, spacing = len(fit.poles), float(np.median(np.diff(fit.data.basis.s.imag)))
     Q, R, norms = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
     whole, wide = np.zeros((2, n, fit.residual.shape[1]))
@@ -205,8 +205,9 @@ def own_drops(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
         part = columns @ (fit.coefficients * norms[:, None])[2 * r : 2 * r + 2]
         whole[r] = np.sum(part**2, axis=0)
         power = np.sum(np.abs(unstacked(columns)) ** 2, axis=1)
-        top = int(np.argmax(np.convolve(power, np.ones(3), "same")))
-        outside = np.abs(np.arange(len(power)) - top) > 1
+        beside = int(-2 * fit.poles.real[r] < spacing)
+        top = int(np.argmax(np.convolve(power, np.ones(1 + 2 * beside), "same")))
+        outside = np.abs(np.arange(len(power)) - top) > beside
         basis = scipy.linalg.orth(columns * np.tile(outside, 2)[:, None])
         wide[r] = np.sum((basis.T @ (fit.residual + part)) ** 2, axis=0)
     return whole, wide
