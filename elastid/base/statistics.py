@@ -78,20 +78,14 @@ def correlation_of(covariance: FloatArray) -> FloatArray:
 By: TypeAlias = Literal["linearisation", "samples"]
 
 
-@dataclass(frozen=True)
-class PropagationLimits:
-    """Numbers of draws, and the error up to which slopes suffice; they state no fault and so have no false alarms."""
-
-    checks: int = 16  # draws against which the slopes are held
-    error: float = 0.15  # rms of what the slopes miss of these draws, over the rms of the draws
-    draws: int = 400  # from which intervals are taken where slopes do not suffice
-    numbers: int = 2000  # of normal numbers, for quantiles where slopes do
-    unreached_step: float = 1e-4  # of x along a direction of which nothing is known
-    slope_step: float = 0.5  # of x, at most, over which a slope is taken
-    draw: float = 2.0  # of x, at most, by which a draw is off: of a logarithm a factor of 7
-
-
-LIMITS = PropagationLimits()
+# Numbers of draws, and the error up to which slopes suffice; they state no fault and so have no false alarms.
+CHECK_DRAWS = 16  # draws against which the slopes are held
+SLOPE_ERROR = 0.15  # rms of what the slopes miss of these draws, over the rms of the draws
+DRAWS = 400  # from which intervals are taken where slopes do not suffice
+NORMAL_NUMBERS = 2000  # of normal numbers, for quantiles where slopes do
+UNREACHED_STEP = 1e-4  # of x along a direction of which nothing is known
+SLOPE_STEP = 0.5  # of x, at most, over which a slope is taken
+MAX_DRAW = 2.0  # of x, at most, by which a draw is off: of a logarithm a factor of 7
 LEVEL = 0.95
 
 
@@ -121,7 +115,7 @@ class Spread:
         """
         std = self.std
         pointwise, together = np.array(std), np.array(std)
-        normal = np.random.default_rng(0).standard_normal((LIMITS.numbers, len(self.errors)))
+        normal = np.random.default_rng(0).standard_normal((NORMAL_NUMBERS, len(self.errors)))
         for i, j in np.ndindex(std.shape[1:]):
             errors = self.errors[:, :, i, j]
             size = np.where(np.isfinite(std[:, i, j]) & (std[:, i, j] > 0), std[:, i, j], 1.0)
@@ -139,27 +133,27 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
     unreached = np.isinf(np.diag(covariance))
     axes = principal_axes(covariance)
     # A number that is hardly known at all has the slope at the estimate, not that across absurd robots.
-    parts = [min(1.0, LIMITS.slope_step / float(np.abs(axis).max())) for axis in axes]
+    parts = [min(1.0, SLOPE_STEP / float(np.abs(axis).max())) for axis in axes]
     steps = zip(axes, parts, strict=True)
     shifts = [(np.asarray(function(x + h * axis)) - function(x - h * axis)) / (2 * h) for axis, h in steps]
     unknown = np.zeros(value.shape, bool)
     size = np.abs(value).max(initial=1e-300)
     for i in np.flatnonzero(unreached):
-        moved = np.abs(function(x + LIMITS.unreached_step * np.eye(len(x))[i]) - value)
-        unknown |= moved > 1e-7 * LIMITS.unreached_step * size
+        moved = np.abs(function(x + UNREACHED_STEP * np.eye(len(x))[i]) - value)
+        unknown |= moved > 1e-7 * UNREACHED_STEP * size
     linear = np.array(shifts).reshape(len(axes), *value.shape)
     rng = np.random.default_rng(0)
 
     def drawn(count: int) -> tuple[FloatArray, Any]:
         normal = rng.standard_normal((count, len(axes)))
-        off = np.clip(normal @ axes, -LIMITS.draw, LIMITS.draw)
+        off = np.clip(normal @ axes, -MAX_DRAW, MAX_DRAW)
         return normal, np.array([np.asarray(function(x + error)) - value for error in off])
 
     if len(axes):
-        normal, actual = drawn(LIMITS.checks)
+        normal, actual = drawn(CHECK_DRAWS)
         missed = np.abs(actual - np.tensordot(normal, linear, 1))
-        if np.sqrt(np.mean(missed**2)) > LIMITS.error * np.sqrt(np.mean(np.abs(actual) ** 2)):
-            return Spread(value, drawn(LIMITS.draws)[1], "samples", unknown)
+        if np.sqrt(np.mean(missed**2)) > SLOPE_ERROR * np.sqrt(np.mean(np.abs(actual) ** 2)):
+            return Spread(value, drawn(DRAWS)[1], "samples", unknown)
     return Spread(value, linear, "linearisation", unknown)
 
 

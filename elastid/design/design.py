@@ -9,7 +9,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution
 from elastid.design.choice import choose_configurations
-from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
+from elastid.design.forecast import COULOMB_RATIO, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
@@ -35,7 +35,7 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
     rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
     notes = []
     for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True):
-        if coulomb > LIMITS.coulomb_ratio * torque:
+        if coulomb > COULOMB_RATIO * torque:
             unit = drive_unit(joint.slides)
             text = (
                 f"its Coulomb friction ({coulomb:.3g} {unit}) exceeds a third of its rms torque ({torque:.3g} {unit}), "

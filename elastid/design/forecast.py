@@ -7,7 +7,6 @@ c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes f
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,17 +21,10 @@ from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import correlated, covariance_by_noise
 from elastid.parameters import Parameters
 
-
-@dataclass(frozen=True)
-class ForecastLimits:
-    """Limits of the notes about a plan. False-alarm rates: not measured, a forecast has no noise."""
-
-    direction_std: float = 1.0  # of an undetermined direction, in ln p or parts of a linear parameter's range
-    component: float = 0.2  # of an undetermined direction, from which on a parameter is named
-    coulomb_ratio: float = 1 / 3  # to the rms torque: a multisine of peaks of three rms still slides
-
-
-LIMITS = ForecastLimits()
+# Limits of the notes about a plan. False-alarm rates: not measured, a forecast has no noise.
+DIRECTION_STD = 1.0  # of an undetermined direction, in ln p or parts of a linear parameter's range
+MIN_COMPONENT = 0.2  # of an undetermined direction, from which on a parameter is named
+COULOMB_RATIO = 1 / 3  # to the rms torque: a multisine of peaks of three rms still slides
 
 
 @frozen_value
@@ -146,7 +138,7 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
     ranges = [p.upper - p.lower for p in asked]
     linear = [r if np.isfinite(r) else abs(value) or 1.0 for r, value in zip(ranges, x[:n], strict=True)]
     _, singular_values, Vt = np.linalg.svd(R * np.where([p.log for p in asked], 1.0, linear))
-    return Vt[singular_values < 1 / LIMITS.direction_std]
+    return Vt[singular_values < 1 / DIRECTION_STD]
 
 
 def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
@@ -154,7 +146,7 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
     notes = []
     for direction in blind:
         largest = np.argsort(-np.abs(direction), kind="stable")
-        parts = [i for i in largest if abs(direction[i]) > LIMITS.component]
+        parts = [i for i in largest if abs(direction[i]) > MIN_COMPONENT]
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
         who = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
         text = f"this plan does not identify {who}. Fix or tie one parameter, or measure an output that depends on it"

@@ -12,7 +12,7 @@ samples beyond a tenth of the largest one; two within 0.15 s are one hit that bo
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,25 +24,18 @@ from elastid.frf.lines import MIN_SNR, smoothed_noise
 from elastid.frf.matrices import inverse, singular_values, squared_magnitude
 from elastid.record import Record
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of the checks."""
-
-    clock_difference: float = 1e-4  # of logs, relative, up to which their lines are the same ones
-    power_ratio: float = 1e-12  # of the weakest to the strongest combination of inputs, below which rounding decides
-    # Power of a record's errors over that of the others, at the median line; 2.0 at most in 44 clean sets.
-    unlike: float = 4.0
-    difference: float = 0.2  # of the inputs of two records, relative, below which they are repeats of each other
-    lines: int = 64  # evenly taken, that show phases as well as all
-    beyond: float = 0.1  # of the largest sample, where a pulse begins
-    share: float = 0.02  # of samples of a hammer's force in pulses, at most
-    samples: int = 20_000  # evenly taken, of which twice as many in pulses are another force's
-    bounce_s: float = 0.15  # between two pulses of one hit, at most
-    run: int = 3  # samples at exactly the limit of a channel
-
-
-LIMITS = Limits()
+# Thresholds of the checks.
+CLOCK_DIFFERENCE = 1e-4  # of logs, relative, up to which their lines are the same ones
+MIN_POWER_RATIO = 1e-12  # of the weakest to the strongest combination of inputs, below which rounding decides
+# Power of a record's errors over that of the others, at the median line; 2.0 at most in 44 clean sets.
+MAX_ERROR_RATIO = 4.0
+REPEAT_DIFFERENCE = 0.2  # of the inputs of two records, relative, below which they are repeats of each other
+PHASE_LINES = 64  # evenly taken, that show phases as well as all
+PULSE_START = 0.1  # of the largest sample, where a pulse begins
+PULSE_FRACTION = 0.02  # of samples of a hammer's force in pulses, at most
+PULSE_SAMPLES = 20_000  # evenly taken, of which twice as many in pulses are another force's
+BOUNCE_S = 0.15  # between two pulses of one hit, at most
+CLIPPED_RUN = 3  # samples at exactly the limit of a channel
 
 
 def refuse_mismatch(records: Sequence[Record]) -> None:
@@ -59,7 +52,7 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
         pairs = {name: (getattr(first, name), getattr(record, name)) for name in names}
         pairs["angles"] = tuple(first.configuration.angles), tuple(record.configuration.angles)
         for name, (a, b) in pairs.items():
-            is_same = abs(a - b) <= LIMITS.clock_difference * a if name == "rate_hz" else a == b
+            is_same = abs(a - b) <= CLOCK_DIFFERENCE * a if name == "rate_hz" else a == b
             if not is_same:
                 raise DataError(
                     "frf/records",
@@ -115,7 +108,7 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     power = np.mean(squares, axis=0)
     power = np.where(power > 0, power, 1.0)
     noise = smoothed_noise(np.mean(1 / block.periods) * block.input_noise, block.dof)
-    least = np.maximum(MIN_SNR * noise, LIMITS.power_ratio * np.outer(squares @ (1 / power), power))
+    least = np.maximum(MIN_SNR * noise, MIN_POWER_RATIO * np.outer(squares @ (1 / power), power))
     least = np.maximum(least, np.finfo(float).tiny)
     separated = _surely_separated(block, least)
     ratio = singular_values(block.U[~separated] / np.sqrt(least[~separated])[:, :, None]) ** 2 / E
@@ -149,8 +142,8 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
     """A note on each pair of realisations of the same excitation, which do not show nonlinear distortion."""
     notes = []
     for m in range(1, len(blocks)):
-        a, b = (block.U[:: -(-len(block.U) // LIMITS.lines)] for block in (blocks[m - 1], blocks[m]))
-        if a.shape == b.shape and np.linalg.norm(a - b) < LIMITS.difference * np.linalg.norm(a):
+        a, b = (block.U[:: -(-len(block.U) // PHASE_LINES)] for block in (blocks[m - 1], blocks[m]))
+        if a.shape == b.shape and np.linalg.norm(a - b) < REPEAT_DIFFERENCE * np.linalg.norm(a):
             text = (
                 f"realisations {groups[m - 1][0].realisation} and {groups[m][0].realisation} have the same phases, so "
                 "that the total variance lacks the nonlinear distortion. Choose new phases for every realisation"
@@ -171,7 +164,7 @@ def unlike_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) ->
         return []
     ratios = np.array([_power_unlike(blocks, m) for m in range(len(blocks))])
     m, e = divmod(int(np.argmax(ratios)), ratios.shape[1])
-    if ratios[m, e] < LIMITS.unlike:
+    if ratios[m, e] < MAX_ERROR_RATIO:
         return []
     text = (
         f"it differs from the {len(blocks) - 1} other realisations of its configuration by "
@@ -183,7 +176,7 @@ def unlike_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) ->
 
 def _power_unlike(blocks: Sequence[Block], m: int) -> FloatArray:
     """Power of the experiments (E,) of block m relative to the other blocks."""
-    step = -(-len(blocks[0].U) // LIMITS.lines)
+    step = -(-len(blocks[0].U) // PHASE_LINES)
     others = [block for i, block in enumerate(blocks) if i != m]
     U, Y = (np.concatenate([getattr(block, Z)[::step] for block in others], axis=2) for Z in "UY")
     share = U.shape[1] / U.shape[2]
@@ -200,14 +193,14 @@ def hit_notes(records: Sequence[Record]) -> tuple[Note, ...]:
 
 def pulses(u: FloatArray) -> IntArray | None:
     """First sample and end (n, 2) of each pulse of a hammer's force (N,); None for another, which some samples show."""
-    few = u[:: -(-len(u) // LIMITS.samples) or 1]
+    few = u[:: -(-len(u) // PULSE_SAMPLES) or 1]
     middle = np.median(few)
     largest = max(u.max(initial=0.0) - middle, middle - u.min(initial=0.0))
-    if np.mean(np.abs(few - middle) > LIMITS.beyond * largest) > 2 * LIMITS.share:
+    if np.mean(np.abs(few - middle) > PULSE_START * largest) > 2 * PULSE_FRACTION:
         return None
     x = np.abs(u - np.median(u))
-    beyond = x > LIMITS.beyond * x.max(initial=0.0)
-    return runs(beyond) if 0 < beyond.mean() <= LIMITS.share else None
+    beyond = x > PULSE_START * x.max(initial=0.0)
+    return runs(beyond) if 0 < beyond.mean() <= PULSE_FRACTION else None
 
 
 def _hit_notes(record: Record) -> Iterator[Note]:
@@ -217,7 +210,7 @@ def _hit_notes(record: Record) -> Iterator[Note]:
         if (edges := pulses(u)) is None:
             continue
         first, gap = edges[:, 0], np.diff(edges[:, 0]) / rate_hz
-        if len(bounces := np.flatnonzero(gap < LIMITS.bounce_s)):
+        if len(bounces := np.flatnonzero(gap < BOUNCE_S)):
             i, total = bounces[0], len(first) - len(bounces)
             text = (
                 f"{len(bounces)} of {total} hits of {name} are double hits, the first at {first[i] / rate_hz:.4g} s "
@@ -230,10 +223,10 @@ def _hit_notes(record: Record) -> Iterator[Note]:
                 "some milliseconds, and record until the response has decayed"
             )
             yield Note("frf/hits", text, place)
-        overloads[name] = len(runs(np.abs(u) == np.abs(u).max(), LIMITS.run))
+        overloads[name] = len(runs(np.abs(u) == np.abs(u).max(), CLIPPED_RUN))
     for name, y in zip(record.outputs, record.y.T, strict=True):
         ends = (y.max(), y.min()) if overloads and np.ptp(y) > 0 else ()
-        visits = sum(len(runs(y == end, LIMITS.run)) for end in ends)
+        visits = sum(len(runs(y == end, CLIPPED_RUN)) for end in ends)
         overloads |= {name: visits} if visits > 1 else {}  # one alone may be rest
     if places := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
         text = (

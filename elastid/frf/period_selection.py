@@ -23,29 +23,22 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
 from elastid.record import Record
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of periods left out."""
-
-    asymmetry: float = 1.5  # distance of the first period from the second half over that of the last from the first
-    periods: int = 5  # an outlier cannot be identified among fewer
-    negligible_distance: float = 1e-4  # of a period that is as good as the others, however exactly they agree
-    spread: float = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
-    scatter: float = 0.8  # of ln D sqrt(n_noisy): 1/2 where lines are independent, which those of a wander are not
-    neighbours: int = 9  # lines that share a noise level
-    weighed: float = 4.0  # typical distances in units of the noise, at least; two of 90 clean sets have 2.6
-    lines: int = 120  # evenly taken, that give a distance as well as all
-    pairs: int = 1 << 19  # of periods that are compared; of more, each with fewer others, down to
-    least_compared: int = 32
-    order: int = 8  # of the prediction of noise from its samples before
-    # Power of what it does not predict, in the first eighth of a difference over that in the second half: 1 of noise
-    # and wander, 42 in one of 16 clean sets, 700 to 1e7 where a log began with its excitation.
-    settling: float = 300.0
-    unsettled: float = 1e-3  # of a signal, that its difference between two periods has in the first eighth, at least
-
-
-LIMITS = Limits()
+# Limits of periods left out.
+MAX_ASYMMETRY = 1.5  # distance of the first period from the second half over that of the last from the first
+MIN_PERIODS = 5  # an outlier cannot be identified among fewer
+NEGLIGIBLE_DISTANCE = 1e-4  # of a period that is as good as the others, however exactly they agree
+MIN_SPREAD = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
+LOG_SCATTER = 0.8  # of ln D sqrt(n_noisy): 1/2 where lines are independent, which those of a wander are not
+NOISE_NEIGHBOURS = 9  # lines that share a noise level
+MIN_DISTANCE = 4.0  # typical distances in units of the noise, at least; two of 90 clean sets have 2.6
+DISTANCE_LINES = 120  # evenly taken, that give a distance as well as all
+MAX_PAIRS = 1 << 19  # of periods that are compared; of more, each with fewer others, down to
+MIN_COMPARED = 32
+PREDICTION_ORDER = 8  # of the prediction of noise from its samples before
+# Power of what it does not predict, in the first eighth of a difference over that in the second half: 1 of noise
+# and wander, 42 in one of 16 clean sets, 700 to 1e7 where a log began with its excitation.
+MAX_SETTLING = 300.0
+MIN_UNSETTLED = 1e-3  # of a signal, that its difference between two periods has in the first eighth, at least
 TRANSIENT_LEFT_OUT = "frf/transient-discarded"
 
 
@@ -60,7 +53,7 @@ class Distances:
     @property
     def far(self) -> BoolArray:
         """Periods (P,) that are far in any channel."""
-        return np.asarray(np.any(np.maximum(self.limit, LIMITS.negligible_distance) < self.D, axis=1))
+        return np.asarray(np.any(np.maximum(self.limit, NEGLIGIBLE_DISTANCE) < self.D, axis=1))
 
 
 @dataclass(frozen=True)
@@ -82,7 +75,7 @@ class Compared:
     @classmethod
     def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> "Compared":
         """All periods of a record with each other, or of a long one with some."""
-        few = spectra.on(slice(None, None, -(-len(spectra.scale) // LIMITS.lines)))
+        few = spectra.on(slice(None, None, -(-len(spectra.scale) // DISTANCE_LINES)))
         amplitudes = np.empty((few.z.shape[2], *few.z.shape[:2]), dtype=np.complex128)
         np.multiply(np.moveaxis(few.z, 2, 0), few.scale.T[:, None], out=amplitudes)
         return cls._from_amplitudes(amplitudes.view(np.float64), outlier_sigma)
@@ -90,7 +83,7 @@ class Compared:
     @classmethod
     def _from_amplitudes(cls, X: FloatArray, outlier_sigma: float) -> "Compared":
         P = X.shape[1]
-        references = np.linspace(0, P - 1, min(P, max(LIMITS.least_compared, LIMITS.pairs // P))).round().astype(int)
+        references = np.linspace(0, P - 1, min(P, max(MIN_COMPARED, MAX_PAIRS // P))).round().astype(int)
         power = np.einsum("cpk,cpk->cp", X, X)
         squares = power[:, :, None] + power[:, None, references] - 2 * X @ np.swapaxes(X[:, references], 1, 2)
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
@@ -102,7 +95,7 @@ class Compared:
         V = of_good - of_good.mean(axis=1, keepdims=True)
         noise = np.einsum("cpk,cpk->kc", V, V).reshape(n // 2, 2, c).sum(axis=1)
         size = self.power[:, good].sum(axis=1) / (n // 2)
-        smooth = mean_of_neighbours(noise, LIMITS.neighbours) + LIMITS.negligible_distance**2 * size
+        smooth = mean_of_neighbours(noise, NOISE_NEIGHBOURS) + NEGLIGIBLE_DISTANCE**2 * size
         weight = np.repeat(1 / np.sqrt(np.maximum(smooth, 1e-300)), 2, axis=0).T
         weighed = self._from_amplitudes(self.X * weight[:, None], self.outlier_sigma)
         return replace(weighed, is_weighed=True)
@@ -113,7 +106,7 @@ class Compared:
         others = np.arange(self.apart.shape[1])[:, None] != self.references
         least = np.min(self.apart, axis=(1, 2), where=others, initial=np.inf)
         ratio = float(np.max(self.apart.max(axis=(1, 2)) / np.maximum(least, 1e-300)))
-        return ratio < 1 + self.outlier_sigma * LIMITS.spread
+        return ratio < 1 + self.outlier_sigma * MIN_SPREAD
 
 
 def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
@@ -145,7 +138,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
         )
     far = settled[:0]
     more: tuple[Note, ...] = ()
-    if len(settled) >= LIMITS.periods and not compared.agree:
+    if len(settled) >= MIN_PERIODS and not compared.agree:
         measured = distances(compared, settled)
         far = settled[measured.far[settled]]
         more = (_note(spectra, far, measured, "different from the others"),) if len(far) else ()
@@ -174,14 +167,14 @@ def _decays(difference: FloatArray, size: float) -> bool:
     False of signals that are too short for a prediction.
     size: of the signal whose difference between two periods it is.
     """
-    if len(difference) < 32 * LIMITS.order or difference[: len(difference) // 8].std() <= LIMITS.unsettled * size:
+    if len(difference) < 32 * PREDICTION_ORDER or difference[: len(difference) // 8].std() <= MIN_UNSETTLED * size:
         return False
-    rows = np.lib.stride_tricks.sliding_window_view(difference, LIMITS.order + 1)
+    rows = np.lib.stride_tricks.sliding_window_view(difference, PREDICTION_ORDER + 1)
     X, half = np.column_stack([rows[:, :-1], np.ones(len(rows))]), len(rows) // 2
     prediction = np.linalg.lstsq(X[half:], rows[half:, -1], rcond=None)[0]
     power = (rows[:, -1] - X @ prediction) ** 2
     late = float(power[half:].mean())
-    return late > 0 and float(power[: len(power) // 8].mean()) > LIMITS.settling * late
+    return late > 0 and float(power[: len(power) // 8].mean()) > MAX_SETTLING * late
 
 
 def distances(compared: Compared, good: IntArray) -> Distances:
@@ -194,7 +187,7 @@ def distances(compared: Compared, good: IntArray) -> Distances:
     D = _median_of_others(compared, good) / size
     typical = np.median(D[good], axis=0)
     spread = STD_OVER_MAD * np.median(np.abs(D[good] - typical), axis=0)
-    limit = typical + compared.outlier_sigma * np.maximum(spread, LIMITS.spread * typical)
+    limit = typical + compared.outlier_sigma * np.maximum(spread, MIN_SPREAD * typical)
     distant = Distances(D, typical, limit)
     if not distant.far.any():
         return distant
@@ -205,8 +198,8 @@ def distances(compared: Compared, good: IntArray) -> Distances:
     n_noisy, sigmas = 1 / np.maximum(np.sum(share**2, axis=1), 1e-300), compared.outlier_sigma
     if compared.is_weighed:
         n_noisy = np.full(len(V), share.shape[1])
-    scatter = LIMITS.scatter * np.sqrt((1 + 2 / len(good)) / n_noisy)
-    least = typical * np.maximum(LIMITS.spread, np.expm1(sigmas * scatter) / sigmas)
+    scatter = LOG_SCATTER * np.sqrt((1 + 2 / len(good)) / n_noisy)
+    least = typical * np.maximum(MIN_SPREAD, np.expm1(sigmas * scatter) / sigmas)
     return replace(distant, limit=typical + sigmas * np.maximum(spread, least))
 
 
@@ -247,9 +240,9 @@ def _leading(
         return none, ()
     measured = distances(compared, later)
     if compared.is_weighed:
-        measured = replace(measured, limit=np.maximum(measured.limit, LIMITS.weighed * measured.typical))
+        measured = replace(measured, limit=np.maximum(measured.limit, MIN_DISTANCE * measured.typical))
     if len(logs) == 1:  # a slow wander is as far from the other half at its end
-        backwards = LIMITS.asymmetry * distances(compared, P - 1 - later).D[-1]
+        backwards = MAX_ASYMMETRY * distances(compared, P - 1 - later).D[-1]
         wander = replace(measured, limit=np.maximum(measured.limit, backwards))
         if not np.any(wander.far & _flags(P, halves)):
             return none, ()
@@ -266,7 +259,7 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
     record = spectra.record
     kind = "half period" if record.half_wave else "period"
     channels = [f"y {name}" for name in record.outputs] + [f"u {name}" for name in record.inputs]
-    worst = int(np.argmax((measured.D[left_out] / np.maximum(measured.limit, LIMITS.negligible_distance)).max(axis=0)))
+    worst = int(np.argmax((measured.D[left_out] / np.maximum(measured.limit, NEGLIGIBLE_DISTANCE)).max(axis=0)))
     numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
         "frf/periods-discarded",

@@ -9,7 +9,6 @@ elsewhere; a rational function of degree d follows d modes in a window however n
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,18 +22,11 @@ from elastid.frf.matrices import added_products, inverse, power, singular_values
 from elastid.record import Motion, Record
 from elastid.response import Levels, Quality, Response
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of a weak channel."""
-
-    input_snr: float = 100.0  # power of an input over the noise of its mean (20 dB), below which it costs accuracy
-    weak_share: float = 0.5  # of the lines at which a channel is weak, from which on it is reported
-    condition: float = 10.0  # of the inputs: beyond, one combination has less than a hundredth of the power of another
-    lines_of_mode: float = 4.0  # of a segment in the width of a mode, below which its peak is flattened
-
-
-LIMITS = Limits()
+# Thresholds of a weak channel.
+INPUT_SNR = 100.0  # power of an input over the noise of its mean (20 dB), below which it costs accuracy
+WEAK_FRACTION = 0.5  # of the lines at which a channel is weak, from which on it is reported
+MAX_CONDITION = 10.0  # of the inputs: beyond, one combination has less than a hundredth of the power of another
+LINES_OF_MODE = 4.0  # of a segment in the width of a mode, below which its peak is flattened
 
 
 def measured_response(
@@ -129,14 +121,14 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
             f"{len(weak)} lines. Check its channel, or raise the torque",
         )
         for i, name in enumerate(outputs)
-        if weak[:, i].mean() > LIMITS.weak_share
+        if weak[:, i].mean() > WEAK_FRACTION
     ]
 
 
 def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
     """A note on every input that was barely excited, and one where the inputs moved nearly together."""
     level = power(data.UU) / len(data.periods)
-    weak = level < LIMITS.input_snr * (quality.input_noise * np.mean(1 / data.periods))
+    weak = level < INPUT_SNR * (quality.input_noise * np.mean(1 / data.periods))
     notes = [
         Note(
             "frf/low-signal-to-noise",
@@ -144,7 +136,7 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
             f"{len(weak)} lines, so that its column of G is uncertain. Raise its torque",
         )
         for i, name in enumerate(inputs)
-        if weak[:, i].mean() > LIMITS.weak_share
+        if weak[:, i].mean() > WEAK_FRACTION
     ]
     return notes + together_notes(quality, "take orthogonal experiments")
 
@@ -152,7 +144,7 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
 def together_notes(quality: Quality, advice: str) -> list[Note]:
     """A note where the inputs move nearly together."""
     condition = np.median(quality.condition)
-    if condition <= LIMITS.condition:
+    if condition <= MAX_CONDITION:
         return []
     text = (
         f"the inputs are nearly dependent: the condition number of the normalised input matrix is {condition:.3g} at "
@@ -205,7 +197,7 @@ def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, fir
     if not len(f_0):
         return []
     spacing = float(np.min(np.diff(freq_hz)))
-    narrow = np.flatnonzero(width < LIMITS.lines_of_mode * spacing)
+    narrow = np.flatnonzero(width < LINES_OF_MODE * spacing)
     if not narrow.size:
         return []
     worst = narrow[np.argmin(width[narrow])]
@@ -213,7 +205,7 @@ def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, fir
     text = (
         f"segments of {1 / spacing:.3g} s are too short for {narrow.size} of {len(f_0)} resonances, above all at "
         f"{f_0[worst]:.4g} {unit}: the peak is too low and the damping too large. Set "
-        f"estimator.segment to at least {2 * LIMITS.lines_of_mode / width[worst]:.3g}, or estimator.method "
+        f"estimator.segment to at least {2 * LINES_OF_MODE / width[worst]:.3g}, or estimator.method "
         "local_rational"
     )
     return [Note("frf/segment", text)]

@@ -43,7 +43,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, r
 from elastid.base.display import percent
 from elastid.base.errors import DataError, Note
 from elastid.excitation.grids import grid_lines, line_frequencies
-from elastid.frf.checks import LIMITS as CHECKS
+from elastid.frf.checks import REPEAT_DIFFERENCE
 from elastid.frf.estimators import kronecker
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.matrices import power
@@ -286,7 +286,7 @@ def _are_repeats(first: Record, other: Record) -> bool:
     if max(first.n_samples, other.n_samples) > 1.1 * n:
         return False
     u, v = (np.asarray(record.u[: n : -(-n // (1 << 20))]) for record in (first, other))
-    return bool(np.sum((u - v) ** 2) <= CHECKS.difference**2 * np.sum((u - u.mean(axis=0)) ** 2))
+    return bool(np.sum((u - v) ** 2) <= REPEAT_DIFFERENCE**2 * np.sum((u - u.mean(axis=0)) ** 2))
 
 
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:

@@ -28,7 +28,7 @@ does not take its bristle for certain, one that slides by more than z_s in a sam
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
@@ -37,11 +37,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
-from elastid.base.errors import DataError, Note
-from elastid.base.statistics import QUANTILE_95
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
-from elastid.friction_study.result import JointFriction
 from elastid.friction_study.spec import Followed
 from elastid.simulation.closed_loop import compiled, evaluated
 from elastid.simulation.dynamics import runge_kutta_step
@@ -191,9 +188,9 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
 
 # A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
 COUNT_OVER_STD, MOVING = math.sqrt(12), 0.2
-LAGS = 50  # of the autocorrelation
+_BLOCK = 4096  # samples, of which all states are kept at once
 # Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.
-PRIOR = {"Fc": 0.3, "f": 0.5, "f+": 0.5, "f-": 0.5, "offset": 0.5}
+PRIOR = dict.fromkeys(("f", "f+", "f-", "offset"), 0.5) | {"Fc": 0.3}
 
 
 @frozen_value
@@ -218,20 +215,21 @@ class JointSamples:
 
 @frozen_value
 class Track:
-    """A filter over n samples: states (n, n_x), their std (n, n_x), covariance of the followed numbers (n, p, p).
+    """Followed numbers x (n, p) over n samples, their std (n, p), and variance (n, p) without errors of held ones.
 
-    innovation, variance (n,): error of the predicted angle, and the variance that the filter expected: like the
-    covariance without the errors of held numbers, which std has.  drift (p,): of the followed numbers, in a root
-    second.  time_s (n,): from the first motion.  moves (n,): as of `JointSamples`; all where hardly any does.
+    innovation, innovation_variance (n,): error of the predicted angle, and its variance without errors of held numbers.
+    covariance (p, p): at the end, as variance.  drift (p,): in a root second.  time_s (n,): from the first motion.
+    moves (n,): as of `JointSamples`; all where hardly any does.
     """
 
     joint: FollowedJoint
     rate_hz: float
     x: FloatArray
     std: FloatArray
-    followed_covariance: FloatArray
-    innovation: FloatArray
     variance: FloatArray
+    innovation: FloatArray
+    innovation_variance: FloatArray
+    covariance: FloatArray
     drift: FloatArray
     time_s: FloatArray
     moves: BoolArray
@@ -239,13 +237,13 @@ class Track:
     @property
     def nis(self) -> FloatArray:
         """e^2 / S (n,): chi-squared of one degree of freedom where the filter's noise is right."""
-        return self.innovation**2 / self.variance
+        return self.innovation**2 / self.innovation_variance
 
     def values(self, name: str, stds: float = 0.0) -> FloatArray:
-        """State over time (n,), or the limit of its band at so many stds; logarithmic states are converted."""
-        i = self.joint.states.index(name)
+        """Number over time (n,), or the limit of its band at so many stds."""
+        i = self.joint.followed.index(name)
         column = self.x[:, i] + stds * self.std[:, i]
-        return np.exp(column) if name in self.joint.followed and name != "offset" else column
+        return column if name == "offset" else np.exp(column)
 
 
 def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> tuple[FloatArray, FloatArray]:
@@ -275,103 +273,31 @@ class KalmanFilter:
     def run(self, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
         """The track over motions, at rest where one begins; the pause before it makes friction less certain."""
         joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
-        given = noise.vector(joint, self.rate_hz)
-        drift = np.array([noise.drift.get(name, 0.0) for name in joint.followed])
-        parts, times, followed = list[tuple[FloatArray, ...]](), list[FloatArray](), slice(n_x - p, n_x)
+        drift, own = np.array([noise.drift.get(name, 0.0) for name in joint.followed]), slice(n_x - p, n_x)
+        parts, times, (x, P) = list[tuple[FloatArray, ...]](), np.zeros(1), first_estimate(joint, 0.0)
         for motion in motions:
-            last, (x, P) = parts[-1:], first_estimate(joint, float(motion.angle[0]), float(motion.load[0]))
-            for path, covariance, *_ in last:
-                pause_s = max(0.0, motion.start_s - float(times[-1][-1]))
-                x[followed], P[followed] = path[-1, followed], covariance[-1, followed]
-                P[followed, : n_x - p] = 0.0
-                P[followed, followed] += np.diag(drift**2 * pause_s)
+            before, P_before = x, P
+            x, P = first_estimate(joint, float(motion.angle[0]), float(motion.load[0]))
+            if parts:
+                x[own], P[own] = before[own], P_before[own]
+                P[own, : n_x - p] = 0.0
+                P[own, own] += np.diag(drift**2 * max(0.0, motion.start_s - times[-1]))
             n = len(motion.angle)
-            signals = [motion.torque, motion.load, motion.angle, np.tile(given, (n, 1))]
-            shapes = [(n, n_x), (n, P.shape[1], n_x), (n,), (n,)]
-            states, spread, e, S = evaluated(self._loop(n), [x, P.T, *signals], shapes)
-            parts.append((states, spread.mT, e, S))
-            times.append(motion.start_s + np.arange(1, len(motion.angle) + 1) / self.rate_hz)
-        x, P, e, S = (np.concatenate(part) for part in zip(*parts, strict=True))
-        cross = P[:, followed, n_x:]
-        covariance = P[:, followed, followed] - cross @ cross.mT
-        std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
+            for block in np.array_split(np.stack([motion.torque, motion.load, motion.angle]), -(-n // _BLOCK), axis=1):
+                m = block.shape[1]
+                given = np.tile(noise.vector(joint, self.rate_hz), (m, 1))
+                shapes = [(m, n_x), (m, P.shape[1], n_x), (m,), (m,)]
+                states, spread, e, S = evaluated(self._loop(m), [x, P.T, *block, given], shapes)
+                variance = np.diagonal(spread, axis1=1, axis2=2)[:, own]
+                held = np.sum(spread[:, n_x:, own] ** 2, axis=1)
+                parts.append((states[:, own].copy(), np.sqrt(variance), variance - held, e, S))
+                x, P = states[-1], spread[-1].T.copy()
+            times = np.append(times, motion.start_s + np.arange(1, n + 1) / self.rate_hz)
         moves = np.concatenate([motion.moves(COUNT_OVER_STD * noise.angle) for motion in motions])
         moves |= moves.mean() < 0.1
-        return Track(joint, self.rate_hz, x, std, covariance, e, S, drift, np.concatenate(times), moves)
-
-
-@dataclass(frozen=True)
-class FilterThresholds:
-    """Thresholds of the judgement of a filter.  Of 100 clean logs two have a note (scripts/studies/results.csv)."""
-
-    nis_band: tuple[float, float] = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift
-    max_correlation: float = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
-    max_std_ratio: float = 0.9  # of a number's std over that without the log: above, the log does not identify it
-    lags_s: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which a followed number is compared with itself
-    max_movement: tuple[float, float] = (0.2, 2.0)  # mean square over band, and over noise and drift: 1 of white errors
-
-
-FILTER = FilterThresholds()
-
-
-@frozen_value
-class Consistency:
-    """Consistency of the samples after a filter has settled at which the joint moves (Track.moves).
-
-    nis: mean.  autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
-    restless: followed numbers that move by more than their bands hold.
-    """
-
-    nis: float
-    autocorrelation: FloatArray
-    n_eff: float
-    restless: tuple[str, ...] = ()
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Reasons why a band is too narrow: movements, correlation and size of innovations.
-
-        Nothing sees an error of held numbers that the band does not have and the followed ones take up for good.
-        """
-        reasons = [f"{name} moves by more than noise and filter.drift allow" for name in self.restless]
-        if self.autocorrelation[1] > FILTER.max_correlation:  # alternating ones make no band too narrow
-            reasons.append(f"innovations are correlated by {self.autocorrelation[1]:.2f} from sample to sample")
-        if self.nis > FILTER.nis_band[1]:
-            reasons.append(f"mean NIS is {self.nis:.2f}: innovations are larger than expected")
-        return tuple(reasons)
-
-
-def consistency(track: Track, settled_s: float) -> Consistency:
-    """Consistency of a track after settled_s (Bar-Shalom, Li and Kirubarajan, 2001, section 5.4)."""
-    first = round(settled_s * track.rate_hz)
-    moves = track.moves[first:]  # at standstill the error of a rounded angle is constant, and no noise
-    nu = np.where(moves, track.innovation[first:] / np.sqrt(track.variance[first:]), 0.0)
-    power = float(nu @ nu)
-    rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(LAGS)])
-    n_eff = float(np.clip(moves.sum() * (1 - rho[1]) / (1 + rho[1]), 1.0, moves.sum()))
-    return Consistency(float(track.nis[first:][moves].mean()), rho, n_eff, _restless(track, first))
-
-
-def _restless(track: Track, first: int) -> tuple[str, ...]:
-    """Followed numbers that move within some seconds by more than their bands, and noise and drift, allow."""
-    p, restless = len(track.joint.followed), np.zeros(len(track.joint.followed), bool)
-    x, variance, time_s = track.x[first:, -p:], track.std[first:, -p:] ** 2, track.time_s[first:, None]
-    spread = np.diagonal(track.followed_covariance[first:], axis1=1, axis2=2)
-    for lag_s in FILTER.lags_s:
-        lag = max(1, min(round(lag_s * track.rate_hz), len(x) // 4))
-        square = (x[lag:] - x[:-lag]) ** 2
-        drifted = track.drift**2 * (time_s[lag:] - time_s[:-lag])
-        over_band = np.mean(square / (variance[lag:] + variance[:-lag]), axis=0)
-        over_noise = np.mean(square / (spread[lag:] + spread[:-lag] + drifted), axis=0)
-        restless |= (over_band > FILTER.max_movement[0]) & (over_noise > FILTER.max_movement[1])
-    return tuple(name for name, moves in zip(track.joint.followed, restless, strict=True) if moves)
-
-
-def unknown(track: Track) -> BoolArray:
-    """True (n, p) where a number is no better known than before the log, drift included."""
-    prior = np.diag(first_estimate(track.joint, 0.0)[1])[-len(track.joint.followed) :]
-    variance = np.diagonal(track.followed_covariance, axis1=1, axis2=2)
-    return variance > FILTER.max_std_ratio**2 * prior
+        covariance = P[own, own] - P[own, n_x:] @ P[own, n_x:].T
+        x, std, variance, e, S = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return Track(joint, self.rate_hz, x, std, variance, e, S, covariance, drift, times[1:], moves)
 
 
 def estimate_noise(kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, settled_s: float) -> FilterNoise:
@@ -392,7 +318,7 @@ def estimate_noise(kalman: KalmanFilter, samples: JointSamples, guess: FilterNoi
 
     def cost(x: FloatArray) -> float:
         track = kalman.run([samples], noise_at(x))
-        S, e = track.variance[settled & track.moves], track.innovation[settled & track.moves]
+        S, e = track.innovation_variance[settled & track.moves], track.innovation[settled & track.moves]
         value = float(np.mean(np.log(S) + e**2 / S))
         return value if np.isfinite(value) else 1e6
 
@@ -400,106 +326,3 @@ def estimate_noise(kalman: KalmanFilter, samples: JointSamples, guess: FilterNoi
     x0, simplex = np.zeros(len(names)), np.vstack([np.zeros(len(names)), 1.1 * np.eye(len(names))])
     options = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150, "initial_simplex": simplex}
     return noise_at(np.asarray(minimize(cost, x0, method="Nelder-Mead", options=options).x))
-
-
-@frozen_value
-class FollowedFriction:
-    """Knowledge of a filter of a joint over time_s (m,): values, low, high (m, p) of the followed numbers, 95 % bands.
-
-    unknown (m, p): where the motion does not identify a number, so that it is held.  nis (m,): mean up to each time
-    since the one before.  torque_std: of white noise, found or given.
-    """
-
-    joint: str
-    slides: bool
-    names: tuple[str, ...]
-    time_s: FloatArray
-    values: FloatArray
-    low: FloatArray
-    high: FloatArray
-    unknown: BoolArray
-    nis: FloatArray
-    consistency: Consistency
-    noise: FilterNoise
-    filtered: FollowedJoint
-    rate_hz: float
-    notes: tuple[Note, ...] = ()
-
-    @property
-    def verdict(self) -> str:
-        """Verdict on the reliability of the confidence bands."""
-        return "no test doubts the bands" if not self.consistency.doubts else "the bands are too narrow (see warnings)"
-
-
-def follow(
-    name: str,
-    slides: bool,
-    joint: FollowedJoint,
-    motions: Sequence[JointSamples],
-    rate_hz: float,
-    guess: FilterNoise,
-    settle_s: float,
-    find_noise: bool,
-) -> FollowedFriction:
-    """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones."""
-    duration_s = sum(len(motion.angle) for motion in motions) / rate_hz
-    if duration_s <= settle_s + LAGS / rate_hz:
-        raise DataError(
-            "filter/record",
-            f"motions of {duration_s:.3g} s end before it settles ({settle_s:g} s): log longer, or give filter.settle",
-            f"joint {name}",
-        )
-    # At most half a minute of the longest motion shows the noise.
-    longest, cut = max(motions, key=lambda motion: len(motion.angle)), slice(0, round(30.0 * rate_hz))
-    stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
-    # Some sixty runs find it.
-    kalman, noise = KalmanFilter(joint, rate_hz, 60 * len(stretch.angle) * find_noise), guess
-    if find_noise:
-        noise = estimate_noise(kalman, stretch, guess, min(settle_s, 1.0))
-    track = kalman.run(motions, noise)
-    judged = consistency(track, settle_s)
-    step = max(1, (n := len(track.innovation)) // 2000)  # a result keeps so many points
-    ends = np.arange(n % step + step - 1, n, step)
-    mean_nis = track.nis[n % step :].reshape(-1, step).mean(axis=1)
-    values, low, high = (
-        np.stack([track.values(name, stds)[ends] for name in joint.followed], axis=1)
-        for stds in (0.0, -QUANTILE_95, QUANTILE_95)
-    )
-    notes = tuple(_notes(f"joint {name}", track, judged))
-    return FollowedFriction(
-        name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
-        judged, noise, joint, rate_hz, notes,
-    )  # fmt: skip
-
-
-def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> FollowedJoint:
-    """A joint whose held numbers are known as far as a study has identified them, else as is usual (TOLERANCES)."""
-    known, shared = dict(joint.tolerances), identified.shared
-    if "inertia" in shared and not joint.stiffness > 0:  # of an elastic one those of the robot's file are taken
-        known["inertia"] = shared["inertia"][1] / shared["inertia"][0]
-    if gravity := [shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared]:
-        size, std = np.linalg.norm(gravity, axis=0).tolist()
-        known["gravity"] = std / max(size, 1e-300)
-    return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in known.items()})
-
-
-def _notes(place: str, track: Track, judged: Consistency) -> Iterator[Note]:
-    names, P = track.joint.followed, track.followed_covariance[-1]
-    never = np.all(unknown(track), axis=0).tolist()
-    std = np.sqrt(np.diag(P))
-    pairs = np.argwhere(np.triu(np.abs(P), 1) > FILTER.max_std_ratio * np.outer(std, std)).tolist()
-    weak = [f"{name}, held where it began" for name, is_unknown in zip(names, never, strict=True) if is_unknown]
-    weak += [f"{names[i]} apart from {names[j]}" for i, j in pairs]
-    if weak:
-        text = (
-            f"the motion does not identify {'; '.join(weak)}: reversals distinguish Coulomb friction from an offset, "
-            "several speeds from viscous friction"
-        )
-        yield Note("filter/not-observable", text, place, severity="warning" if pairs else "information")
-    if judged.doubts:
-        text = (
-            f"{'; '.join(judged.doubts)}; the model or its noise is wrong, and the bands are too narrow: correct "
-            "inertia, spring, bristles, gravity and payload of the joint, or give filter.correlation_time, "
-            "filter.torque_std or a larger filter.drift"
-        )
-        yield Note("filter/inconsistent", text, place, severity="warning")

@@ -4,24 +4,112 @@ A joint is elastic where the robot's file has a spring, else rigid with the iner
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.errors import Note, StudyError
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_study.extended_kalman_filter import (
     FilterNoise,
-    FollowedFriction,
     FollowedJoint,
     JointSamples,
-    follow,
-    with_tolerances,
+    KalmanFilter,
+    estimate_noise,
 )
+from elastid.friction_study.filter_consistency import LAGS, Consistency, consistency, filter_notes, unknown
 from elastid.friction_study.result import JointFriction, held_spring
 from elastid.friction_study.spec import FilterSpec
 from elastid.record import FrictionRecord
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import with_laws
+
+
+@frozen_value
+class FollowedFriction:
+    """Knowledge of a filter of a joint over time_s (m,): values, low, high (m, p) of the followed numbers, 95 % bands.
+
+    unknown (m, p): where the motion does not identify a number, so that it is held.  nis (m,): mean up to each time
+    since the one before.  torque_std: of white noise, found or given.
+    """
+
+    joint: str
+    slides: bool
+    names: tuple[str, ...]
+    time_s: FloatArray
+    values: FloatArray
+    low: FloatArray
+    high: FloatArray
+    unknown: BoolArray
+    nis: FloatArray
+    consistency: Consistency
+    noise: FilterNoise
+    filtered: FollowedJoint
+    rate_hz: float
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """Verdict on the reliability of the confidence intervals."""
+        if self.consistency.divergence:
+            return f"diverged {self.consistency.divergence}"
+        if self.consistency.doubts:
+            return "intervals too narrow (see warnings)"
+        return "innovations consistent with the intervals"
+
+
+def follow(
+    name: str,
+    slides: bool,
+    joint: FollowedJoint,
+    motions: Sequence[JointSamples],
+    rate_hz: float,
+    guess: FilterNoise,
+    settle_s: float,
+    find_noise: bool,
+) -> FollowedFriction:
+    """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones."""
+    duration_s = sum(len(motion.angle) for motion in motions) / rate_hz
+    if duration_s <= settle_s + LAGS / rate_hz:
+        raise DataError(
+            "filter/record",
+            f"motions of {duration_s:.3g} s end before it settles ({settle_s:g} s): log longer, or give filter.settle",
+            f"joint {name}",
+        )
+    # At most half a minute of the longest motion shows the noise.
+    longest, cut = max(motions, key=lambda motion: len(motion.angle)), slice(0, round(30.0 * rate_hz))
+    stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
+    # Some sixty runs find it.
+    kalman, noise = KalmanFilter(joint, rate_hz, 60 * len(stretch.angle) * find_noise), guess
+    if find_noise:
+        noise = estimate_noise(kalman, stretch, guess, min(settle_s, 1.0))
+    track = kalman.run(motions, noise)
+    judged = consistency(track, settle_s)
+    step = max(1, (n := len(track.innovation)) // 2000)  # a result keeps so many points
+    ends = np.arange(n % step + step - 1, n, step)
+    mean_nis = track.nis[n % step :].reshape(-1, step).mean(axis=1)
+    values, low, high = (
+        np.stack([track.values(name, stds)[ends] for name in joint.followed], axis=1)
+        for stds in (0.0, -QUANTILE_95, QUANTILE_95)
+    )
+    notes = tuple(filter_notes(f"joint {name}", track, judged))
+    return FollowedFriction(
+        name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
+        judged, noise, joint, rate_hz, notes,
+    )  # fmt: skip
+
+
+def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> FollowedJoint:
+    """A joint whose held numbers are known as far as a study has identified them, else as is usual (TOLERANCES)."""
+    known, shared = dict(joint.tolerances), identified.shared
+    if "inertia" in shared and not joint.stiffness > 0:  # of an elastic one those of the robot's file are taken
+        known["inertia"] = shared["inertia"][1] / shared["inertia"][0]
+    if gravity := [shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared]:
+        size, std = np.linalg.norm(gravity, axis=0).tolist()
+        known["gravity"] = std / max(size, 1e-300)
+    return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in known.items()})
 
 
 def follow_joints(

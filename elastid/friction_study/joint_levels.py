@@ -32,9 +32,9 @@ from elastid.friction_study.motion import (
     regress_robot_motion,
     torques_in_file,
 )
-from elastid.friction_study.motion_signals import PASSES, Motion, MotionLog, MotionSignals, detect_passes
+from elastid.friction_study.motion_signals import STEADY_SHARE, Motion, MotionLog, MotionSignals, detect_passes
 from elastid.friction_study.motion_terms import full_rate_columns
-from elastid.friction_study.result import JointLevels, noted
+from elastid.friction_study.result import JointLevels, held_spring, noted
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
@@ -144,7 +144,8 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
 
 
 def _regressed(robot: Robot, joint: Joint, records: Sequence[FrictionRecord], against: bool) -> MotionFriction:
-    motions = [_motion(record, against, _turn(joint)) for record in records]
+    spring = held_spring(robot, records[0])
+    motions = [replace(_motion(record, against, _turn(joint)), spring=spring) for record in records]
     if len({record.payload for record in records}) > 1:
         # The torque that a mass at the last frame adds, by the robot's geometry.
         for i, (motion, record) in enumerate(zip(motions, records, strict=True)):
@@ -174,10 +175,9 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
 
 
 def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
-    temperatures = [float(np.nan_to_num(part.mean_temperature)) for part in passes]
+    numbers = ((part, np.log(part.speed or 1.0), np.nan_to_num(part.mean_temperature)) for part in passes)
     conditions = {
-        (round(np.log(part.speed or 1.0) / PASSES.steady_share), part.load, round(degc / TEMPERATURE_STEP_K))
-        for part, degc in zip(passes, temperatures, strict=True)
+        (round(log / STEADY_SHARE), part.load, round(degc / TEMPERATURE_STEP_K)) for part, log, degc in numbers
     }
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()
 

@@ -140,6 +140,11 @@ class StaticLaw:
         return MeasuredRange(_range(levels.speed), load, _range(known) if len(known) else None)
 
     @property
+    def is_of_one_speed(self) -> bool:
+        """True if the levels are of one speed: Coulomb friction is then the whole torque there, and no law follows."""
+        return "viscous" not in self.values
+
+    @property
     def viscous(self) -> float:
         """The viscous friction that a robot's file has next to the law."""
         return max(0.0, self.values.get("viscous", 0.0))
@@ -399,13 +404,14 @@ def _parts(levels: Levels) -> tuple[_Part, ...]:
     uneven = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else uneven
     one_load, two_loads = (few(loads, n, "loads", "measure in more postures or with payloads") for n in (2, 3))
     one_T, two_T = (few(temperatures, n, "temperatures", "measure cold and warm, with its log") for n in (2, 3))
+    by_speed = few(speeds, 2, "speeds", "at one speed the whole torque changes")
     return (
         _Part("stribeck", curve, ("stiction",), ("stribeck_velocity",), held={"exponent": EXPONENTS[-1]}),
         _Part("directions", uneven, ("directions.coulomb", "directions.viscous")),
         _Part("load", one_load, ("load.coulomb",)),
         _Part("load", one_load, ("load.stiction",), after="stribeck_velocity"),
         _Part("load", two_loads, (), ("load.stribeck_velocity",), "load.stiction"),
-        _Part("temperature", one_T, ("temperature.viscous",), held={"temperature.decay": START_DECAY_K}),
+        _Part("temperature", one_T or by_speed, ("temperature.viscous",), held={"temperature.decay": START_DECAY_K}),
         _Part("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
         _Part("temperature", two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
         _Part("exponent", curve, (), ("exponent",), "stribeck_velocity", is_tested=False),
@@ -415,5 +421,9 @@ def _parts(levels: Levels) -> tuple[_Part, ...]:
 
 
 def _distinct(values: FloatArray, step: float) -> int:
-    ordered = np.sort(values)
-    return 0 if not len(ordered) else 1 + int(np.sum(np.diff(ordered) > step))
+    """Number of values that are apart by more than the step, counted upwards."""
+    count, last = 0, -np.inf
+    for value in np.sort(values).tolist():
+        if value > last + step:
+            count, last = count + 1, value
+    return count

@@ -19,7 +19,7 @@ chance, it counts.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,9 +33,9 @@ from elastid.base.statistics import QUANTILE_95, f_test
 # Chance that a term is taken into a law that does not have it, or a scatter for larger than chance makes it.
 FALSE_ALARM = 0.01
 # Highest frequency of the cosines of a covariance, below that of motions, and their least number in all logs.
-_HIGHEST_HZ, _LEAST_TERMS = 0.2, 8
+_HIGHEST_HZ, _TERMS = 0.2, 8
 # Cosines over a state, and the chance from which on a larger covariance over a state is none.
-_STATE_TERMS, _STATE_CHANCE = 8, 0.05
+_STATE_CHANCE = 0.05
 # Least mean of such a variance over the truth: that of columns which change no faster than the cosines is all but zero.
 _LEAST_MEAN = 0.1
 # Directions of R below this share of its largest are zero.
@@ -145,6 +145,10 @@ class Regression:
         """The std of a number."""
         i = self.names.index(name)
         return float(np.sqrt(self.covariance[i, i]))
+
+    def widened(self, change: FloatArray) -> "Regression":
+        """Regression with a possible change of its numbers (n_x,) in the covariance."""
+        return replace(self, covariance=self.covariance + np.outer(change, change))
 
     def chance(self, name: str, sign: int) -> float:
         """Chance of a number as far from zero on the side of the sign, or on either for 0, where it is zero."""
@@ -280,19 +284,19 @@ def _widening(
     bread: FloatArray, scores: FloatArray, states: FloatArray, variance: FloatArray, dof: FloatArray
 ) -> FloatArray:
     """Factors (n_x,) of the std by the covariances over states (n, n_s), 1 where chance explains them."""
-    used, widening, student = np.any(scores, axis=1), np.ones(len(bread)), _student(np.array(_STATE_TERMS))
-    limit = fdtri(_STATE_TERMS, dof, 1 - _STATE_CHANCE) * student / _student(dof)
+    used, widening, student = np.any(scores, axis=1), np.ones(len(bread)), _student(np.array(_TERMS))
+    limit = fdtri(_TERMS, dof, 1 - _STATE_CHANCE) * student / _student(dof)
     for state in states.T:
         ordered = scores[used][np.argsort(state[used])]
-        by_states = np.diag(bread @ _long_run(ordered, _STATE_TERMS) @ bread) * student
+        by_states = np.diag(bread @ _long_run(ordered, _TERMS) @ bread) * student
         ratio = by_states / np.maximum(variance, 1e-300)
         widening = np.maximum(widening, np.sqrt(np.where(ratio > limit, ratio, 1.0)))
-    return np.asarray(widening)
+    return widening
 
 
 def _terms(duration_s: float, logs: int) -> int:
     """Cosines of a log of that duration, one of so many: few enough that the residuals are white over them."""
-    return max(round(duration_s * _HIGHEST_HZ * 2), -(-_LEAST_TERMS // logs))
+    return max(round(duration_s * _HIGHEST_HZ * 2), -(-_TERMS // logs))
 
 
 def _long_run(scores: FloatArray, terms: int) -> FloatArray:

@@ -24,7 +24,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
-from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
+from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms
 from elastid.friction_study.motion_signals import SMOOTHED_HZ, smoothed
 from elastid.record import FrictionRecord
 
@@ -80,21 +80,28 @@ class PassRegression:
     def of(cls, passes: Sequence[Pass], has_gravity: bool, turn: float) -> "PassRegression":
         """The columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
         lengths = [len(part.position) for part in passes]
-        step = max(1, min(sum(lengths) // 15_000, min(lengths) // 40))  # rows of all passes, and of the shortest
+        total, shortest = sum(lengths), min(lengths)
+        # Rows of all passes, and of the shortest; of very many passes fewer of the shortest, for the memory.
+        step = max(1, min(total // 15_000, max(shortest // 40, min(total // 30_000, shortest // 4))))
         has_ripple = turn > 0 and any(np.ptp(part.position) > turn for part in passes)
         pairs = list(dict.fromkeys(part.pair for part in passes))
         loads = list(dict.fromkeys(part.load_name for part in passes)) if has_gravity else []
         searched = range(N_WAVES if has_ripple else 0)
         rows, torques, waves = [], [], []
+        n_k = len(pairs)
         for part in passes:
-            q, s, ones = part.position, part.direction, np.ones(len(part.position))
-            about, mean = np.abs(part.velocity) - abs(part.velocity.mean()), abs(part.velocity.mean())
+            q, s, mean = part.position, part.direction, abs(part.velocity.mean())
+            about = np.abs(part.velocity) - mean
             about[np.abs(about) < 1e-9 * mean] = 0.0  # rounding is all that a constant speed leaves
-            signs = [float(pair == part.pair) * ones for pair in pairs]
-            carried = [float(load == part.load_name) * wave for load in loads for wave in (np.cos(q), np.sin(q))]
-            shared = [part.acceleration, s * about, *carried]
-            rows.append(_means(np.stack([*(s * column for column in signs), *signs, *shared], axis=1), step))
+            columns = [s * np.ones_like(q), np.ones_like(q), part.acceleration, s * about, np.cos(q), np.sin(q)]
+            pair, load = pairs.index(part.pair), 2 * loads.index(part.load_name) if loads else -2
+            places = [pair, n_k + pair, *(2 * n_k + i for i in (0, 1, 2 + load, 3 + load))]
+            if not loads:
+                places, columns = places[:4], columns[:4]
             torques.append(_means(part.torque, step))
+            X = np.zeros((len(torques[-1]), 2 * n_k + 2 + 2 * len(loads)))
+            X[:, places] = _means(np.stack(columns, axis=1), step)
+            rows.append(X)
             waves.append(_means(turn_waves(q, s, turn, searched), step))
         gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
         y, of_pass = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(torque) for torque in torques])
@@ -243,40 +250,35 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     """
     used, notes = _sliding(passes)
     pairs = {test.pair: [back for back in used if back.pair == test.pair] for test in used}
+    place = used[0].place
     for name, members in pairs.items():
         if len({test.direction for test in members}) < 2:
             text = (
                 "it has one direction only; friction cannot be distinguished from gravity and offset without the way "
                 "back; record both directions"
             )
-            raise DataError("friction/constant-velocity", text, f"pass {name} of {members[0].place}")
-    design = PassRegression.of(used, has_gravity, turn)
+            raise DataError("friction/constant-velocity", text, f"pass {name} of {place}")
+    design, n_k = PassRegression.of(used, has_gravity, turn), len(pairs)
     values, covariance = design.solve()
-    n_k = len(pairs)
+    stds = np.sqrt(np.diag(covariance))
     states = [[(np.abs(test.velocity).mean(), test.load, test.temperature) for test in pair] for pair in pairs.values()]
     conditions = np.array([np.mean(pair, axis=0) for pair in states])
-    speed = conditions[:, 0]
-    g, o = values[:n_k], values[n_k : 2 * n_k]
-    uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
-    std = np.sqrt(np.diag(covariance)[:n_k])
-    if not np.any(std < MAX_RELATIVE_STD * np.abs(g)):
+    g, o = values[:n_k], slice(n_k, 2 * n_k)
+    uneven, offset = _uneven(values[o], covariance[o, o], conditions[:, 0])
+    if not np.any(stds[:n_k] < MAX_RELATIVE_STD * np.abs(g)):
         text = (
             f"no level is known to {MAX_RELATIVE_STD:.0%}: gravity, ripple or noise are too large compared with them; "
             "repeat the passes, or make them longer"
         )
-        raise DataError("friction/constant-velocity", text, f"passes of {used[0].place}")
-    shared = {
-        name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
-    } | {"offset": offset}
+        raise DataError("friction/constant-velocity", text, f"passes of {place}")
+    numbers = zip(values[2 * n_k :].tolist(), stds[2 * n_k :].tolist(), strict=True)
+    shared = dict(zip(design.shared, numbers, strict=True)) | {"offset": offset}
     # By direction where the directions differ, else their means.
     signs = (1.0, -1.0) if uneven.any() else (0.0,)
     speed, load, temperature = np.tile(conditions.T, len(signs))
-    torque = np.concatenate([g + s * uneven for s in signs])
-    std = np.tile(std * np.sqrt(len(signs)), len(signs))
-    return Levels(
-        used[0].place, speed, np.repeat(signs, n_k), torque, std, load, temperature, used[0].slides, shared,
-        tuple(notes),
-    )  # fmt: skip
+    torque, std = np.concatenate([g + s * uneven for s in signs]), np.tile(stds[:n_k] * np.sqrt(len(signs)), len(signs))
+    directions, slides = np.repeat(signs, n_k), used[0].slides
+    return Levels(place, speed, directions, torque, std, load, temperature, slides, shared, tuple(notes))
 
 
 def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
@@ -296,17 +298,15 @@ def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[Float
     """Excess of friction forwards (n_k,), a slope of o over speed where an F test finds it; the offset and its std."""
     W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
 
-    def fitted(*columns: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    def fitted(*columns: FloatArray) -> Optimum:
         A = W @ np.stack(columns, axis=1)
         x = np.linalg.lstsq(A, W @ o, rcond=None)[0]
         left = W @ o - A @ x
-        return np.asarray(x), np.asarray(np.linalg.pinv(A.T @ A)), float(left @ left)
+        return Optimum(np.asarray(x), float(left @ left), A, left)
 
-    ones = np.ones_like(v)
-    mean, covariance, cost = fitted(ones)
-    dof, slope = len(o) - 1, 0.0
+    fit, slope = fitted(np.ones_like(v)), 0.0
     if len(o) >= 4 and np.ptp(v) > 0:
-        line, of_line, less = fitted(ones, v)
-        if chance_of_terms(cost, less, 1, dof - 1) <= FALSE_ALARM:
-            (mean, covariance, cost), dof, slope = (line, of_line, less), dof - 1, float(line[1])
-    return slope * v, (float(mean[0]), float(np.sqrt(max(1.0, cost / max(1, dof)) * covariance[0, 0])))
+        line = fitted(np.ones_like(v), v)
+        if chance_of_terms(fit.cost, line.cost, 1, line.dof) <= FALSE_ALARM:
+            fit, slope = line, float(line.x[1])
+    return slope * v, (float(fit.x[0]), float(np.sqrt(fit.covariance[0, 0])))

@@ -79,17 +79,12 @@ _SLOWEST_SHARE = 0.02
 JUDGED = ("inertia", "viscous", "coulomb")
 
 
-@dataclass(frozen=True)
-class MotionLimits:
-    """Limits of the judgement of a motion (scripts/studies/results.csv)."""
-
-    narrow: float = 0.25  # of the passband, in which a true model has the same numbers
-    max_shift: float = 2.8  # of a number between both bands, over its std, that counts as an error of the model
-    spring_shift: float = 0.5  # of a number with a spring between motor and link, over its std, that is a misfit
-    max_error: float = 0.05  # std of a number over it, widened by errors of the model: above, it is a misfit
-
-
-LIMITS = MotionLimits()
+# Limits of the judgement of a motion (scripts/studies/results.csv).
+NARROW_BAND = 0.25  # of the passband, in which a true model has the same numbers
+MAX_SHIFT = 2.8  # of a number between both bands, over its std, that counts as an error of the model
+SPRING_SHIFT = 0.5  # of a number with a spring between motor and link, over its std, that is a misfit
+MAX_ERROR = 0.05  # std of a number over it, widened by errors of the model: above, it is a misfit
+SPRING_STD = 0.1  # relative, of the effect of the robot model's spring on the numbers
 
 
 @frozen_value
@@ -183,7 +178,20 @@ class MotionFriction:
 
 
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
-    """Inertia and friction of an axis from its logs; DataError for short or one-sided ones, or friction that drives."""
+    """Inertia and friction of an axis from its logs; DataError for short or one-sided ones, or friction that drives.
+
+    A link behind a spring of the robot model has the inertia that the logs identify, less that of its motor.
+    """
+    for _ in range(3):
+        fit, spring = _regressed(motions, passband_hz), motions[0].spring
+        if spring is None or 2 * abs(fit.chosen["inertia"] - spring.inertia) < SPRING_STD * spring.inertia:
+            return fit
+        link = max(fit.chosen["inertia"] - spring.motor_inertia, SPRING_STD * spring.inertia)
+        motions = tuple(replace(motion, spring=replace(spring, link_inertia=link)) for motion in motions)
+    return fit
+
+
+def _regressed(motions: Sequence[Motion], passband_hz: float) -> MotionFriction:
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
     for signal in signals:
         for direction, word in ((1, "forwards"), (-1, "backwards")):
@@ -199,16 +207,20 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     if terms.apart and chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
         terms = replace(terms, apart=False)
         chosen = with_other_curves(signals, terms, regressed(signals, terms))
+    if motions[0].spring is not None:
+        stiff = [replace(signal, motion=replace(signal.motion, spring=None)) for signal in signals]
+        rigid = regressed(stiff, terms.at(chosen), steps=0)
+        chosen = chosen.widened(SPRING_STD * change_of(chosen, rigid))
     fit = MotionFriction.of(signals, chosen, terms.at(chosen))
     if fit.motion.is_run_down:
         return fit
-    bands = both_bands([MotionLog({"": signal}) for signal in signals], LIMITS.narrow)
+    bands = both_bands([MotionLog({"": signal}) for signal in signals], NARROW_BAND)
     result = judged(fit, "", moved_numbers(bands, lambda log: axis_equations(log.first, fit.terms)))
     if not bands:
         return result
     change, text = _by_spring(fit.chosen, [log.first for log in bands[1]], fit.terms)
-    chosen = replace(result.chosen, covariance=result.chosen.covariance + np.outer(change, change))
-    return replace(result, chosen=chosen, misfit="; ".join(filter(None, (text, result.misfit))))
+    misfit = "; ".join(filter(None, (text, result.misfit)))
+    return replace(result, chosen=result.chosen.widened(change), misfit=misfit)
 
 
 def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:
@@ -281,7 +293,7 @@ def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: Motion
         f"motor is held; with it numbers change by {stds:.2g} std; move more slowly, or identify the spring from "
         "frequency responses"
     )
-    return change, text if stds > LIMITS.spring_shift else ""
+    return change, text if stds > SPRING_SHIFT else ""
 
 
 Moved: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
@@ -303,10 +315,10 @@ def judged(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
     shift = np.array([changes.get(name, (0.0, 1.0))[0] for name in numbers.names])
     stds, worst = max(((abs(change) / std, name) for name, (change, std) in changes.items()), default=(0.0, ""))
     texts = []
-    if stds > LIMITS.max_shift:
-        numbers = replace(numbers, covariance=numbers.covariance + np.outer(shift, shift))
+    if stds > MAX_SHIFT:
+        numbers = numbers.widened(shift)
         texts.append(
-            f"below {LIMITS.narrow * passband_hz:g} Hz {worst} is {stds:.2g} std off that below {passband_hz:g} Hz"
+            f"below {NARROW_BAND * passband_hz:g} Hz {worst} is {stds:.2g} std off that below {passband_hz:g} Hz"
         )
     if numbers.widening > 1:
         texts.append(f"the torque that is left repeats with angle or velocity, {numbers.widening:.2g} times chance")
@@ -316,7 +328,7 @@ def judged(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
         f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: law or rigid body lack a part; measure "
         "passes of this joint alone, which show it"
     )
-    return replace(fit, chosen=numbers, misfit=text if texts and error > LIMITS.max_error else "")
+    return replace(fit, chosen=numbers, misfit=text if texts and error > MAX_ERROR else "")
 
 
 PARTS = ("inertia", "gravity", "viscous", "coulomb")
@@ -370,7 +382,7 @@ def regress_robot_motion(
     }
     least = solve(equations(terms), rate_hz)
     moved = moved_numbers(
-        both_bands(logs, LIMITS.narrow),
+        both_bands(logs, NARROW_BAND),
         lambda log: equations_of(log, terms, _columns(robot, joints, joints, log, chosen)),
     )
     names, units = zip(*_numbers(robot, joints), strict=True)
@@ -491,20 +503,15 @@ def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequen
     weight = 1 / np.maximum(np.sqrt(solution.sum_of_squares), 1e-300)
     R = np.concatenate([weight[:, None] * log.R for log in logs])
     target = np.concatenate([weight * (log.y - log.X @ solution.beta) for log in logs])
-    size, n_b = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300), R.shape[2]
-    fifths = [
-        (block.reshape(-1, n_b), y.ravel())
-        for block, y in zip(np.array_split(R / size, 5), np.array_split(target, 5), strict=True)
-    ]
+    size, n_b, every = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300), R.shape[2], np.arange(len(R))
 
-    def numbers(parts: Sequence[tuple[FloatArray, FloatArray]], ridge: float) -> FloatArray:
-        flat = np.concatenate([*(block for block, _ in parts), ridge * np.eye(n_b)])
-        y = np.concatenate([*(y for _, y in parts), np.zeros(n_b)])
-        return np.asarray(np.linalg.lstsq(flat, y, rcond=RANK_TOLERANCE)[0])
+    def numbers(rows: IntArray, ridge: float) -> FloatArray:
+        flat = np.concatenate([(R[rows] / size).reshape(-1, n_b), ridge * np.eye(n_b)])
+        y = np.append(target[rows], np.zeros(n_b))
+        return np.asarray(np.linalg.lstsq(flat, y, rcond=RANK_TOLERANCE)[0] / size)
 
     def error(ridge: float) -> float:
-        left = (y - block @ numbers([*fifths[:i], *fifths[i + 1 :]], ridge) for i, (block, y) in enumerate(fifths))
-        return float(sum(np.sum(e**2) for e in left))
+        folds = np.array_split(every, 5)
+        return float(sum(np.sum((target[f] - R[f] @ numbers(np.setdiff1d(every, f), ridge)) ** 2) for f in folds))
 
-    best = ridges[0] if len(ridges) == 1 else min(ridges, key=error)
-    return np.asarray(numbers(fifths, best) / size)
+    return numbers(every, ridges[0] if len(ridges) == 1 else min(ridges, key=error))

@@ -19,11 +19,12 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.ndimage import maximum_filter1d
-from scipy.signal import butter, resample_poly, sosfiltfilt, upfirdn
+from scipy.signal import butter, cont2discrete, lfilter, resample_poly, sosfiltfilt, upfirdn
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.statistics import runs
+from elastid.model.formulation import ElasticJoint
 from elastid.record import FrictionRecord
 
 # Above, before a position is differentiated: speeds and ripple of a pass are slower.
@@ -38,24 +39,18 @@ def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray,
     return position, velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
 
 
-@dataclass(frozen=True)
-class PassThresholds:
-    """Thresholds of plateaus and their pairs, and of the judgement of passes."""
-
-    steady_share: float = 0.05  # change of a steady velocity in the shortest plateau; closer speeds are the same
-    shortest_s: float = 0.15
-    rest_share: float = 0.005  # of the highest speed, below which a joint is at rest
-    common_share: float = 0.1  # of the shorter plateau's travel, that there and back share under gravity
-    other_speed: float = 0.2  # relative distance to the stated speed of a log, beyond which a plateau is no pass of it
-    steady_hz: float = 15.0  # band in which a plateau is steady, about as long as the shortest one
-    turn_share: float = 0.01  # of the travel of a log, by which it goes back after a turning point at least
-    windows: int = 6  # of a way at one speed, between whose means its speed changes by less than steady_share
-    line_share: float = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
-    min_change: float = 0.03  # of friction with the angle, relative, that is worth a note
-    min_counts: float = 3.0  # amplitude of a loop or a response at rest in counts of the encoder: below, it is steps
-
-
-PASSES = PassThresholds()
+# Thresholds of plateaus and their pairs, and of the judgement of passes.
+STEADY_SHARE = 0.05  # change of a steady velocity in the shortest plateau; closer speeds are the same
+SHORTEST_S = 0.15
+REST_SHARE = 0.005  # of the highest speed, below which a joint is at rest
+COMMON_SHARE = 0.1  # of the shorter plateau's travel, that there and back share under gravity
+OTHER_SPEED = 0.2  # relative distance to the stated speed of a log, beyond which a plateau is no pass of it
+STEADY_HZ = 15.0  # band in which a plateau is steady, about as long as the shortest one
+TURN_SHARE = 0.01  # of the travel of a log, by which it goes back after a turning point at least
+WAY_WINDOWS = 6  # of a way at one speed, between whose means its speed changes by less than steady_share
+LINE_SHARE = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
+MIN_CHANGE = 0.03  # of friction with the angle, relative, that is worth a note
+MIN_COUNTS = 3.0  # amplitude of a loop or a response at rest in counts of the encoder: below, it is steps
 
 
 @dataclass(frozen=True)
@@ -70,12 +65,12 @@ class Plateau:
 def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float) -> tuple[Plateau, ...]:
     """The plateaus of a smooth motion (n,), in their order."""
     speed = np.abs(velocity)
-    steady = speed > PASSES.rest_share * speed.max(initial=0.0)
-    steady &= np.abs(acceleration) * PASSES.shortest_s < PASSES.steady_share * speed
+    steady = speed > REST_SHARE * speed.max(initial=0.0)
+    steady &= np.abs(acceleration) * SHORTEST_S < STEADY_SHARE * speed
     return tuple(
         Plateau(start, stop, float(velocity[start:stop].mean()))
         for start, stop in runs(steady).tolist()
-        if stop - start >= PASSES.shortest_s * rate_hz
+        if stop - start >= SHORTEST_S * rate_hz
     )
 
 
@@ -89,7 +84,7 @@ def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
     """The speeds without sign, each once, lowest first: the mean of those that are the same."""
     groups: list[list[float]] = []
     for speed in sorted(abs(float(speed)) for speed in speeds):
-        if groups and speed < groups[-1][0] * (1 + PASSES.steady_share):
+        if groups and speed < groups[-1][0] * (1 + STEADY_SHARE):
             groups[-1].append(speed)
         else:
             groups.append([speed])
@@ -115,14 +110,14 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
 
 def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     """Plateaus in chronological order; for a log with a speed, the plateaus at this speed."""
-    position, velocity, acceleration = smoothed(record, PASSES.steady_hz)
+    position, velocity, acceleration = smoothed(record, STEADY_HZ)
     of_ways = [_plateau_of_way(position, *way, record.rate_hz) for way in _ways(position)]
     ways = [plateau for plateau in of_ways if plateau is not None]
     steady = find_plateaus(velocity, acceleration, record.rate_hz)
     parts = [part for part in steady if not any(part.start < way.stop and way.start < part.stop for way in ways)]
     plateaus = [*ways, *parts]
     if record.speed is not None:
-        reach = PASSES.other_speed * record.speed
+        reach = OTHER_SPEED * record.speed
         plateaus = [part for part in plateaus if abs(abs(part.velocity) - record.speed) <= reach]
     return tuple(sorted(plateaus, key=lambda part: part.start))
 
@@ -132,7 +127,7 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 
     What is not as far, stick-slip and noise at rest, turns no way.
     """
-    far = PASSES.turn_share * float(np.ptp(position))
+    far = TURN_SHARE * float(np.ptp(position))
     slope = np.sign(np.diff(position))
     peaks = [0, *(np.flatnonzero(slope[1:] != slope[:-1]) + 1).tolist(), len(position) - 1]
     turns, low, high, sign = list[int](), 0, 0, 0  # sign: of the way, 0 before the first
@@ -150,15 +145,15 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
     """The plateau of a way of which half of the time at least is spent at one speed, if means over windows are."""
     way = position[start:stop]
-    travelled = np.abs(way - way[0]) > PASSES.steady_share * np.ptp(way)
-    ahead = np.abs(way - way[-1]) > PASSES.steady_share * np.ptp(way)
+    travelled = np.abs(way - way[0]) > STEADY_SHARE * np.ptp(way)
+    ahead = np.abs(way - way[-1]) > STEADY_SHARE * np.ptp(way)
     first, last = int(np.argmax(travelled)), len(way) - int(np.argmax(ahead[::-1]))
-    w = (last - first) // PASSES.windows
-    if PASSES.windows * w < 2 * PASSES.shortest_s * rate_hz:
+    w = (last - first) // WAY_WINDOWS
+    if WAY_WINDOWS * w < 2 * SHORTEST_S * rate_hz:
         return None
     steps = way[first + w : last] - way[first : last - w]  # travels over one window
     change, travel = np.abs(steps[w:] - steps[:-w]), np.abs(steps[w:] + steps[:-w]) / 2
-    steady = runs(change < PASSES.steady_share * travel, w).tolist()
+    steady = runs(change < STEADY_SHARE * travel, w).tolist()
     if not steady:
         return None
     begin, end = max(steady, key=lambda run: run[1] - run[0])
@@ -167,7 +162,7 @@ def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float)
     t = np.arange(len(way)) / rate_hz
     speed, offset = np.polyfit(t[inner], way[inner], 1)
     away = np.abs(way - speed * t - offset)
-    on_line = away <= PASSES.line_share * away[inner].max()
+    on_line = away <= LINE_SHARE * away[inner].max()
     before, after = on_line[: inner.start][::-1], on_line[inner.stop :]
     begin = inner.start - int(np.argmin(np.append(before, False)))
     return Plateau(start + begin, start + inner.stop + int(np.argmin(np.append(after, False))), float(speed))
@@ -177,12 +172,12 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
     """Pairs of each plateau with the next one back at the same speed, each used once."""
 
     def is_way_back(first: Plateau, other: Plateau) -> bool:
-        limit = PASSES.steady_share * abs(first.velocity)
+        limit = STEADY_SHARE * abs(first.velocity)
         if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
             return False
         q, q_back = (record.position[part.start : part.stop] for part in (first, other))
         common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
-        return not has_gravity or bool(common > PASSES.common_share * min(np.ptp(q), np.ptp(q_back)))
+        return not has_gravity or bool(common > COMMON_SHARE * min(np.ptp(q), np.ptp(q_back)))
 
     pairs: list[tuple[Plateau, Plateau]] = []
     free = list(plateaus)
@@ -195,7 +190,7 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
 
 
 def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> FrictionRecord:
-    margin = round(2 * PASSES.shortest_s * record.rate_hz)
+    margin = round(2 * SHORTEST_S * record.rate_hz)
     start, stop = max(0, forth.start - margin), min(len(record.position), back.stop + margin)
     names = ("position", "torque", "velocity", "temperature", "disturbance", "reference", "link_position")
     logged = {name: getattr(record, name) for name in names}
@@ -216,6 +211,7 @@ class Motion:
     motor, 0 for none.  load: |torque| that the joint carries.  temperature (n,): degC, None where none was logged.
     torque_delay_s: by which the torque acts later than its position was read.  payload_torque (n,): of a payload
     that other logs do not have, by the robot's geometry.  is_run_down: it coasts, its torque without the rigid body.
+    spring: of the robot model between motor and link, None for a rigid joint.
     """
 
     place: str
@@ -230,6 +226,7 @@ class Motion:
     torque_delay_s: float = 0.0
     payload_torque: FloatArray | None = None
     is_run_down: bool = False
+    spring: ElasticJoint | None = None
 
 
 @dataclass(frozen=True)
@@ -283,6 +280,23 @@ class MotionSignals:
         acceleration = np.asarray(spline(samples / rate, nu=2))
         return cls(motion, position, velocity[::finer], acceleration, derivatives, direction, taps, kept, passband_hz)
 
+    @cached_property
+    def inertial_acceleration(self) -> FloatArray:
+        r"""Acceleration (n,) of motor and link, each weighted by its share of the inertia, as logged.
+
+        .. math:: \ddot l = H(s)\, \ddot q, \qquad H = \frac{d s + k}{J_l s^2 + d s + k}
+
+        exact for an acceleration that is linear between samples, from a link that starts with its motor; the spring is
+        damped by 2 % at least, so that this start is forgotten.
+        """
+        spring, moved = self.motion.spring, self.acceleration - self.acceleration[0]
+        if spring is None:
+            return np.asarray(self.derivatives[1])
+        J_l, k = spring.link_inertia, spring.stiffness
+        d = max(spring.damping, 0.04 * float(np.sqrt(k * J_l)))
+        (b,), a, _ = cont2discrete(([d, k], [J_l, d, k]), 1 / self.motion.rate_hz, "foh")
+        return np.asarray(self.derivatives[1] + J_l / spring.inertia * (lfilter(b, a, moved) - moved))
+
     def filtered(self, column: FloatArray) -> FloatArray:
         """A side of the equation (n, ...) behind the filter, at the samples that are kept, away from the ends."""
         kept, h = self.kept, len(self.taps) // 2
@@ -300,7 +314,7 @@ class MotionSignals:
     def rests(self) -> BoolArray:
         """Flags at full rate (n,), true at rest."""
         speed = np.abs(self.velocity)
-        return np.asarray(speed < PASSES.rest_share * speed.max())
+        return np.asarray(speed < REST_SHARE * speed.max())
 
     @cached_property
     def slides(self) -> BoolArray:

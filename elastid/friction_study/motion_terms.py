@@ -20,7 +20,7 @@ from elastid.friction.static import columns as table
 from elastid.friction_study.laws import DECAY_RANGE_K, EXPONENTS, MAX_COST, START_DECAY_K, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.levels import N_WAVES, harmonic_peaks, turn_waves, wave_names
-from elastid.friction_study.motion_signals import PASSES, MotionLog, MotionSignals
+from elastid.friction_study.motion_signals import MIN_CHANGE, MotionLog, MotionSignals
 
 # Numbers by which friction changes with temperature.
 HEAT = ("temperature.coulomb", "temperature.viscous")
@@ -103,7 +103,7 @@ def _by_angle(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTer
     fit = regressed(signals, wider)
     chance = min(fit.chance(name, 0) for name in ANGLE)
     change = np.ptp(legval(np.linspace(-1, 1, 101), [0.0, *(fit[name] for name in ANGLE)]))
-    matters = change > PASSES.min_change * abs(fit["coulomb"])
+    matters = change > MIN_CHANGE * abs(fit["coulomb"])
     return wider if matters and chance * len(ANGLE) < FALSE_ALARM else terms
 
 
@@ -137,7 +137,7 @@ def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit:
         if unseen["stiction"] > unseen["coulomb"] and unseen.sum_of_squares * limit < fit.sum_of_squares:
             changes.append(change_of(fit, unseen))
     change = max(changes, key=lambda shift: float(abs(shift[place])))
-    return replace(fit, covariance=fit.covariance + np.outer(change, change))
+    return fit.widened(change)
 
 
 def change_of(fit: Regression, other: Regression) -> FloatArray:
@@ -261,10 +261,11 @@ def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | N
     """Columns behind the filter; derivatives of the logged position, whose filter reaches no further.
 
     The column of a delay is the rate of the torque as the other columns have it: that of the torque itself has the
-    errors of the model in it, and makes all numbers wrong.
+    errors of the model in it, and makes all numbers wrong.  The inertia has the spring of the robot model in it.
     """
-    raw, (velocity, acceleration) = full_rate_columns(signals, terms, about), signals.derivatives
-    logged = {"inertia": acceleration, "viscous": velocity, "directions.viscous": np.sign(signals.velocity) * velocity}
+    raw, velocity = full_rate_columns(signals, terms, about), signals.derivatives[0]
+    logged = {"inertia": signals.inertial_acceleration, "viscous": velocity}
+    logged["directions.viscous"] = np.sign(signals.velocity) * velocity
     raw |= {name: column for name, column in logged.items() if name in raw}
     columns = {name: signals.filtered(column) for name, column in raw.items()}
     if terms.delay:

@@ -32,6 +32,7 @@ for all amplitudes and so extrapolates to none:
 
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import nnls
@@ -44,7 +45,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction.operators import Path, stop
 from elastid.friction_study.least_squares import Optimum, minimise
-from elastid.friction_study.motion_signals import PASSES
+from elastid.friction_study.motion_signals import MIN_COUNTS
 from elastid.model.formulation import ElasticJoint
 from elastid.record import Configuration, FrictionRecord, Record
 from elastid.robot.friction import MaxwellSlip
@@ -87,11 +88,11 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
     # The first half loop only gives the elements their start.
     settled = round(loops.rate_hz / frequency_hz / 2)
     reach = np.ptp(loops.position[settled:]) / 2
-    if not reach > max(PASSES.min_counts * resolution, 0.0):
+    if not reach > max(MIN_COUNTS * resolution, 0.0):
         raise DataError(
             "friction/presliding-loops",
             f"the joint moved by {2 * reach:.3g} {loops.unit}, {2 * reach / max(resolution, 1e-300):.2g} counts of its "
-            f"encoder; presliding takes more than {2 * PASSES.min_counts:.0f}: raise the torque of the loops, or use a "
+            f"encoder; presliding takes more than {2 * MIN_COUNTS:.0f}: raise the torque of the loops, or use a "
             "finer encoder",
             f"loops of joint {loops.joint}",
         )
@@ -155,17 +156,11 @@ def _few(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: Boo
     return _fit(q, u, np.sort(np.exp(end.x)), used)
 
 
-@dataclass(frozen=True)
-class RestLimits:
-    """Limits of responses at rest."""
-
-    expansion_error: float = 1e-3  # relative, of a response: keeps a line without noise from outweighing all others
-    max_slip: float = 0.3  # rms over z_s, above which the expansion does not hold
-    same_amplitude: float = 1.4  # ratio up to which amplitudes are the same: random phases change that of one peak
-    min_lines: int = 8  # of the torque that stand out of noise
-
-
-REST = RestLimits()
+# Limits of responses at rest.
+EXPANSION_ERROR = 1e-3  # relative, of a response: keeps a line without noise from outweighing all others
+MAX_SLIP = 0.3  # rms over z_s, above which the expansion does not hold
+SAME_AMPLITUDE = 1.4  # ratio up to which amplitudes are the same: random phases change that of one peak
+MIN_LINES = 8  # of the torque that stand out of noise
 
 
 # Std of the logarithms of the inertias of motor and link in a robot's file, and of stiffness and damping of its spring.
@@ -209,10 +204,10 @@ def fit_at_rest(
     covariance += np.diag([0.0, viscous[1] ** 2])
     slip = float(fit.x[-2])
     text = (
-        f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {REST.max_slip:g} the expansion "
+        f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {MAX_SLIP:g} the expansion "
         "over amplitude does not hold: lower the torque at rest"
     )
-    notes = (Note("friction/presliding-test", text, f"{place} at rest"),) if slip > REST.max_slip else ()
+    notes = (Note("friction/presliding-test", text, f"{place} at rest"),) if slip > MAX_SLIP else ()
     return AtRest(float(scale[0]), float(fit.x[-1] * scale[1]), covariance, len(responses), notes)
 
 
@@ -313,14 +308,13 @@ class RestResponse:
         DataError for motion of less than a few counts of the encoder, and as `estimate`.
         """
         first, place = records[0], f"record {records[0].name}"
-        if first.period_samples is None:
-            raise DataError("friction/presliding-test", "it has no period; excite the joint by a multisine", place)
         # The mean angles of the logs of one amplitude differ by what the joint creeps.
         motor, posture = (f"motor {first.joint}",), first.configuration or Configuration(first.name, np.zeros(1))
         periodic = [
             Record(
-                test.name, posture, i, 0, test.rate_hz, first.period_samples, motor, motor, ("position",),
-                test.torque[:, None], test.position[:, None], hold=test.hold, sliding=motor if test.slides else (),
+                test.name, posture, i, 0, test.rate_hz, first.period_samples or len(test.torque), motor, motor,
+                ("position",), test.torque[:, None], test.position[:, None], hold=test.hold,
+                sliding=motor if test.slides else (), is_periodic=first.period_samples is not None,
             )
             for i, test in enumerate(records)
         ]  # fmt: skip
@@ -328,30 +322,27 @@ class RestResponse:
         assert G.noise is not None
         # Above one and a half times the highest line, the noise of the encoder dominates.
         highest_hz = min(1.5 * float(G.freq_hz.max(initial=1.0)), 0.45 * first.rate_hz)
-        position, velocity = _motion(periodic, (0.75 * first.rate_hz / first.period_samples, highest_hz))
-        if G.n_lines < REST.min_lines or not 2 * position > PASSES.min_counts * first.resolution:
+        lowest_hz = 0.75 * (first.rate_hz / first.period_samples if first.period_samples else float(G.freq_hz[0]))
+        position, velocity = _motion(periodic, (lowest_hz, highest_hz))
+        if G.n_lines < MIN_LINES or not 2 * position > MIN_COUNTS * first.resolution:
             text = (
-                f"{G.n_lines} lines of its torque stand out of the noise, {REST.min_lines} are needed, and it moves by "
+                f"{G.n_lines} lines of its torque stand out of the noise, {MIN_LINES} are needed, and it moves by "
                 f"{position:.3g} {first.unit} (rms) with counts of {first.resolution:.3g}: raise the torque at rest, "
                 "repeat its period more often, use a finer encoder, or measure presliding by loops"
             )
             raise DataError("friction/presliding-test", text, place)
         smooth, _ = smooth_variance(G.noise.variance[:, 0, 0], G.G[:, 0, 0], G.noise.dof)
-        expansion = (REST.expansion_error * np.abs(G.G[:, 0, 0])) ** 2
+        expansion = (EXPANSION_ERROR * np.abs(G.G[:, 0, 0])) ** 2
         variance = smooth * G.correlated_lines + expansion
         return cls(G.freq_hz, G.G[:, 0, 0], variance, expansion, position, velocity, G.correlated_lines)
 
 
 def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:
     """One response for each amplitude of the torque, the smallest first."""
-    groups, last = list[list[FrictionRecord]](), 0.0
-    for record in sorted(records, key=lambda record: float(np.std(record.torque))):
-        size = float(np.std(record.torque))
-        if size > REST.same_amplitude * last:
-            groups.append([])
-        groups[-1].append(record)
-        last = size
-    return tuple(RestResponse.of(group) for group in groups)
+    ordered = sorted(records, key=lambda record: float(np.std(record.torque)))
+    sizes = np.array([np.std(record.torque) for record in ordered])
+    ends = np.flatnonzero(sizes[1:] > SAME_AMPLITUDE * sizes[:-1]) + 1
+    return tuple(RestResponse.of(ordered[start:stop]) for start, stop in pairwise([0, *ends.tolist(), len(ordered)]))
 
 
 def _motion(records: Sequence[Record], band_hz: tuple[float, float]) -> tuple[float, float]:

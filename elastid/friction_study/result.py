@@ -31,6 +31,7 @@ from elastid.robot import Friction, LuGre, Robot, channel_name
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 
+PRESLIDING = ("friction/presliding-test", "friction/presliding-loops")
 # misfit: a motion leaves errors of the model that the intervals of its numbers do not hold.
 # partly: stiction of some joint cannot be identified, or none of its numbers.  failed: no friction of any joint.
 Status: TypeAlias = Literal["identified", "misfit", "partly", "failed"]
@@ -103,14 +104,21 @@ class JointFriction:
         return self.motion.misfit if self.motion is not None and self.static is None else ""
 
     @property
+    def is_of_one_speed(self) -> bool:
+        """True if the torque at one speed was identified, and so no law."""
+        return self.static is not None and self.static.is_of_one_speed
+
+    @property
     def missing(self) -> tuple[Held, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
-        if self.friction is None:
+        if self.friction is None and not self.is_of_one_speed:
             slid = self.static is not None or self.motion is not None
             why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
             return (Held("friction", why),)
         return tuple(
-            held for held in self.held if held.part == "stribeck" and not held.reason.startswith((NOT_ASKED, ABSENT))
+            held
+            for held in self.held
+            if held.part in ("stribeck", "presliding") and not held.reason.startswith((NOT_ASKED, ABSENT))
         )
 
 
@@ -154,12 +162,15 @@ class FrictionResult:
 Truth = Mapping[str, float]
 # Numbers of a regression that are no friction.
 RIGID_TERMS = {
-    "inertia": FrictionTerm("inertia", "J", "J", "inertia", "kg*m^2", 2),
-    "offset": FrictionTerm("offset", "o", "o", "offset of the torque", "N*m", 1),
-    "gain": FrictionTerm("gain", "gain", "g", "gain of the drive: torque logged over torque", "", 0),
-    "delay": FrictionTerm("delay", "T", "T", "delay of the torque", "s", 0),
-    "gravity.cos": FrictionTerm("gravity.cos", "G", "G", "gravity, cos q", "N*m", 1),
-    "gravity.sin": FrictionTerm("gravity.sin", "H", "H", "gravity, sin q", "N*m", 1),
+    path: FrictionTerm(path, symbol, symbol, meaning, unit, power)
+    for path, symbol, meaning, unit, power in (
+        ("inertia", "J", "inertia", "kg*m^2", 2),
+        ("offset", "o", "offset of the torque", "N*m", 1),
+        ("gain", "g", "gain of the drive: torque logged over torque", "", 0),
+        ("delay", "T", "delay of the torque", "s", 0),
+        ("gravity.cos", "G", "gravity, cos q", "N*m", 1),
+        ("gravity.sin", "H", "gravity, sin q", "N*m", 1),
+    )
 }
 
 
@@ -168,8 +179,15 @@ def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[Frictio
     levels, values = law.levels, np.array([law.values[name] for name in law.names])
     unit = motion_unit("velocity", levels.slides)
     learnt = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
-    known = tuple(law.intervals)
-    yield from _table(joint, levels.slides, learnt, known, law.names, values, law.covariance, truth, law.reach)
+    at, terms = f"friction torque at {levels.speed.mean():.3g} {unit}", dict(TERMS)
+    if law.is_of_one_speed:
+        by_heat = f"{at}: change with temperature"
+        terms["coulomb"] = replace(TERMS["coulomb"], prefix="tau", symbol="tau_f", meaning=at)
+        terms["temperature.coulomb"] = replace(
+            TERMS["temperature.coulomb"], prefix="tauT", symbol="tau_T", meaning=by_heat
+        )
+    known, of_law = tuple(law.intervals), (law.names, values, law.covariance, truth, law.reach)
+    yield from _table(joint, levels.slides, learnt, known, *of_law, terms)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
@@ -197,12 +215,13 @@ def _table(
     covariance: FloatArray,
     truth: Truth,
     reach: float = QUANTILE_95,
+    terms: Mapping[str, FrictionTerm] = TERMS,
 ) -> Iterator[FrictionNumber]:
     """Numbers that are known, by name, and Coulomb and viscous friction forwards and backwards where they differ.
 
     The latter are mean and half difference, summed and subtracted.
     """
-    terms = TERMS | RIGID_TERMS
+    terms = {**terms, **RIGID_TERMS}
     rows = [(terms[name], "", "", [i]) for i, name in enumerate(names) if name in terms and name in known]
     for name in ("coulomb", "viscous"):
         if name in known and f"directions.{name}" in names:
@@ -253,8 +272,8 @@ def identify_friction(
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
         status = "misfit"
-    parts = [part for j in joints for part in (j.friction, j.presliding, j.presliding_test, j.thermal)]
-    if all(part is None for part in parts):
+    parts = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.is_of_one_speed) for j in joints)
+    if not any(map(any, parts)):
         status = "failed"
     message = "; ".join([*misfits, *(f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)])
     return FrictionResult(joints, measured.notes, status, message)
@@ -282,6 +301,8 @@ def _joint(
         notes += warm_up_note(*warmed, f"warm-up of joint {name}")
     notes += () if at_rest is None else at_rest.notes
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
+    if presliding is None and at_rest is None:  # logs that were recorded for it, and give no number
+        held += tuple(Held("presliding", note.text) for note in notes if note.code in PRESLIDING)
     return JointFriction(
         name, levels.slides, levels.constant_velocity, levels.motion, static, presliding, at_rest,
         None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), held, (*notes, *refused),
@@ -306,7 +327,7 @@ def _law(
 ) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
     """The law and its viscous friction, link side; a note where the numbers are physically impossible."""
     sliding = static if static is not None else levels.motion
-    if sliding is None:
+    if sliding is None or (static is not None and static.is_of_one_speed):
         return None, None, ()
     try:
         friction = sliding.to_friction()

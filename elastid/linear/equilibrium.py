@@ -22,23 +22,16 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import motions, null_space
 from elastid.record import Configuration
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Numbers of Newton's method and judgement."""
-
-    steps: int = 60
-    step: float = 0.3  # rad or m: a soft spring must not throw the arm onto another branch
-    converged_step: float = 1e-12  # rad or m: convergence is quadratic, the remaining error is far below
-    rounding_step: float = 1e-6  # rad or m: below, rounding decides whether a step leads downhill
-    halvings: int = 30
-    gap: float = 1e-9  # m or rad: residual of a constraint that rounding explains
-    deflection: float = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
-    inertia: float = 1e-12  # eigenvalue of M, scaled to a unit diagonal, that rounding explains
-    flank: float = 2.0  # beyond b + flank e the flank of a gap has 95 % of its stiffness
-
-
-LIMITS = Limits()
+# Numbers of Newton's method and judgement.
+MAX_STEPS = 60
+MAX_STEP = 0.3  # rad or m: a soft spring must not throw the arm onto another branch
+CONVERGED_STEP = 1e-12  # rad or m: convergence is quadratic, the remaining error is far below
+ROUNDING_STEP = 1e-6  # rad or m: below, rounding decides whether a step leads downhill
+HALVINGS = 30
+ROUNDING_GAP = 1e-9  # m or rad: residual of a constraint that rounding explains
+MAX_DEFLECTION = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
+MIN_INERTIA = 1e-12  # eigenvalue of M, scaled to a unit diagonal, that rounding explains
+FLANK = 2.0  # beyond b + flank e the flank of a gap has 95 % of its stiffness
 
 
 @frozen_value
@@ -77,7 +70,7 @@ def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, has_pay
         text = "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
         text = f"the torque on {model.coordinates[bad[0]]} is not a finite number; {text}"
         raise StudyError("robot/no-equilibrium", text, f"configuration {configuration.name}")
-    for _ in range(LIMITS.steps):
+    for _ in range(MAX_STEPS):
         # Back onto the loops in full, and from there downhill along them.
         Z, K = null_space(now.Phi[:, free]), now.K[np.ix_(free, free)]
         close = np.linalg.lstsq(now.Phi[:, free], -now.phi)[0]
@@ -86,9 +79,9 @@ def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, has_pay
         back, step = np.zeros(model.n_q), np.zeros(model.n_q)
         back[free], step[free] = close, Z @ along
         largest = np.abs(back + step).max(initial=0.0)
-        part = min(1.0, LIMITS.step / max(largest, LIMITS.converged_step))
+        part = min(1.0, MAX_STEP / max(largest, CONVERGED_STEP))
         q, now = _shortened(model, theta, q + part * back, part * step, part * float(pull @ along), free)
-        if largest <= LIMITS.converged_step:
+        if largest <= CONVERGED_STEP:
             break
     for fault in _faults(model, theta, free, q, rigid, now, np.abs(gravity).max()):
         raise StudyError("robot/no-equilibrium", fault, f"configuration {configuration.name}")
@@ -145,10 +138,10 @@ def _shortened(
 
     slope: of V along the step, where it begins.
     """
-    for halving in range(LIMITS.halvings):
+    for halving in range(HALVINGS):
         moved = q + 0.5**halving * step
         now = _balance(model, theta, moved, free)
-        if float(now.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < LIMITS.rounding_step:
+        if float(now.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < ROUNDING_STEP:
             break
     return moved, now
 
@@ -186,7 +179,7 @@ def _faults(
     """Reasons why q (n_q,) is no equilibrium. rigid (n_q,): undeflected. load: largest gravity load."""
     slides, names, K = model.robot.slides, model.coordinates, balance.K
     soft = "under gravity; raise the stiffness of its springs, or let a joint without spring hang down"
-    if (gap := np.abs(balance.phi).max(initial=0.0)) > LIMITS.gap:
+    if (gap := np.abs(balance.phi).max(initial=0.0)) > ROUNDING_GAP:
         yield f"the loops of robot {model.robot.name} stay open by {gap:.3g} m {soft}"
     unbalanced = np.abs(balance.torque[free])
     if unbalanced.size and not unbalanced.max() <= 1e-8 * load + 1e-12 * np.abs(K).max():
@@ -202,13 +195,13 @@ def _faults(
             yield f"{names[worst]} tips over with a stiffness of {stiffness[0]:.3g} {unit} {soft}"
     for joint in model.robot.joints:
         deflection = (q - rigid)[model.index(f"joint {joint.name}")]
-        if joint.spring is not None and abs(deflection) > LIMITS.deflection:
+        if joint.spring is not None and abs(deflection) > MAX_DEFLECTION:
             yield f"joint {joint.name} tips over, {deflection:.3g} {joint.unit} from where its motor holds it, {soft}"
     Z = motions(model, balance.Phi)
     M = Z.T @ model.mass(q, theta).full() @ Z
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
-    share = np.linalg.norm(Z @ modes[:, eigenvalues <= LIMITS.inertia], axis=1)
+    share = np.linalg.norm(Z @ modes[:, eigenvalues <= MIN_INERTIA], axis=1)
     if still := ", ".join(name for name, part in zip(names, share, strict=True) if part > 0.1):
         yield (
             f"the mass matrix is singular, motion of {still} moves no inertia; give the bodies that it moves a mass "
@@ -238,7 +231,7 @@ def spring_notes(model: ElasticModel, theta: FloatArray, at: Iterable[OperatingP
     notes: list[Note] = []
     for joint, x, k in zip(*preloads(model, theta, points), strict=True):
         b = values.get(f"b_{joint}", 0.0)
-        inside = np.flatnonzero(np.abs(x) < b + LIMITS.flank * (values.get(f"e_{joint}", 0.0) * b))
+        inside = np.flatnonzero(np.abs(x) < b + FLANK * (values.get(f"e_{joint}", 0.0) * b))
         if inside.size:
             angle = model.robot.parameters()[f"b_{joint}"][1]
             resting = ", ".join(

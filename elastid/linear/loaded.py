@@ -28,7 +28,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.linear.equilibrium import LIMITS, equilibrium, free_coordinates
+from elastid.linear.equilibrium import MAX_STEP, MAX_STEPS, ROUNDING_GAP, equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel, Slope, is_load, projected
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import position, rotation, tree, turns
@@ -122,15 +122,15 @@ class LoadedRobot:
         """z (2 L, n_z) at rest and the slopes (2 L, n_z, n_z) of its forces; theta (2 L, n_theta)."""
         z = self.z.copy()
         r, K = self._at(self.statics, z, theta)
-        for _ in range(LIMITS.steps):
+        for _ in range(MAX_STEPS):
             step = -self._solved(K, r)[:, :, 0]
             free = step[:, : step.shape[1] - self.model.n_c]
             largest = np.abs(free).max(axis=1, initial=0.0)
             if not np.isfinite(step).all():
                 break
-            if largest.max() < LIMITS.gap:  # convergence is quadratic
+            if largest.max() < ROUNDING_GAP:  # convergence is quadratic
                 return z + step, K
-            share = np.minimum(1.0, LIMITS.step / np.maximum(largest, 1e-300))
+            share = np.minimum(1.0, MAX_STEP / np.maximum(largest, 1e-300))
             size = _size(r, K)
             while True:
                 tried = z + share[:, None] * step

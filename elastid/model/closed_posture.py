@@ -17,20 +17,13 @@ from elastid.base.errors import StudyError
 from elastid.model.loop_closure import RANK_TOLERANCE, Closure, closures
 from elastid.robot import Robot
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Numbers of the way to a closed posture, and limits."""
-
-    step: float = 0.05  # rad or m of a driven joint between two postures on the way
-    newton_steps: int = 4  # at each of them; the error of the predictor is about step^2
-    newton_steps_at_start: int = 60  # from angles that are guesses
-    newton_step: float = 0.3  # rad or m
-    gap: float = 1e-10  # m between the ends of a closed loop
-    lever_sine: float = 0.03  # of the angle between lever and rod; postures nearer to alignment are refused
-
-
-LIMITS = Limits()
+# Numbers of the way to a closed posture, and limits.
+PATH_STEP = 0.05  # rad or m of a driven joint between two postures on the way
+NEWTON_STEPS = 4  # at each of them; the error of the predictor is about step^2
+START_NEWTON_STEPS = 60  # from angles that are guesses
+MAX_NEWTON_STEP = 0.3  # rad or m
+MAX_GAP = 1e-10  # m between the ends of a closed loop
+MIN_LEVER_SINE = 0.03  # of the angle between lever and rod; postures nearer to alignment are refused
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +75,7 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
     parts = mechanism(robot)
     q = followed(robot, angles[None]).ravel()
     phi, _ = parts.rows(q[None])
-    if not np.abs(phi).max(initial=0.0) <= LIMITS.gap:
+    if not np.abs(phi).max(initial=0.0) <= MAX_GAP:
         raise StudyError("robot/loops", _why_open(parts, angles))
     _check_posture(parts, q)
     return q
@@ -99,9 +92,9 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
     parts = mechanism(robot)
     start[:, parts.passive] = [robot.joints[i].start for i in parts.passive]
     q = start
-    for _ in range(LIMITS.newton_steps_at_start):
+    for _ in range(START_NEWTON_STEPS):
         q = q + _correction(parts, q)
-        if np.abs(parts.rows(q)[0]).max() <= LIMITS.gap:
+        if np.abs(parts.rows(q)[0]).max() <= MAX_GAP:
             break
     q = q + _correction(parts, q)
     return _moved(parts, q if near is None else _moved(parts, q, near[None]), angles)
@@ -112,7 +105,7 @@ def open_loops(robot: Robot, angles: FloatArray) -> float:
     if not robot.loops:
         return 0.0
     gap = float(np.abs(mechanism(robot).rows(followed(robot, angles, angles[0]))[0]).max(initial=0.0))
-    return gap if gap > LIMITS.gap else 0.0
+    return gap if gap > MAX_GAP else 0.0
 
 
 def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
@@ -121,24 +114,24 @@ def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
         return np.ones(len(q), bool)
     parts = mechanism(robot)
     phi, Phi = parts.rows(q)
-    closed = np.abs(phi).max(axis=1, initial=0.0) <= LIMITS.gap
+    closed = np.abs(phi).max(axis=1, initial=0.0) <= MAX_GAP
     n_p = len(parts.passive)
     if not n_p:
         return np.asarray(closed)
     s = np.linalg.svd(Phi[:, :, parts.passive], compute_uv=False)
     smallest = s[:, n_p - 1] if s.shape[1] >= n_p else np.zeros(len(q))
-    return np.asarray(closed & (smallest > LIMITS.lever_sine * np.array([parts.lever(joints) for joints in q])))
+    return np.asarray(closed & (smallest > MIN_LEVER_SINE * np.array([parts.lever(joints) for joints in q])))
 
 
 def _moved(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
     """Postures at the driven joints' angles (Q, n_u), from one posture q (1, n_l)."""
-    steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / LIMITS.step)))
+    steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / PATH_STEP)))
     q = np.repeat(q, len(angles), axis=0)
     way = (angles - q[:, parts.driven]) / steps
     for _ in range(steps):
         # Along the tangent, then back onto the closure.
         q = q + (rates(parts.robot, q) @ way[:, :, None])[:, :, 0]
-        for _ in range(LIMITS.newton_steps):
+        for _ in range(NEWTON_STEPS):
             q = q + _correction(parts, q)
     return q
 
@@ -159,7 +152,7 @@ def _correction(parts: Mechanism, q: FloatArray) -> FloatArray:
     dq = np.zeros_like(q)
     dq[:, parts.passive] = -(np.linalg.pinv(Phi[:, :, parts.passive], rcond=RANK_TOLERANCE) @ phi[:, :, None])[:, :, 0]
     longest = np.abs(dq).max(axis=1, initial=0.0, keepdims=True)
-    return np.asarray(dq * np.minimum(1.0, LIMITS.newton_step / np.maximum(longest, LIMITS.newton_step)))
+    return np.asarray(dq * np.minimum(1.0, MAX_NEWTON_STEP / np.maximum(longest, MAX_NEWTON_STEP)))
 
 
 def _why_open(parts: Mechanism, angles: FloatArray) -> str:
@@ -167,7 +160,7 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
     robot = parts.robot
     (start,) = followed(robot, np.array([[joint.start for joint in robot.driven]]))
     (end,) = followed(robot, angles[None])
-    at_start = np.abs(parts.rows(start[None])[0]).max() > LIMITS.gap
+    at_start = np.abs(parts.rows(start[None])[0]).max() > MAX_GAP
     loop, gap = _widest(parts, start if at_start else end)
     if at_start:
         return (
@@ -213,7 +206,7 @@ def _check_posture(parts: Mechanism, q: FloatArray) -> None:
         return
     _, s, Vt = np.linalg.svd(Phi[0][:, parts.passive])
     smallest, lever = s[n_p - 1] if len(s) >= n_p else 0.0, parts.lever(q)
-    if smallest > LIMITS.lever_sine * lever:
+    if smallest > MIN_LEVER_SINE * lever:
         return
     sine = smallest / max(lever, 1e-300)
     free = [parts.robot.joints[parts.passive[i]].name for i in np.flatnonzero(np.abs(Vt[n_p - 1]) > 0.3)]

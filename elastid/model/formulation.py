@@ -213,6 +213,11 @@ class ElasticJoint:
     stiffness: float
     damping: float
 
+    @property
+    def inertia(self) -> float:
+        """Of motor and link together."""
+        return self.motor_inertia + self.link_inertia
+
 
 def held_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | None:
     """Inertias of motor and link, link side, with the gear spring; None if the model has no such form.

@@ -15,7 +15,7 @@ from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.friction import FrictionTakenOut, Shape
 from elastid.nonlinear.levels import (
-    LIMITS,
+    DEPENDENCE_BY_CHANCE,
     SIGN_ERROR,
     Choice,
     NormalEquations,
@@ -197,7 +197,7 @@ class _Found:
             factor = np.array([f @ fold.b.sum(axis=0) for fold in sums]) / power
             weight = 2 * power * [fold.dof_share for fold in sums]
             Q = float(weight @ (factor - weight @ factor / weight.sum()) ** 2)
-            if n > 1 and f.any() and chi_square_limit(n - 1, LIMITS.dependence_by_chance) < Q:
+            if n > 1 and f.any() and chi_square_limit(n - 1, DEPENDENCE_BY_CHANCE) < Q:
                 C += (Q - n + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(f, f)
                 level, low, high = result.sliding_level(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
                 text = (

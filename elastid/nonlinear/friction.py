@@ -97,7 +97,7 @@ def amplitudes(
     path = path_of(record, motion) if any(not shape.is_memoryless for shape in shapes) else None
     of_shapes = (friction_means(record, motion, [(shape, 1.0)], path) for shape in shapes)
     dft, N = rfft([_mean_period(record, means, repetitions) for means in of_shapes]), record.period_samples
-    return np.asarray(dft[:, lines] * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N))
+    return dft[:, lines] * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N)
 
 
 @lru_cache(maxsize=16)

@@ -13,7 +13,7 @@ along the motion under the effects that were found. Of a sine with its cosine th
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -40,17 +40,11 @@ from elastid.parameters import Parameters
 Group: TypeAlias = tuple[GearEffect, ...]
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of the choice."""
-
-    gain: float = 12.0  # of V of realisations that the levels were not fitted to, by which a group must lower it
-    bend: float = 60.0  # by the law of a spring
-    share: float = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
-    period: float = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
-
-
-LIMITS = Limits()
+# Thresholds of the choice.
+MIN_GAIN = 12.0  # of V of realisations that the levels were not fitted to, by which a group must lower it
+MIN_GAIN_OF_SPRING = 60.0  # by the law of a spring
+MIN_GAIN_FRACTION = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
+MIN_PERIOD_FRACTION = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
 _LOST = 10.0  # times smaller than the start
 _ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then found to the end
 
@@ -71,7 +65,7 @@ def candidate_groups(data: GearData, known: Levels, orders: Sequence[float]) -> 
         if joint not in elastic:
             continue
         turns = travelled_turns(data, known, j)
-        for order in (order for order in orders if order * turns > LIMITS.period):
+        for order in (order for order in orders if order * turns > MIN_PERIOD_FRACTION):
             groups.append((GearEffect("error sine", joint, order), GearEffect("error cosine", joint, order)))
             groups.append((GearEffect("ripple sine", joint, order), GearEffect("ripple cosine", joint, order)))
     return groups
@@ -171,7 +165,7 @@ def _best_shape(data: GearData, known: Levels, joint: str, family: tuple[Kind, .
     deflection = _sizes(data, known, data.joints.index(joint))[1]
 
     def cost(levels: Levels) -> float:
-        return levels.lack + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
+        return levels.lack + MIN_GAIN * sum(1 + (effect.edge is not None) for effect in levels.effects)
 
     tie = sum(lines.Y.size for lines in data.lines)
 
@@ -269,7 +263,7 @@ def _added(data: GearData, known: Levels, groups: Sequence[Group]) -> list[GearE
     def pays(before: float, after: float, chosen: list[int]) -> bool:
         group = groups[chosen[-1]]
         # Of what friction leaves unexplained, the law of a spring explains a little of any gear.
-        gain, share = (LIMITS.bend, SLIGHT) if group[0].kind in SPRINGS else (LIMITS.gain, LIMITS.share)
+        gain, share = (MIN_GAIN_OF_SPRING, SLIGHT) if group[0].kind in SPRINGS else (MIN_GAIN, MIN_GAIN_FRACTION)
         return before - after > max(gain * len(group), share * before)
 
     return added(greedy(larger, cost, pays)[0])

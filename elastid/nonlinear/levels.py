@@ -134,28 +134,22 @@ def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
     return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max(initial=0.0) + 1e-300))
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of the choice of shapes."""
-
-    # Of what a sign has, the share of a shape's power that is not linear, at least: a sign in a multisine has 0.36 to
-    # 0.6, beside slow lines of great power, such as those of a carrier, 0.02 and less; a stop longer than the motion 0.
-    part_of_sign: float = 0.14
-    left_share: float = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
-    # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.25 of a motor that never
-    # sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes levels right in
-    # scripts/studies/outside_coverage.py, at rest and on a carrier.
-    blur: float = 2.0
-    # Of a motor's levels with curves or bristles among its shapes, in place of SIGN_ERROR: up to 2.5 % off there.
-    shape_error: float = 0.015
-    # Chance at which friction of one level is said to differ between configurations, of normal levels.
-    dependence_by_chance: float = 1e-5
-    # Variance of a response by noise and distortion over that by noise alone, and over that by noise and the arm's own
-    # swing, medians of its elements, from which on a note warns of distortion that no motor's friction explains.
-    unexplained: float = 10.0
-
-
-LIMITS = Limits()
+# Thresholds of the choice of shapes.
+# Of what a sign has, the share of a shape's power that is not linear, at least: a sign in a multisine has 0.36 to
+# 0.6, beside slow lines of great power, such as those of a carrier, 0.02 and less; a stop longer than the motion 0.
+MIN_NONLINEAR_FRACTION = 0.14
+MAX_RESIDUAL_FRACTION = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
+# Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.25 of a motor that never
+# sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes levels right in
+# scripts/studies/outside_coverage.py, at rest and on a carrier.
+SIGN_BLUR = 2.0
+# Of a motor's levels with curves or bristles among its shapes, in place of SIGN_ERROR: up to 2.5 % off there.
+SHAPE_ERROR = 0.015
+# Chance at which friction of one level is said to differ between configurations, of normal levels.
+DEPENDENCE_BY_CHANCE = 1e-5
+# Variance of a response by noise and distortion over that by noise alone, and over that by noise and the arm's own
+# swing, medians of its elements, from which on a note warns of distortion that no motor's friction explains.
+MIN_UNEXPLAINED = 10.0
 SLIGHT = 0.02  # of a power, V or torque: shapes are not known so well that less of it shows a further one
 # Of a level, all of a motor as one factor: std of what its shape is not known by, levels within 1 %.  Calibrated, not
 # derived: of signs alone F_c was up to 1 % off on one outside rig where noise says 0.4 %, and up to 0.3 % on another.
@@ -181,7 +175,7 @@ def choose(
     # Of Stribeck curves a motor has one at most, and none alone: together they have no F_c.
     rivals = np.flatnonzero([shape.kind == "stribeck" for shape in candidates])
     choices = [choose_shapes(equations, i, members, rivals) for i, members in enumerate(groups)]
-    choices = [pair if not auto or pair[1] <= LIMITS.left_share else (pair[0][:0], 1.0) for pair in choices]
+    choices = [pair if not auto or pair[1] <= MAX_RESIDUAL_FRACTION else (pair[0][:0], 1.0) for pair in choices]
     chosen, left = np.concatenate([chosen_of for chosen_of, _ in choices]), np.array([left for _, left in choices])
     return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
 
@@ -197,7 +191,7 @@ def telling_shapes(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> 
     """
     share = np.mean([configuration.nonlinear_share() for configuration in data], axis=0)
     every = [np.flatnonzero(motor_of == i) for i in np.unique(motor_of)]
-    return [rows[share[rows] > LIMITS.part_of_sign * share[rows[0]]] for rows in every]
+    return [rows[share[rows] > MIN_NONLINEAR_FRACTION * share[rows[0]]] for rows in every]
 
 
 # Speeds over which a sign turns, over the RMS speed.
@@ -301,7 +295,7 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str], velocity_
                 continue
             mean = sum(speed * f for speed, f in same) / sum(f for _, f in same)
             if kind == "sign":
-                mean = math.sqrt(max(mean**2 - (LIMITS.blur * noise) ** 2, 0.0))
+                mean = math.sqrt(max(mean**2 - (SIGN_BLUR * noise) ** 2, 0.0))
             pairs = [(shape, f) for shape, f in pairs if shape.kind != kind]
             pairs += [(Shape(place, kind, part * mean), 0.0) for part in (near if mean else near[:1])]
         shapes += [shape for shape, _ in pairs]
@@ -312,5 +306,5 @@ def by_unknown_shapes(choice: Choice, levels: FloatArray) -> FloatArray:
     """Covariance (n_f, n_f) of coefficients (n_f,) due to missing basis functions: one common factor per motor."""
     others = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (levels > 0)
     with_others = np.isin(choice.motor_of, choice.motor_of[others])
-    error = np.where(with_others, LIMITS.shape_error, SIGN_ERROR) * levels
+    error = np.where(with_others, SHAPE_ERROR, SIGN_ERROR) * levels
     return np.where(choice.motor_of[:, None] == choice.motor_of, np.outer(error, error), 0.0)

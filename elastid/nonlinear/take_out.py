@@ -29,7 +29,7 @@ from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.friction import FrictionTakenOut, held_samples
-from elastid.nonlinear.levels import LIMITS
+from elastid.nonlinear.levels import MIN_UNEXPLAINED
 from elastid.nonlinear.motion import whole_samples
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import MOTION_ORDER, Record
@@ -97,7 +97,7 @@ def _unexplained(
         return ()
     total, noise = response.total.variance, response.noise.variance
     ratio = float(np.median(total[known] / noise[known]))
-    if ratio < LIMITS.unexplained or np.median((total / (noise + arm()))[known]) < LIMITS.unexplained:
+    if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[known]) < MIN_UNEXPLAINED:
         return ()
     text = (
         f"nonlinear distortion is {np.sqrt(ratio):.2g} times the noise, and friction of {', '.join(friction.places)} "

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import NoteGroup, grouped
 from elastid.experiment.plan.friction import FrictionPlan
-from elastid.friction_study.extended_kalman_filter import FollowedFriction
+from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.report.answer import Questions
@@ -20,12 +20,13 @@ GOOD = {
     "failed": "No parameter was identified.",
 }
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
-ANSWERED = ("F_c", "F_s", "f")
+ANSWERED = ("tau_f", "F_c", "F_s", "f")
 # A number is good within this share of it, and a twin within this of its log, rms.
 MOST_OFF = 0.1
 # Parts of a law without numbers, in words.
 PARTS = {
     "stribeck": "stiction and Stribeck velocity",
+    "presliding": "presliding",
     "exponent": "exponent of the Stribeck curve",
     "quadratic": "quadratic friction",
     "directions": "difference of the directions",

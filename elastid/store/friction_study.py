@@ -4,7 +4,7 @@ from pathlib import Path
 
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan
-from elastid.friction_study.extended_kalman_filter import FollowedFriction
+from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointLevels
 from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.artefacts import NO_STAMP, Stamp, opened

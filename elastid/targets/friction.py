@@ -21,7 +21,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
-from elastid.friction_study.extended_kalman_filter import FollowedFriction, FollowedJoint, filter_step, first_estimate
+from elastid.friction_study.extended_kalman_filter import FollowedJoint, filter_step, first_estimate
+from elastid.friction_study.follow import FollowedFriction
 from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
 from elastid.targets.code import c_sources, dense

@@ -239,17 +239,17 @@ def agreement(
     reference = np.maximum(np.maximum(np.abs(G), sigma), tiny)
     ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
     return Agreement(
-        configuration=measured.configuration.name,
-        is_validation=is_validation,
-        outputs=measured.outputs,
-        inputs=measured.inputs,
-        lines=judged.sum(axis=0),
-        rms_log_db=np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, judged)),
-        phase_rms_deg=np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, judged)),
-        rms_sigma=np.sqrt(_mean(np.abs(e) ** 2, known)),
-        power_ratio=ratio,
-        power_dof=ratio_dof,
-        white_p=white_p,
+        measured.configuration.name,
+        is_validation,
+        measured.outputs,
+        measured.inputs,
+        judged.sum(axis=0),
+        np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, judged)),
+        np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, judged)),
+        np.sqrt(_mean(np.abs(e) ** 2, known)),
+        ratio,
+        ratio_dof,
+        white_p,
     )
 
 

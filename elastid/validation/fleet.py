@@ -47,22 +47,14 @@ MEANINGS = {
 }
 
 
-@dataclass(frozen=True)
-class SpreadLimits:
-    """Knowledge of spreads beforehand, in place of further robots.
-
-    Of 200 fleets of 8 good robots that differ by 1.5 % 4 have a finding with three dates and 9 with one; a gear that is
-    10 % soft is named in 192 and 196 (scripts/studies/results.csv; among 64 robots in all, with a finding in 8).
-    """
-
-    # New gears of one type differ by 1 to 3 % in stiffness: worth so many degrees of freedom.
-    natural_stiffness: float = 0.017
-    natural_dof: float = 6.0
-    # Most degrees of freedom that parameters of the same kind are worth: their spreads are alike within a third.
-    max_shared_dof: float = 8.0
-
-
-LIMITS = SpreadLimits()
+# Knowledge of spreads beforehand, in place of further robots. Of 200 fleets of 8 good robots that differ by 1.5 % 4
+# have a finding with three dates and 9 with one; a gear that is 10 % soft is named in 192 and 196
+# (scripts/studies/results.csv; among 64 robots in all, with a finding in 8).
+# New gears of one type differ by 1 to 3 % in stiffness: worth so many degrees of freedom.
+NATURAL_STIFFNESS = 0.017
+NATURAL_DOF = 6.0
+# Most degrees of freedom that parameters of the same kind are worth: their spreads are alike within a third.
+MAX_SHARED_DOF = 8.0
 
 
 @dataclass(frozen=True)
@@ -194,7 +186,7 @@ def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> lis
         return []
     of_kind = [p.between_robots() for p in _same_kind(parameter, parameters) if len(p.series) > 1]
     if parameter.is_relative and _letters(parameter.name) == "k":
-        of_kind.append((LIMITS.natural_dof * LIMITS.natural_stiffness**2, LIMITS.natural_dof))
+        of_kind.append((NATURAL_DOF * NATURAL_STIFFNESS**2, NATURAL_DOF))
     findings = []
     for s in parameter.series:
         others = tuple(peer for peer in parameter.series if peer is not s)
@@ -229,7 +221,7 @@ def _together(parts: Iterable[_Excess]) -> _Excess:
 def _moderated(own: _Excess, of_kind: Iterable[_Excess]) -> tuple[float, float]:
     """Variance and degrees of freedom of its own scatter and its kind's, which counts `max_shared_dof` at most."""
     total, dof = _together(of_kind)
-    worth = min(1.0, LIMITS.max_shared_dof / dof) if dof else 0.0
+    worth = min(1.0, MAX_SHARED_DOF / dof) if dof else 0.0
     total, dof = _together([own, (worth * total, worth * dof)])
     return (max(total / dof, 0.0) if dof else 0.0), dof
 

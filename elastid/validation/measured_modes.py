@@ -10,8 +10,6 @@ of the height of the peak |R| / (zeta omega), which itself is more than eight st
 resonances of a right model by less.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray, frozen_value
@@ -25,19 +23,12 @@ from elastid.modal.modes import Modes, mac
 from elastid.modal.spec import ModalSpec
 from elastid.response import Response
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Judgement of measured modes.  False alarms of 150 right models: 1 (`scripts/studies/results.csv`)."""
-
-    distance: float = 0.1  # relative, of frequencies of one mode
-    mac: float = 0.5  # of one mode, where frequencies are further apart than the smaller half width
-    missed_share: float = 0.5  # of a peak's height, by which the model misses the response there
-    height_std: float = 8.0
-    seen_share: float = 0.3  # of the largest entry of a shape, from which on an output is named
-
-
-LIMITS = Limits()
+# Judgement of measured modes. False alarms of 150 right models: 1 (`scripts/studies/results.csv`).
+MAX_DISTANCE = 0.1  # relative, of frequencies of one mode
+MIN_MAC = 0.5  # of one mode, where frequencies are further apart than the smaller half width
+MISSED_SHARE = 0.5  # of a peak's height, by which the model misses the response there
+HEIGHT_STD = 8.0
+SEEN_SHARE = 0.3  # of the largest entry of a shape, from which on an output is named
 
 
 @frozen_value
@@ -57,7 +48,7 @@ class MeasuredModes:
     def seen(self, r: int) -> str:
         """The outputs that move most in a mode."""
         size = np.abs(self.own.shapes[:, r])
-        return ", ".join(self.own.outputs[k] for k in np.flatnonzero(size >= LIMITS.seen_share * size.max()))
+        return ", ".join(self.own.outputs[k] for k in np.flatnonzero(size >= SEEN_SHARE * size.max()))
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -111,8 +102,8 @@ def _partners(modes: Modes, freq_hz: FloatArray, zeta: FloatArray, agreement: Fl
 
     gap = np.abs(modes.freq_hz[:, None] - freq_hz)
     width = np.minimum((modes.freq_hz * modes.zeta)[:, None], freq_hz * zeta)
-    distance = gap / np.maximum(LIMITS.distance * modes.freq_hz[:, None], width)
-    far = (distance >= 1) | ((gap > width) & (agreement < LIMITS.mac))
+    distance = gap / np.maximum(MAX_DISTANCE * modes.freq_hz[:, None], width)
+    far = (distance >= 1) | ((gap > width) & (agreement < MIN_MAC))
     rows, columns = linear_sum_assignment(np.where(far, 1e3, distance + 1 - agreement))
     partners = np.full(modes.n_modes, -1)
     partners[rows] = np.where(far[rows, columns], -1, columns)
@@ -128,4 +119,4 @@ def _is_missed(modes: Modes, r: int, response: Response, modelled: Response) -> 
     error = abs(response.G[line, i, j] - modelled.G[line, i, j])
     covariance = response.uncertainty
     std = 0.0 if covariance is None else float(np.sqrt(covariance.variance[line, i, j]))
-    return bool(error > LIMITS.missed_share * height and height > LIMITS.height_std * std)
+    return bool(error > MISSED_SHARE * height and height > HEIGHT_STD * std)

@@ -11,7 +11,8 @@ from plants.measured import EMPS, EMPS_PULSES, measured, with_records
 from scipy.io import loadmat
 
 from elastid.app import cli
-from elastid.friction_study.extended_kalman_filter import FILTER, JointSamples, KalmanFilter
+from elastid.friction_study.extended_kalman_filter import JointSamples, KalmanFilter
+from elastid.friction_study.filter_consistency import MAX_CORRELATION, NIS_BAND
 from elastid.friction_study.motion import regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.store.friction_study import read_filter, read_friction_records
@@ -61,8 +62,8 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
         if name in regression:
             assert abs(value - regression[name]) < half + 0.05 * value, name
     # Friction over position, which the law of the study has and the filter has not, leaves some.
-    assert 0.9 < found.consistency.nis < FILTER.nis_band[1]
-    assert found.consistency.autocorrelation[1] < FILTER.max_correlation
+    assert 0.9 < found.consistency.nis < NIS_BAND[1]
+    assert found.consistency.autocorrelation[1] < MAX_CORRELATION
     (record,) = read_friction_records(tmp_path / "records.h5").records
     samples = JointSamples(record.torque[:-1], np.zeros(len(record.torque) - 1), record.position[1:])
     unlikely = {}
@@ -71,7 +72,7 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
         sure = replace(found.filtered, tolerances={})
         joint = replace(sure, bristle_stiffness=sure.coulomb / bend)
         track = KalmanFilter(joint, found.rate_hz).run([samples], found.noise)
-        unlikely[bend] = float(np.sum((np.log(track.variance) + track.nis)[1000:]))
+        unlikely[bend] = float(np.sum((np.log(track.innovation_variance) + track.nis)[1000:]))
         if bend < 5e-6:
             ends = [track.values(name)[-1] for name in ("f+", "f-")]
             assert ends == pytest.approx([171.5, 248.5], abs=4)

@@ -136,6 +136,7 @@ def test_periods_of_a_long_record_are_compared_with_some_of_them(monkeypatch: py
         y[bad * N : bad * N + 100] *= 1.5
     spoilt = replace(record, y=y)
     everything = _kept(spoilt)[0]
-    monkeypatch.setattr(period_selection, "LIMITS", replace(period_selection.LIMITS, pairs=1, least_compared=12))
+    monkeypatch.setattr(period_selection, "MAX_PAIRS", 1)
+    monkeypatch.setattr(period_selection, "MIN_COMPARED", 12)
     assert _kept(spoilt)[0] == everything
     assert set(range(60)) - set(everything) == {3, 30, 47}

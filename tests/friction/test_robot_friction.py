@@ -7,6 +7,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from plants import published_friction as p
 from plants.friction_laws import Numeric
 
 from elastid.friction.dynamic import Bristle, MaxwellElements
@@ -83,32 +84,18 @@ def sliding(one: PlacedLaw, v: float, load: float = 0.0, temperature: float | No
 
 
 def test_the_published_law_of_a_large_robot_is_held_exactly() -> None:
-    """tau_f of a joint at speeds, loads and temperatures, in parts of 26 Nm on the motor's side.
-
-    Law and numbers: Bittencourt, Wernholt, Sander-Tavallaey and Brogardh, LiTH-ISY-R-2948 (IROS 2010), axis 2.
-    """
-    F_c, F_cl, F_sl, nu_l, D_s, D_sT, nu_0, nu_T, alpha_2, alpha_T, T_V, a = (
-        3.11e-2, 2.34e-2, 0.126, 9.22, -2.50e-2, 1.60e-3, -24.81, 0.98, 1.30e-4, 1.32e-3, 20.71, 1.36,
-    )  # fmt: skip
+    """tau_f of a joint both ways at speeds, loads and temperatures, in parts of 26 Nm on the motor's side."""
     T_0 = 40.0
-    viscous = alpha_2 + alpha_T * math.exp(-T_0 / T_V)
-    spec = Friction(
-        F_c,
-        F_c + D_s + D_sT * T_0,
-        nu_0 + nu_T * T_0,
-        exponent=a,
-        load=LoadDependence(F_cl, F_cl + F_sl, nu_l),
-        temperature=TemperatureDependence(T_0, D_sT, nu_T, alpha_T * math.exp(-T_0 / T_V), T_V),
+    fading = p.ALPHA_T * math.exp(-T_0 / p.T_V)
+    load = LoadDependence(p.F_CL, p.F_CL + p.F_SL, p.NU_L)
+    warm = TemperatureDependence(T_0, p.D_ST, p.NU_T, fading, p.T_V)
+    law = Friction(
+        p.F_C, p.F_C + p.D_S + p.D_ST * T_0, p.NU_0 + p.NU_T * T_0, 0.0, p.EXPONENT, load=load, temperature=warm
     )
-    one = placed(spec)
-    for v in (-200.0, -3.0, 0.5, 12.0, 250.0):
-        for load in (0.0, 0.35, 1.0):
-            for T in (33.0, 52.0, 80.0):
-                s, e = np.sign(v), lambda nu: math.exp(-(abs(v / nu) ** a))  # noqa: B023
-                published = s * (
-                    F_c + F_cl * load + F_sl * load * e(nu_l) + (D_s + D_sT * T) * e(nu_0 + nu_T * T)
-                ) + (alpha_2 + alpha_T * math.exp(-T / T_V)) * v  # fmt: skip
-                assert sliding(one, v, load, T) + viscous * v == pytest.approx(published, rel=1e-10)
+    one, levels = placed(law), p.published_levels((0.5, 12.0, 250.0), (0.0, 0.35, 1.0), (33.0, 52.0, 80.0))
+    for v, L, T, torque in zip(levels.speed, levels.load, levels.temperature, levels.torque, strict=True):
+        for s in (1.0, -1.0):
+            assert sliding(one, s * v, L, T) + (p.ALPHA + fading) * s * v == pytest.approx(s * torque, rel=1e-10)
 
 
 @pytest.mark.parametrize("n", [1.0, 40.0, -40.0])

@@ -46,17 +46,6 @@ def test_under_gaussian_velocity_friction_is_viscous_on_average() -> None:
     np.testing.assert_allclose(slope, np.sqrt(2 / np.pi) * F_c / sigma, rtol=2 * (SLIDING_VELOCITY / sigma) ** 2)
 
 
-@pytest.mark.parametrize(("own", "fading"), [({}, 0.1), ({"load.stribeck_velocity": 0.3}, 0.3)])
-def test_stiction_of_a_load_fades_at_its_own_velocity_or_at_that_of_the_joint(
-    own: dict[str, float], fading: float
-) -> None:
-    """L exp(-(v / v_s)^2)."""
-    v, L = np.array([0.02, 0.1, 0.5]), np.array([10.0, 30.0, 20.0])
-    loaded = Conditions(v, np.zeros(3), L, np.full(3, np.nan))
-    found = columns(loaded, ("load.stiction",), {"stribeck_velocity": 0.1, "exponent": 2.0, **own}, 25.0)
-    np.testing.assert_allclose(found[:, 0], L * np.exp(-((v / fading) ** 2)))
-
-
 ETA = {"stribeck_velocity": 0.1, "exponent": 1.3, "temperature.stribeck_velocity": 2e-3, "temperature.decay": 20.0}
 NUMBERS = dict(zip(LINEAR, (3.0, 5.0, 4.0, 2.0, 0.1, 0.3, -0.02, -0.03, 1.5, 0.4, 0.2), strict=True))
 

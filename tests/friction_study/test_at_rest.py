@@ -10,7 +10,7 @@ import pytest
 from plants import lugre_joint as plant
 from plants.lugre_joint import moved, multisine
 from plants.refusals import refused
-from scipy.signal import cont2discrete, lfilter
+from scipy.signal import butter, cont2discrete, lfilter, sosfilt
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.presliding import (
@@ -29,14 +29,17 @@ JOINT = ElasticJoint(plant.MOTOR, plant.LINK, plant.STIFFNESS, plant.DAMPING)
 RATE, PERIOD, COUNT = plant.RATE_HZ, plant.PERIOD, plant.COUNT
 
 
-def record(name: str, peak: float, seed: int, noise: float, count: float) -> FrictionRecord:
+def record(name: str, peak: float, seed: int, noise: float, count: float, *, is_noise: bool = False) -> FrictionRecord:
     """From rest, torque held from sample to sample, with noise that is not logged."""
     rng = np.random.default_rng(seed)
     u = multisine(peak, rng)
+    if is_noise:
+        u = sosfilt(butter(4, (3, 90), "bandpass", fs=RATE, output="sos"), rng.standard_normal(20_000))
+        u *= peak / 3 / u.std()
     q = moved(u + noise * rng.standard_normal(len(u)))
     return FrictionRecord(
         name, "1", "presliding_test", RATE, np.round(q / count) * count if count else q, u, resolution=count,
-        period_samples=PERIOD, hold="zero-order",
+        period_samples=None if is_noise else PERIOD, hold="zero-order",
     )  # fmt: skip
 
 
@@ -59,6 +62,13 @@ def test_sigma_0_to_four_thousandths_at_a_tenth_of_break_away() -> None:
     assert abs(sigma_0) < 0.002
     assert abs(sigma_1) < 0.01
     assert not found.notes
+
+
+def test_noise_without_a_period_identifies_bristles() -> None:
+    """20 s of noise from 3 to 90 Hz at two amplitudes, within 1 and 2 %."""
+    logs = [record("", peak, round(100 * peak), 0.005, plant.FINE_COUNT, is_noise=True) for peak in (0.1, 0.2)]
+    found = fit_at_rest("joint 1", rest_responses(logs), JOINT, (plant.VISCOUS, 0.0))
+    assert np.all(np.abs(errors(found)) < [0.01, 0.02])
 
 
 @pytest.mark.parametrize("inertias", [(1.0, 1.0), (1.05, 0.875)])

@@ -1,5 +1,6 @@
 """A filter follows friction that warms up, through stops, with bands that hold it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,19 +8,17 @@ import pytest
 from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate
 
 from elastid.base.arrays import FloatArray
+from elastid.friction_study import extended_kalman_filter
 from elastid.friction_study.extended_kalman_filter import (
-    FILTER,
     FilterNoise,
-    FollowedFriction,
     FollowedJoint,
     JointSamples,
     KalmanFilter,
     Track,
-    consistency,
     estimate_noise,
-    follow,
-    with_tolerances,
 )
+from elastid.friction_study.filter_consistency import MAX_CORRELATION, consistency
+from elastid.friction_study.follow import FollowedFriction, follow, with_tolerances
 from elastid.friction_study.levels import Levels
 from elastid.friction_study.result import JointFriction
 
@@ -54,7 +53,7 @@ def torque_error(track: Track, run: WarmRun) -> float:
 
 def nees(track: Track, name: str, truth: FloatArray) -> float:
     """Mean squared error of a logarithm over its variance, after settling."""
-    i = track.joint.states.index(name)
+    i = track.joint.followed.index(name)
     return float(np.mean((((track.x[:, i] - np.log(truth)) / track.std[:, i]) ** 2)[round(SETTLED_S * RATE_HZ) :]))
 
 
@@ -68,7 +67,7 @@ def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) 
     assert nees(track, "Fc", run.coulomb) < 1.2
     assert nees(track, "f", run.viscous) < 1.2
     assert 0.9 < judged.nis < 1.1
-    assert abs(judged.autocorrelation[1]) < FILTER.max_correlation
+    assert abs(judged.autocorrelation[1]) < MAX_CORRELATION
 
 
 @pytest.mark.slow
@@ -116,10 +115,25 @@ def test_constant_speed_says_what_it_cannot_know() -> None:
     assert not {"filter/not-observable", "filter/inconsistent"} & codes(followed(simulate(rich(7), 4)))
 
 
-def test_a_filter_that_has_lost_the_log_says_so() -> None:
-    """Viscous friction a thousand times too large to begin with."""
-    lost = followed(simulate(rich(7), 4), replace(FOLLOWED, viscous=1e3 * FOLLOWED.viscous))
-    assert "filter/inconsistent" in codes(lost)
+@pytest.mark.parametrize(("viscous", "noise"), [(1e3, 1.0), (1.0, 20.0)])
+def test_filter_that_lost_the_log_diverges_at_a_time(viscous: float, noise: float) -> None:
+    """Viscous friction a thousand times too large at the start, noise of 20 times."""
+    joint = replace(FOLLOWED, viscous=viscous * FOLLOWED.viscous)
+    expected = replace(NOISE, angle=noise * NOISE.angle, torque=noise * NOISE.torque)
+    lost = follow("1", False, joint, [simulate(rich(7), 4).samples], RATE_HZ, expected, 5.0, find_noise=False)
+    assert codes(lost) == {"filter/diverged"}
+    (time_s,) = re.findall(r"^at (\S+) s:", lost.consistency.divergence)
+    assert 5.0 <= float(time_s) <= 7.0
+
+
+def test_filter_in_blocks_continues_its_estimate(monkeypatch: pytest.MonkeyPatch, kalman: KalmanFilter) -> None:
+    """Blocks of a fifth of a second bound the memory and change no number."""
+    run = simulate(rich(0.5), 4)
+    whole = tracked(kalman, run)
+    monkeypatch.setattr(extended_kalman_filter, "_BLOCK", 200)
+    parts = tracked(kalman, run)
+    np.testing.assert_array_equal(np.hstack([parts.x, parts.std]), np.hstack([whole.x, whole.std]))
+    np.testing.assert_array_equal(parts.covariance, whole.covariance)
 
 
 @pytest.mark.slow

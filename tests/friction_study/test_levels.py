@@ -194,6 +194,21 @@ def test_numbers_that_no_contact_has_make_no_law() -> None:
     assert [note.code for note in result.at("1").notes] == ["friction/law"]
 
 
+def test_runs_at_one_speed_give_its_torque_and_no_law() -> None:
+    """At 1.2 rad/s from 25 to 45 degC: the torque there and its change with temperature, without Coulomb friction."""
+    (scatter, noise), degc = np.random.default_rng(4).standard_normal((2, 40)), np.linspace(25, 45, 40)
+    v, torque = 1.2 * (1 + 3e-3 * scatter), 9.6 - 0.05 * (degc - 35) + 0.05 * noise
+    levels = Levels("joint 1", v, 0 * v, torque, 0.05 + 0 * v, 0 * v, degc)
+    study = template().study
+    found = identify_friction(
+        study.as_robot(), [JointLevels("1", False, levels)], FrictionRecords(()), study.as_friction()
+    )
+    assert {row.name: row.value for row in found.numbers} == {
+        "tau_m1": pytest.approx(9.6, abs=0.05), "tauT_m1": pytest.approx(-0.05, abs=0.01)
+    }  # fmt: skip
+    assert (found.status, found.at("1").friction) == ("partly", None)
+
+
 def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels() -> None:
     """20 K above the reference and under 30 Nm; the file's numbers where nothing is compared."""
     warm = TemperatureDependence(25.0, stiction=0.002, viscous=1e-3, decay=20.0)

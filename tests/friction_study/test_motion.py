@@ -13,6 +13,7 @@ from scipy.io import loadmat
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, distinct_speeds
+from elastid.model.formulation import ElasticJoint
 
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
 
@@ -194,6 +195,16 @@ def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none() -
     fit = regress_motion(with_link(1000.0))
     assert not fit.misfit
     assert abs(fit.chosen["inertia"] - INERTIA) < 3 * fit.chosen.std("inertia")
+
+
+@pytest.mark.parametrize(("stiffer", "inertia"), [(1.0, 1.0), (1.1, 1.0), (1.0, 0.8)])
+def test_spring_of_the_robot_model_is_in_the_regression(stiffer: float, inertia: float) -> None:
+    """A link at 10 Hz, of a model whose stiffness or inertia is off, too: J within its interval of 2 %."""
+    link = 0.5 * INERTIA
+    spring = ElasticJoint(0.5 * INERTIA, inertia * link, stiffer * link * (2 * np.pi * 10.0) ** 2, 0.0)
+    fit = regress_motion(replace(with_link(10.0), spring=spring)).chosen
+    assert abs(fit["inertia"] - INERTIA) < 1.96 * fit.std("inertia") < 0.02 * INERTIA
+    assert abs(fit["coulomb"] - COULOMB) < 1.96 * fit.std("coulomb")
 
 
 RATE = 500.0

@@ -8,7 +8,7 @@ import pytest
 
 from elastid.nonlinear.friction import Shape
 from elastid.nonlinear.levels import (
-    LIMITS,
+    SHAPE_ERROR,
     SIGN_ERROR,
     Choice,
     NormalEquations,
@@ -158,10 +158,10 @@ def test_what_no_shape_has_is_smaller_where_signs_are_all() -> None:
     """Levels of one motor are off by one factor, those of different motors by their own."""
     shapes = [Shape("motor 1", "sign"), Shape("motor 1", "bristle", 1e-4), Shape("motor 2", "sign")]
     C = by_unknown_shapes(choice_of(shapes), np.array([3.0, 1.0, 2.0]))
-    of_curves, of_signs = np.array([3.0, 1.0]) * LIMITS.shape_error, 2.0 * SIGN_ERROR
+    of_curves, of_signs = np.array([3.0, 1.0]) * SHAPE_ERROR, 2.0 * SIGN_ERROR
     np.testing.assert_allclose(C[:2, :2], np.outer(of_curves, of_curves))
     np.testing.assert_allclose(C[2], [0, 0, of_signs**2])
-    assert LIMITS.shape_error > SIGN_ERROR
+    assert SHAPE_ERROR > SIGN_ERROR
 
 
 def test_shapes_that_are_alike_share_a_level() -> None:

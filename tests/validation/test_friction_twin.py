@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 
 from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import true_plant
@@ -15,6 +16,7 @@ from elastid.friction_study.result import JointFriction
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, JointLoop
 from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
 from elastid.robot.friction_numbers import with_laws
+from elastid.robot.simplified import with_joints
 from elastid.simulation.closed_loop import Commands, simulate
 from elastid.validation.friction_twin import friction_twin
 from elastid.validation.twin import TORQUE, TwinRun
@@ -82,6 +84,15 @@ def test_known_pulses_push_the_twin_as_well() -> None:
     pushed = recorded(pulse=60.0)
     assert runs_of(pushed, CASCADE)[1].of(TORQUE)[0].error < 0.03
     assert runs_of(replace(pushed, disturbance=None), CASCADE)[1].of(TORQUE)[0].error > 0.1
+
+
+def test_simulation_along_a_slow_log_takes_its_steps() -> None:
+    """A spring that needs more than 40 steps in a sample of 100 Hz, of which a study may raise the rate."""
+    stiff = with_joints(swing(), lambda joint: replace(joint, spring=joint.spring and Spring(1e9, 60.0)))
+    spec, start = SimulatedSpec(), Configuration("start", np.zeros(2))
+    with refused("experiment/simulated", place="experiment.simulated.substeps", holds="100 Hz"):
+        true_plant(stiff, spec, 100.0, start)
+    assert true_plant(stiff, spec, 100.0, start, is_free=True).loop.rate_hz == 100.0
 
 
 def test_a_twin_that_its_controller_cannot_hold_is_said_to_be_lost(record: FrictionRecord) -> None:

@@ -18,8 +18,7 @@ from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
-from elastid.friction_study.extended_kalman_filter import FollowedFriction
-from elastid.friction_study.follow import follow_joints
+from elastid.friction_study.follow import FollowedFriction, follow_joints
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointLevels, identify_friction
@@ -175,6 +174,9 @@ def conclude(run: Run) -> None:
         raise FitError("friction/no-record", f"{result.message} (see the notes above)", "no friction was identified")
     if result.status == "misfit":
         raise MisfitError("fit/misfit", result.message, "misfit")
+    for joint in stored.read_filter(run.path("follow")) if "follow" in run.stages else ():
+        if joint.consistency.divergence:
+            raise FitError("filter/diverged", joint.consistency.divergence, f"filter of joint {joint.joint}")
     meaning = f"not identifiable: {', '.join(missing)}" if missing else "friction model of every joint"
     run.console.say(f"{result.status}: {meaning}")
 

@@ -4,8 +4,6 @@ The plan was rehearsed on the robot as it is known so far, which may be off by a
 compared by the correlation of their mean periods over the excited lines, means by what hold the robot up.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from elastid.base.arrays import FloatArray
@@ -14,21 +12,14 @@ from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.record import Record
 
-
-@dataclass(frozen=True)
-class PlanLimits:
-    """Limits for contradictions between a record and its plan."""
-
-    same_excitation: float = 0.98  # correlation of the injected torque with the plan
-    late_s: float = 0.02  # by which a log may begin before or after the plan
-    excitation_gain: float = 1.02  # ratio of the injected torque to the planned one, to either side
-    posture: float = 0.01  # rad or m, of the mean position
-    mirrored: float = -0.5  # correlation of a signal with the rehearsal, at least
-    unit: float = 3.0  # ratio of a signal's size to the expected one, to either side
-    holding: float = 0.12  # relative error of a holding torque; masses of files are off by 3 to 5 %
-
-
-LIMITS = PlanLimits()
+# Limits for contradictions between a record and its plan.
+SAME_EXCITATION = 0.98  # correlation of the injected torque with the plan
+LATE_S = 0.02  # by which a log may begin before or after the plan
+EXCITATION_GAIN = 1.02  # ratio of the injected torque to the planned one, to either side
+POSTURE_ERROR = 0.01  # rad or m, of the mean position
+MIRRORED = -0.5  # correlation of a signal with the rehearsal, at least
+UNIT_RATIO = 3.0  # ratio of a signal's size to the expected one, to either side
+HOLDING_ERROR = 0.12  # relative error of a holding torque; masses of files are off by 3 to 5 %
 
 
 def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: FloatArray, has_carrier: bool) -> str:
@@ -44,15 +35,15 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: Flo
     spectrum = np.sum(np.fft.rfft(r, axis=0) * np.fft.rfft(planned, axis=0).conj(), axis=1)
     lag = int(np.argmax(np.fft.irfft(spectrum, len(r))))  # a start that all signals share is no contradiction
     late_s, none = min(lag, len(r) - lag) / plan.rate_hz, np.full(r.shape[1], np.inf)
-    same, size = LIMITS.same_excitation, LIMITS.excitation_gain
+    same, size = SAME_EXCITATION, EXCITATION_GAIN
     words = _unlike(plan, "injected torque (r)", np.roll(r, -lag, axis=0), planned, same, size, none)
-    if not words and late_s > LIMITS.late_s:
+    if not words and late_s > LATE_S:
         return f"its excitation is shifted by {late_s:.3g} s relative to the plan. Log from the first sample of the run"
-    same, size, posture = LIMITS.mirrored, LIMITS.unit, np.full(len(none), LIMITS.posture)
+    same, size, posture = MIRRORED, UNIT_RATIO, np.full(len(none), POSTURE_ERROR)
     # Under a carrier friction changes sign and cancels; at rest it holds a part of the weight.
     friction, held = coulomb * (0.2 if has_carrier else 1.2), np.abs(torque.mean(axis=0))
     injected = np.sqrt(np.mean(planned**2, axis=0))
-    holding = LIMITS.holding * np.maximum(held, 0.25 * held.max()) + friction + 0.1 * injected
+    holding = HOLDING_ERROR * np.maximum(held, 0.25 * held.max()) + friction + 0.1 * injected
     return (
         words
         or _unlike(plan, "position (y)", y, position, same, size, posture)

@@ -36,18 +36,11 @@ from elastid.frf.matrices import power
 from elastid.frf.quality import coherences_of_powers, relative_singular_values
 from elastid.response import Covariance, Levels, Quality
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of a fit; false-alarm rates: not measured."""
-
-    condition: float = 1e9  # of the regressors of a line
-    lines: int = 11  # over which a difference to a richer model is averaged
-    ratio: float = 1.5  # of its mean square to its variance, above which a difference is more than noise
-    variance_ratio: float = 400.0  # a richer model of a variance so many times that of G shows no error of G
-
-
-LIMITS = Limits()
+# Thresholds of a fit; false-alarm rates: not measured.
+MAX_CONDITION = 1e9  # of the regressors of a line
+AVERAGED_LINES = 11  # over which a difference to a richer model is averaged
+MAX_RATIO = 1.5  # of its mean square to its variance, above which a difference is more than noise
+MAX_VARIANCE_RATIO = 400.0  # a richer model of a variance so many times that of G shows no error of G
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +80,11 @@ class FittedResponse:
 
 def separates_inputs(fit: LocalFit, experiments: Experiments) -> BoolArray:
     """Flags (F,) of the lines where the fit separates the inputs."""
-    separate = fit.condition < LIMITS.condition
+    separate = fit.condition < MAX_CONDITION
     if experiments.closed:
         B_u = fit.B[:, experiments.n_y :]
         rms = np.sqrt(np.mean(np.abs(B_u) ** 2, axis=(0, 2)))
-        separate &= np.linalg.cond(B_u / np.where(rms > 0, rms, 1.0)[:, None]) < LIMITS.condition
+        separate &= np.linalg.cond(B_u / np.where(rms > 0, rms, 1.0)[:, None]) < MAX_CONDITION
     return separate
 
 
@@ -142,7 +135,7 @@ def _covariance(
 
 def local_mean(x: FloatArray) -> FloatArray:
     """Mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
-    return mean_of_neighbours(x, LIMITS.lines)
+    return mean_of_neighbours(x, AVERAGED_LINES)
 
 
 def with_model_error(
@@ -162,12 +155,12 @@ def with_model_error(
         on, refit = compared[usable], fitted_response(fit, experiments, compared)
         difference, variance = np.zeros(G.shape, dtype=np.complex128), np.zeros(G.shape)
         difference[on], variance[on] = G[on] - refit.G, refit.total.variance
-        is_informative = variance <= LIMITS.variance_ratio * total.variance
+        is_informative = variance <= MAX_VARIANCE_RATIO * total.variance
         difference = np.where(is_informative, difference, 0.0)
         both = total.variance + np.where(is_informative, variance, 0.0)
         ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
         g = local_mean(ratio)
-        error = np.maximum(error, np.where(g > LIMITS.ratio, (g - 1) * both, 0.0))
+        error = np.maximum(error, np.where(g > MAX_RATIO, (g - 1) * both, 0.0))
     relative = np.divide(error, total.variance, out=np.zeros(error.shape), where=total.variance > 0)
     factor = np.sqrt(1 + relative.mean(axis=2))
     right = None if total.right is None else factor[:, :, None] * total.right * factor[:, None, :]

@@ -28,14 +28,8 @@ _ORDER, _POLES = 2, 2
 _ROUNDING = 1e-11
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Threshold of the ladder; poles that fit mere noise: one in 100 lines."""
-
-    log_gain: float = 9.0  # dof ln(residual power of a simpler model / its own) of an output, from which on it is taken
-
-
-LIMITS = Limits()
+# Threshold of the ladder; poles that fit mere noise: one in 100 lines.
+LOG_GAIN = 9.0  # dof ln(residual power of a simpler model / its own) of an output, from which on it is taken
 
 
 @dataclass(frozen=True)
@@ -180,7 +174,7 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequenc
     chosen, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
     power, taken = _power(chosen), np.zeros(len(where.index), dtype=np.int64)
     for i, fit in enumerate(fits[1:], 1):
-        clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > LIMITS.log_gain
+        clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > LOG_GAIN
         power, taken = np.where(clear[:, None], _power(fit), power), np.where(clear, i, taken)
         chosen = _chosen(clear, _grown(fit, poles, dof), _grown(chosen, poles, dof))
     return LadderFit(chosen, fits, taken, where, ladder[-1])

@@ -42,7 +42,7 @@ from numpy.fft import rfft
 from elastid.base.arrays import BoolArray, ComplexArray, IntArray
 from elastid.base.errors import DataError, Note
 from elastid.excitation.grids import line_frequencies
-from elastid.frf.checks import LIMITS as CHECKS
+from elastid.frf.checks import REPEAT_DIFFERENCE
 from elastid.frf.lines import analysed_lines
 from elastid.frf.local.fitted_response import (
     Experiments,
@@ -67,19 +67,12 @@ from elastid.frf.spectra import RecordSpectra, unit_scale, whole_logs
 from elastid.record import Motion, Record
 from elastid.response import Response
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of the local methods."""
-
-    dof: int = 6  # of a useful variance, at least: its standard deviation is then 40 %
-    margin_dof: int = 2  # beyond the number of outputs
-    input_snr: float = 10.0  # power of an excited input over its noise (10 dB),
-    excited_share: float = 0.05  # at this part of the lines at least
-    correlation: float = 0.5  # of two inputs in a window, from which on they are one excitation; random phases: 0.3
-
-
-LIMITS = Limits()
+# Thresholds of the local methods.
+MIN_DOF = 6  # of a useful variance, at least: its standard deviation is then 40 %
+MARGIN_DOF = 2  # beyond the number of outputs
+MIN_INPUT_SNR = 10.0  # power of an excited input over its noise (10 dB),
+EXCITED_FRACTION = 0.05  # at this part of the lines at least
+MAX_CORRELATION = 0.5  # of two inputs in a window, from which on they are one excitation; random phases: 0.3
 
 
 @dataclass(frozen=True)
@@ -275,7 +268,7 @@ def _window_lines(signals: _Signals, terms: WindowTerms, n_y: int) -> int:
 
     Where each experiment has a transient of its own, only different excitations separate the response from it.
     """
-    n_z, dof = signals.Z.shape[2], max(n_y + LIMITS.margin_dof, LIMITS.dof)
+    n_z, dof = signals.Z.shape[2], max(n_y + MARGIN_DOF, MIN_DOF)
     E = independent_excitations(signals.R, terms.width(dof, 1, n_z)) if terms.transient else len(signals.Z)
     return terms.width(dof, E, n_z)
 
@@ -292,8 +285,8 @@ def _refuse_dead_inputs(first: Record, spectra: Sequence[SettledSpectra]) -> Non
     n_y = len(first.outputs)
     signal = np.sum([np.abs(spectrum.U) ** 2 for spectrum in spectra], axis=0)
     noise = np.sum([power(spectrum.noise)[:, n_y:] for spectrum in spectra], axis=0)
-    clear = signal > LIMITS.input_snr * noise
-    for i in np.flatnonzero(clear.mean(axis=0) < LIMITS.excited_share):
+    clear = signal > MIN_INPUT_SNR * noise
+    for i in np.flatnonzero(clear.mean(axis=0) < EXCITED_FRACTION):
         raise DataError(
             "frf/lines",
             f"input {first.inputs[i]} was not excited: only {int(clear[:, i].sum())} of {len(clear)} lines are 10 dB "
@@ -325,7 +318,7 @@ def independent_excitations(R: ComplexArray, n_w: int) -> int:
     correlation = np.divide(np.abs(grams).sum(axis=0), both, out=np.zeros((E, E)), where=both > 0)
     leaders: list[int] = []
     for e in range(E):
-        if all(correlation[e, leader] < LIMITS.correlation for leader in leaders):
+        if all(correlation[e, leader] < MAX_CORRELATION for leader in leaders):
             leaders.append(e)
     return len(leaders)
 
@@ -353,7 +346,7 @@ def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
     if power == 0 or power_other == 0:
         return None
     c = float(np.sum(R.conj() * R_other).real / power)
-    return c if np.sum(np.abs(R_other - c * R) ** 2) < CHECKS.difference**2 * power_other else None
+    return c if np.sum(np.abs(R_other - c * R) ** 2) < REPEAT_DIFFERENCE**2 * power_other else None
 
 
 def _merged(group: Sequence[SettledSpectra], closed: bool) -> SettledSpectra:

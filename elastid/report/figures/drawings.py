@@ -20,7 +20,7 @@ from elastid.robot import Robot
 from elastid.validation.twin import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
-    from elastid.friction_study.extended_kalman_filter import FollowedFriction
+    from elastid.friction_study.follow import FollowedFriction
     from elastid.friction_study.result import FrictionResult, JointFriction
 
 # Begins the section of a figure of one configuration.

@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95
-from elastid.friction_study.extended_kalman_filter import FILTER, FollowedFriction
+from elastid.friction_study.filter_consistency import NIS_BAND
+from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.least_squares import Regression
 from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts
 from elastid.friction_study.motion_signals import MotionSignals, distinct_speeds
@@ -98,7 +99,7 @@ def friction_filter(followed: FollowedFriction) -> Figure:
             text = "held: not observable in this motion"
             curves.append(Curve(time, held, text, style.WEAK))
         rows.append([Panel(curves, y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")])
-    low, high = (np.full_like(time, end) for end in FILTER.nis_band)
+    low, high = (np.full_like(time, end) for end in NIS_BAND)
     text, label = "mean NIS since the point before", "mean NIS of an honest filter"
     nis = Curve(time, followed.nis, text, style.TOTAL, band=(low, high), band_label=label)
     rows.append([Panel([nis], "time in s", "NIS", scale="log")])

@@ -1,0 +1,121 @@
+"""Consistency of a friction filter with its log: innovations, movements of the followed numbers, divergence."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.errors import Note
+from elastid.friction_study.extended_kalman_filter import Track, first_estimate
+
+LAGS = 50  # of the autocorrelation
+
+
+# Thresholds of the judgement of a filter. Of 100 clean logs two have a note (scripts/studies/results.csv).
+NIS_BAND = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift
+MAX_CORRELATION = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
+MAX_STD_RATIO = 0.9  # of a number's std over that without the log: above, the log does not identify it
+LAGS_S: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which a followed number is compared with itself
+MAX_MOVEMENT = (0.2, 2.0)  # mean square over band, and over noise and drift: 1 of white errors
+DIVERGED_NIS = 10.0  # mean NIS, above which and below its inverse no number of the filter counts
+MAX_DEPARTURE = 6.0  # of a followed number from its start, over the std of its prior and drift
+
+
+@frozen_value
+class Consistency:
+    """Consistency of the samples after a filter has settled at which the joint moves (Track.moves).
+
+    nis: mean.  autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
+    restless: followed numbers that move by more than their bands hold.  divergence: time and reason, empty without.
+    """
+
+    nis: float
+    autocorrelation: FloatArray
+    n_eff: float
+    restless: tuple[str, ...] = ()
+    divergence: str = ""
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons why a band is too narrow: movements, correlation and size of innovations.
+
+        Nothing sees an error of held numbers that the band does not have and the followed ones take up for good.
+        """
+        reasons = [f"{name} moves by more than noise and filter.drift allow" for name in self.restless]
+        if self.autocorrelation[1] > MAX_CORRELATION:  # alternating ones make no band too narrow
+            reasons.append(f"innovations are correlated by {self.autocorrelation[1]:.2f} from sample to sample")
+        if self.nis > NIS_BAND[1]:
+            reasons.append(f"mean NIS is {self.nis:.2f}: innovations are larger than expected")
+        return tuple(reasons)
+
+
+def consistency(track: Track, settled_s: float) -> Consistency:
+    """Consistency of a track after settled_s (Bar-Shalom, Li and Kirubarajan, 2001, section 5.4)."""
+    first = round(settled_s * track.rate_hz)
+    moves = track.moves[first:]  # at standstill the error of a rounded angle is constant, and no noise
+    nu = np.where(moves, track.innovation[first:] / np.sqrt(track.innovation_variance[first:]), 0.0)
+    power = float(nu @ nu)
+    rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(LAGS)])
+    n_eff = float(np.clip(moves.sum() * (1 - rho[1]) / (1 + rho[1]), 1.0, moves.sum()))
+    nis = track.nis[first:][moves]
+    return Consistency(float(nis.mean()), rho, n_eff, _restless(track, first), _divergence(track, first, nis))
+
+
+def _prior_std(track: Track, time_s: FloatArray | float = 0.0) -> FloatArray:
+    """Std (..., p) of the followed numbers without the log, after a drift over times (..., 1)."""
+    variance = np.diag(first_estimate(track.joint, 0.0)[1])[-len(track.joint.followed) :]
+    return np.sqrt(variance + track.drift**2 * time_s)
+
+
+def _divergence(track: Track, first: int, nis: FloatArray) -> str:
+    """Time and reason of the divergence of a filter: a number far outside its prior, or innovations of wrong size."""
+    start, time_s = first_estimate(track.joint, 0.0)[0][-len(track.joint.followed) :], track.time_s[first:]
+    departure = (track.x[first:] - start) / _prior_std(track, time_s[:, None] - track.time_s[0])
+    for i, k in np.argwhere(~(np.abs(departure) < MAX_DEPARTURE))[:1]:
+        return f"at {time_s[i]:.4g} s: {track.joint.followed[k]} off {departure[i, k]:+.2g} std"
+    if 1 / DIVERGED_NIS < nis.mean() < DIVERGED_NIS:
+        return ""
+    return f"at {time_s[track.moves[first:]][np.argmax(nis > DIVERGED_NIS)]:.4g} s: NIS {nis.mean():.3g}"
+
+
+def _restless(track: Track, first: int) -> tuple[str, ...]:
+    """Followed numbers that move within some seconds by more than their bands, and noise and drift, allow."""
+    restless = np.zeros(len(track.joint.followed), bool)
+    x, variance, time_s = track.x[first:], track.std[first:] ** 2, track.time_s[first:, None]
+    spread = track.variance[first:]
+    for lag_s in LAGS_S:
+        lag = max(1, min(round(lag_s * track.rate_hz), len(x) // 4))
+        square = (x[lag:] - x[:-lag]) ** 2
+        drifted = track.drift**2 * (time_s[lag:] - time_s[:-lag])
+        over_band = np.mean(square / (variance[lag:] + variance[:-lag]), axis=0)
+        over_noise = np.mean(square / (spread[lag:] + spread[:-lag] + drifted), axis=0)
+        restless |= (over_band > MAX_MOVEMENT[0]) & (over_noise > MAX_MOVEMENT[1])
+    return tuple(name for name, moves in zip(track.joint.followed, restless, strict=True) if moves)
+
+
+def unknown(track: Track) -> BoolArray:
+    """True (n, p) where a number is no better known than before the log, drift included."""
+    return track.variance > (MAX_STD_RATIO * _prior_std(track)) ** 2
+
+
+def filter_notes(place: str, track: Track, judged: Consistency) -> Iterator[Note]:
+    """Notes on a filter: it diverged, or which numbers are not observable, and why its bands are too narrow."""
+    names, P, diverged = track.joint.followed, track.covariance, judged.divergence
+    never = np.all(unknown(track), axis=0).tolist()
+    std = np.sqrt(np.diag(P))
+    pairs = np.argwhere(np.triu(np.abs(P), 1) > MAX_STD_RATIO * np.outer(std, std)).tolist()
+    weak = [f"{name}, held where it began" for name, is_unknown in zip(names, never, strict=True) if is_unknown]
+    weak += [f"{names[i]} apart from {names[j]}" for i, j in pairs]
+    if weak and not diverged:
+        text = (
+            f"the motion does not identify {'; '.join(weak)}: reversals distinguish Coulomb friction from an offset, "
+            "several speeds from viscous friction"
+        )
+        yield Note("filter/not-observable", text, place, severity="warning" if pairs else "information")
+    if reasons := [f"diverged {diverged}"] if diverged else judged.doubts:
+        text = (
+            f"{'; '.join(reasons)}; the model or its noise is wrong, and the bands are too narrow: correct "
+            "inertia, spring, bristles, gravity and payload of the joint, or give filter.correlation_time, "
+            "filter.torque_std or a larger filter.drift"
+        )
+        yield Note("filter/diverged" if diverged else "filter/inconsistent", text, place, severity="warning")
