@@ -199,13 +199,10 @@ def test_runs_at_one_speed_give_its_torque_and_no_law() -> None:
     (scatter, noise), degc = np.random.default_rng(4).standard_normal((2, 40)), np.linspace(25, 45, 40)
     v, torque = 1.2 * (1 + 3e-3 * scatter), 9.6 - 0.05 * (degc - 35) + 0.05 * noise
     levels = Levels("joint 1", v, 0 * v, torque, 0.05 + 0 * v, 0 * v, degc)
-    study = template().study
-    found = identify_friction(
-        study.as_robot(), [JointLevels("1", False, levels)], FrictionRecords(()), study.as_friction()
-    )
-    assert {row.name: row.value for row in found.numbers} == {
-        "tau_m1": pytest.approx(9.6, abs=0.05), "tauT_m1": pytest.approx(-0.05, abs=0.01)
-    }  # fmt: skip
+    study, joints = template().study, [JointLevels("1", False, levels)]
+    found = identify_friction(study.as_robot(), joints, FrictionRecords(()), study.as_friction())
+    numbers = {row.name: row.value for row in found.numbers}
+    assert numbers == {"tau_m1": pytest.approx(9.6, abs=0.05), "tauT_m1": pytest.approx(-0.05, abs=0.01)}
     assert (found.status, found.at("1").friction) == ("partly", None)
 
 
