@@ -118,4 +118,5 @@ def filter_notes(place: str, track: Track, judged: Consistency) -> Iterator[Note
             "inertia, spring, bristles, gravity and payload of the joint, or give filter.correlation_time, "
             "filter.torque_std or a larger filter.drift"
         )
-        yield Note("filter/diverged" if diverged else "filter/inconsistent", text, place, severity="warning")
+        lost, wide = Note("filter/diverged", text, place), Note("filter/inconsistent", text, place)
+        yield lost if diverged else wide

@@ -42,7 +42,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.errors import DataError, FitError, Note
 from elastid.fit.problem.smoothed_noise import smooth_variance
 from elastid.frf.estimate import estimate
-from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spec import EstimatorSpec, Method
 from elastid.friction.operators import Path, stop
 from elastid.friction_study.least_squares import Optimum, minimise
 from elastid.friction_study.motion_signals import MIN_COUNTS
@@ -318,7 +318,8 @@ class RestResponse:
             )
             for i, test in enumerate(records)
         ]  # fmt: skip
-        G = estimate(periodic, EstimatorSpec(quantity="position", friction="none"))
+        method: Method = "auto" if first.period_samples else "h1"  # a local method states no noise of its own
+        G = estimate(periodic, EstimatorSpec(method, quantity="position", friction="none"))
         assert G.noise is not None
         # Above one and a half times the highest line, the noise of the encoder dominates.
         highest_hz = min(1.5 * float(G.freq_hz.max(initial=1.0)), 0.45 * first.rate_hz)

@@ -122,8 +122,7 @@ def test_filter_that_lost_the_log_diverges_at_a_time(viscous: float, noise: floa
     expected = replace(NOISE, angle=noise * NOISE.angle, torque=noise * NOISE.torque)
     lost = follow("1", False, joint, [simulate(rich(7), 4).samples], RATE_HZ, expected, 5.0, find_noise=False)
     assert codes(lost) == {"filter/diverged"}
-    (time_s,) = re.findall(r"^at (\S+) s:", lost.consistency.divergence)
-    assert 5.0 <= float(time_s) <= 7.0
+    assert 5.0 <= float(re.findall(r"^at (\S+) s:", lost.consistency.divergence)[0]) <= 7.0
 
 
 def test_filter_in_blocks_continues_its_estimate(monkeypatch: pytest.MonkeyPatch, kalman: KalmanFilter) -> None:
@@ -133,7 +132,6 @@ def test_filter_in_blocks_continues_its_estimate(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(extended_kalman_filter, "_BLOCK", 200)
     parts = tracked(kalman, run)
     np.testing.assert_array_equal(np.hstack([parts.x, parts.std]), np.hstack([whole.x, whole.std]))
-    np.testing.assert_array_equal(parts.covariance, whole.covariance)
 
 
 @pytest.mark.slow
