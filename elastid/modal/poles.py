@@ -191,26 +191,25 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
 
 
 def own_drops(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
-    """D (n, C) of each pole, the others where they are: on all lines, and without its highest line.
+    """D (n, C) of each pole beside the others: on all lines, and without its highest line.
 
     Of a pole narrower than a line without the three highest neighbouring lines: a disturbance of these has no other.
     """
     n, spacing = len(fit.poles), float(np.median(np.diff(fit.data.basis.s.imag)))
     Q, R, norms = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
-    whole, wide = np.zeros((2, n, fit.residual.shape[1]))
+    whole, outside = np.zeros((2, n, fit.residual.shape[1]))
     for r, row in enumerate(rows):
         # The part of the pole's columns that the others do not have.
         columns = Q @ (np.linalg.pinv(row @ row.T) @ row).T
-        part = columns @ (fit.coefficients * norms[:, None])[2 * r : 2 * r + 2]
-        whole[r] = np.sum(part**2, axis=0)
+        whole[r] = np.sum((columns @ (fit.coefficients * norms[:, None])[2 * r : 2 * r + 2]) ** 2, axis=0)
         power = np.sum(np.abs(unstacked(columns)) ** 2, axis=1)
         beside = int(-2 * fit.poles.real[r] < spacing)
         top = int(np.argmax(np.convolve(power, np.ones(1 + 2 * beside), "same")))
-        outside = np.abs(np.arange(len(power)) - top) > beside
-        basis = scipy.linalg.orth(columns * np.tile(outside, 2)[:, None])
-        wide[r] = np.sum((basis.T @ (fit.residual + part)) ** 2, axis=0)
-    return whole, wide
+        used = np.tile(np.abs(np.arange(len(power)) - top) > beside, 2)
+        A = Q[used] @ np.concatenate([np.delete(R, [2 * r, 2 * r + 1], axis=1), R[:, 2 * r : 2 * r + 2]], axis=1)
+        outside[r] = np.sum((np.linalg.qr(A)[0][:, -2:].T @ fit.data.y[used]) ** 2, axis=0)
+    return whole, outside
 
 
 def _at(fit: ModalFit, pole: complex) -> FloatArray:
@@ -245,9 +244,9 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
     if not len(fit.poles):
         return np.empty(0)
     s_r, n_r = levels(fit)
-    (whole, wide), level = own_drops(fit), s_r * correlated_lines
+    (whole, outside), level = own_drops(fit), s_r * correlated_lines
     return np.maximum(
-        p_value(whole, level, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(wide, level, n_r, 1.0)
+        p_value(whole, level, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(outside, level, n_r, 1.0)
     )
 
 
