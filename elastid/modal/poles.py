@@ -62,6 +62,8 @@ class PoleLimits:
     trials_per_line: float = 2.0
     lines: int = 12  # to either side of a pole at least, on which the level of noise is measured
     half_widths: float = 3.0  # likewise
+    outside: float = 3e-3  # part of a narrow pole's D on the lines about the nearest four
+    excess: float = 20.0  # residual power over its variance at a line that a pole misses
     max_poles: int = 60
     new_share: float = 1e-4  # of a candidate's columns that must be new to the model
     batch_half_widths: float = 6.0  # between candidates that are taken together
@@ -193,9 +195,10 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
 def own_drops(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     """D (n, C) of each pole beside the others: on all lines, and without its highest line.
 
-    Of a pole narrower than a line without the three highest neighbouring lines: a disturbance of these has no other.
+    Without the four nearest lines, if the pole is narrower than a line or misses one of them, as in a disturbance.
     """
-    n, spacing = len(fit.poles), float(np.median(np.diff(fit.data.basis.s.imag)))
+    n, omega = len(fit.poles), fit.data.basis.s.imag
+    spacing, excess = float(np.median(np.diff(omega))), np.abs(unstacked(fit.residual)) ** 2 / fit.data.variance
     Q, R, norms = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
     whole, outside = np.zeros((2, n, fit.residual.shape[1]))
@@ -203,12 +206,18 @@ def own_drops(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
         # The part of the pole's columns that the others do not have.
         columns = Q @ (np.linalg.pinv(row @ row.T) @ row).T
         whole[r] = np.sum((columns @ (fit.coefficients * norms[:, None])[2 * r : 2 * r + 2]) ** 2, axis=0)
-        power = np.sum(np.abs(unstacked(columns)) ** 2, axis=1)
-        beside = int(-2 * fit.poles.real[r] < spacing)
-        top = int(np.argmax(np.convolve(power, np.ones(1 + 2 * beside), "same")))
-        used = np.tile(np.abs(np.arange(len(power)) - top) > beside, 2)
+        near = np.abs(omega - fit.poles[r].imag) < 2 * spacing
+        if -2 * fit.poles.real[r] > spacing and excess[near].max(initial=0.0) < LIMITS.excess:
+            near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(unstacked(columns)) ** 2, axis=1))
+        used = np.tile(~near, 2)
         A = Q[used] @ np.concatenate([np.delete(R, [2 * r, 2 * r + 1], axis=1), R[:, 2 * r : 2 * r + 2]], axis=1)
-        outside[r] = np.sum((np.linalg.qr(A)[0][:, -2:].T @ fit.data.y[used]) ** 2, axis=0)
+        basis, y = np.linalg.qr(A)[0], fit.data.y[used]
+        y = y - basis[:, :-2] @ (basis[:, :-2].T @ y)
+        outside[r] = np.sum((basis[:, -2:].T @ y) ** 2, axis=0)
+        about = np.tile(_about(fit, r)[~near], 2)
+        local = np.sum((scipy.linalg.orth(basis[about, -2:]).T @ y[about]) ** 2)
+        if near.sum() > 1 and local < LIMITS.outside * whole[r].sum():
+            outside[r] = 0.0
     return whole, outside
 
 
@@ -220,19 +229,24 @@ def _at(fit: ModalFit, pole: complex) -> FloatArray:
     return np.asarray(fit.data.variance[max(low - 1, 0) : max(int(high), low) + 1].mean(axis=0))
 
 
+def _about(fit: ModalFit, r: int) -> BoolArray:
+    """Flags (F,) of lines within three half widths of a pole, of twelve lines to either side at least."""
+    omega, pole, F = fit.data.basis.s.imag, fit.poles[r], len(fit.data.weight)
+    about, half = int(np.searchsorted(omega, pole.imag)), LIMITS.half_widths * -pole.real
+    low = min(about - LIMITS.lines, int(np.searchsorted(omega, pole.imag - half)))
+    high = max(about + LIMITS.lines, int(np.searchsorted(omega, pole.imag + half)))
+    at = np.arange(F)
+    return np.asarray((at >= min(low, F - 2 * LIMITS.lines)) & (at < max(2 * LIMITS.lines, high)))
+
+
 def levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     """s^2 (n, C) of complex residuals about each pole, at least that stated, and the lines (n,) that it is from."""
-    F, basis, variance = len(fit.data.weight), fit.data.basis, fit.data.variance
+    variance, n = fit.data.variance, len(fit.poles)
     power = np.abs(unstacked(fit.residual)) ** 2
     leverage = np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2
-    omega, n = basis.s.imag, len(fit.poles)
     s_r, n_r = np.ones((n, power.shape[1])), np.zeros(n)
     for r, pole in enumerate(fit.poles):
-        about = int(np.searchsorted(omega, pole.imag))
-        half = LIMITS.half_widths * -pole.real
-        low = min(about - LIMITS.lines, int(np.searchsorted(omega, pole.imag - half)))
-        high = max(about + LIMITS.lines, int(np.searchsorted(omega, pole.imag + half)))
-        window = slice(max(0, min(low, F - 2 * LIMITS.lines)), max(2 * LIMITS.lines, min(high, F)))
+        window = _about(fit, r)
         n_r[r] = max(float(np.sum(1 - leverage[window])), 1.0)
         # Where lines differ in their noise, those at the pole count.
         s_r[r] = _at(fit, pole) * np.maximum(1.0, (power / variance)[window].sum(axis=0) / n_r[r])
