@@ -219,7 +219,7 @@ def _together(parts: Iterable[_Excess]) -> _Excess:
 
 
 def _moderated(own: _Excess, of_kind: Iterable[_Excess]) -> tuple[float, float]:
-    """Variance and degrees of freedom of its own scatter and its kind's, which counts `max_shared_dof` at most."""
+    """Variance and degrees of freedom of its own scatter and its kind's, which counts `MAX_SHARED_DOF` at most."""
     total, dof = _together(of_kind)
     worth = min(1.0, MAX_SHARED_DOF / dof) if dof else 0.0
     total, dof = _together([own, (worth * total, worth * dof)])

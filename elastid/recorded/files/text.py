@@ -235,7 +235,7 @@ def _raw(path: Path, size: int = -1) -> bytes:
             file.seek(0)
             return file.read(size)
     try:
-        with packed.open(path) as file:
+        with packed.open(path, "rb") as file:
             raw: bytes = file.read(_MAX_BYTES + 1 if size < 0 else size)
         if len(raw) > _MAX_BYTES:
             raise ValueError(f"more than {_MAX_BYTES / 1e9:.3g} GB")
