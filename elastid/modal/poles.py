@@ -63,7 +63,7 @@ class PoleLimits:
     lines: int = 12  # to either side of a pole at least, on which the level of noise is measured
     half_widths: float = 3.0  # likewise
     outside: float = 3e-3  # part of a narrow pole's D on the lines about the nearest four
-    excess: float = 20.0  # residual power over its variance at a line that a pole misses
+    excess: float = 5.0  # residual power over its variance at a line that a pole misses
     max_poles: int = 60
     new_share: float = 1e-4  # of a candidate's columns that must be new to the model
     batch_half_widths: float = 6.0  # between candidates that are taken together
