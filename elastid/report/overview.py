@@ -162,16 +162,12 @@ def _of_widths(rows: Sequence[ParameterRow]) -> str:
     judged = springs_and_dampers(rows)
     kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
     widths = [half_width(row) for row in judged]
-    limits = [width for width in (max(widths, default=math.inf),) if width <= WIDTH_CLASSES[-1]] or WIDTH_CLASSES
-    counts = {limit: sum(width <= limit for width in widths) for limit in limits}
-    return next(
-        (
-            f"{count} of {len(judged)} {kind} identified to ±{percent(limit)} or better"
-            for limit, count in counts.items()
-            if count >= max(len(judged) / 2, 1)
-        ),
-        "",
-    )
+    widest = max(widths, default=math.inf)
+    for limit in (widest,) if widest <= WIDTH_CLASSES[-1] else WIDTH_CLASSES:
+        within = sum(width <= limit for width in widths)
+        if within >= max(len(judged) / 2, 1):
+            return f"{within} of {len(judged)} {kind} identified to ±{percent(limit)} or better"
+    return ""
 
 
 def strip(agreements: Sequence[Agreement]) -> Strip:
