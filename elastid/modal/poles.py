@@ -63,7 +63,6 @@ class PoleLimits:
     lines: int = 12  # to either side of a pole at least, on which the level of noise is measured
     half_widths: float = 3.0  # likewise
     outside: float = 3e-3  # part of a narrow pole's D on the lines about the nearest four
-    excess: float = 5.0  # residual power over its variance at a line that a pole misses
     max_poles: int = 60
     new_share: float = 1e-4  # of a candidate's columns that must be new to the model
     batch_half_widths: float = 6.0  # between candidates that are taken together
@@ -195,10 +194,10 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
 def own_drops(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     """D (n, C) of each pole beside the others: on all lines, and without its highest line.
 
-    Without the four nearest lines, if the pole is narrower than a line or misses one of them, as in a disturbance.
+    Of a pole narrower than a line without the four nearest lines: a disturbance of three lines has no more.
     """
     n, omega = len(fit.poles), fit.data.basis.s.imag
-    spacing, excess = float(np.median(np.diff(omega))), np.abs(unstacked(fit.residual)) ** 2 / fit.data.variance
+    spacing = float(np.median(np.diff(omega)))
     Q, R, norms = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
     whole, outside = np.zeros((2, n, fit.residual.shape[1]))
@@ -207,7 +206,7 @@ def own_drops(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
         columns = Q @ (np.linalg.pinv(row @ row.T) @ row).T
         whole[r] = np.sum((columns @ (fit.coefficients * norms[:, None])[2 * r : 2 * r + 2]) ** 2, axis=0)
         near = np.abs(omega - fit.poles[r].imag) < 2 * spacing
-        if -2 * fit.poles.real[r] > spacing and excess[near].max(initial=0.0) < LIMITS.excess:
+        if -2 * fit.poles.real[r] > spacing:
             near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(unstacked(columns)) ** 2, axis=1))
         used = np.tile(~near, 2)
         A = Q[used] @ np.concatenate([np.delete(R, [2 * r, 2 * r + 1], axis=1), R[:, 2 * r : 2 * r + 2]], axis=1)
