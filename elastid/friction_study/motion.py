@@ -180,10 +180,12 @@ class MotionFriction:
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
     """Inertia and friction of an axis from its logs; DataError for short or one-sided ones, or friction that drives.
 
-    A link behind a spring of the robot model has the inertia that the logs identify, less that of its motor.
+    A link behind a spring of the robot model has the inertia that the logs identify, less that of its motor; logs that
+    agree better with a rigid joint have no such spring.
     """
     for _ in range(3):
-        fit, spring = _regressed(motions, passband_hz), motions[0].spring
+        fit = _regressed(motions, passband_hz)
+        spring = fit.motion.spring
         if spring is None or 2 * abs(fit.chosen["inertia"] - spring.inertia) < SPRING_STD * spring.inertia:
             return fit
         link = max(fit.chosen["inertia"] - spring.motor_inertia, SPRING_STD * spring.inertia)
@@ -208,8 +210,10 @@ def _regressed(motions: Sequence[Motion], passband_hz: float) -> MotionFriction:
         terms = replace(terms, apart=False)
         chosen = with_other_curves(signals, terms, regressed(signals, terms))
     if motions[0].spring is not None:
-        stiff = [replace(signal, motion=replace(signal.motion, spring=None)) for signal in signals]
-        rigid = regressed(stiff, terms.at(chosen), steps=0)
+        stiff = [replace(motion, spring=None) for motion in motions]
+        rigid = regressed([MotionSignals.of(motion, passband_hz) for motion in stiff], terms.at(chosen), steps=0)
+        if rigid.sum_of_squares < chosen.sum_of_squares:
+            return _regressed(stiff, passband_hz)
         chosen = chosen.widened(SPRING_STD * change_of(chosen, rigid))
     fit = MotionFriction.of(signals, chosen, terms.at(chosen))
     if fit.motion.is_run_down:
