@@ -71,7 +71,7 @@ def run_command(arguments: Sequence[str]) -> int:
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = [
     *("robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "samples", "observer"),
-    "compensation",
+    *("compensation", "actuators"),
 ]
 
 
@@ -375,6 +375,7 @@ def export(study: Path, target: str, count: int, **options: Any) -> None:
     samples       --count posterior samples as robot models, MJCF and a table
     compensation  motor friction over velocity, in C
     observer      filter of a friction study, in C
+    actuators     joint numbers for MJCF, Isaac Lab, URDF, Gazebo, Drake and ROS 2, with their mapping
     uff           measured responses of any study
     others        fitted model of a study of elasticity
 
