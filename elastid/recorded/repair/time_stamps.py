@@ -383,7 +383,9 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     return result
 
 
-def _fitted(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float) -> tuple[FloatArray, FloatArray]:
+def _fitted(
+    time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float
+) -> tuple[FloatArray, FloatArray]:
     """Interpolate signals (m, c) at grid_s; return the ratio (c,) of rms residual to rms signal with them, 0 without.
 
     NaN in blocks of knots without samples, as in a long pause.
