@@ -23,8 +23,8 @@ from elastid.nonlinear.levels import (
     candidate_shapes,
     choose,
     covariance,
-    find_levels,
     delayed,
+    find_levels,
     normal_equations,
     refined,
     shares,
@@ -221,8 +221,8 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
     notes = []
     if delay_ms := 1e3 * next((shape.delay_s for shape in result.shapes), 0.0):
         text = (
-            f"the torques show their friction {delay_ms:.3g} ms {'later' if delay_ms > 0 else 'earlier'} than the motions: "
-            f"compensated so. State `delay: {delay_ms:.3g} ms` at the channels of role u, or free `delay_u` in the fit"
+            f"friction acts {delay_ms:+.3g} ms after the motions, by which it was compensated: the torques are late or "
+            f"early. State `delay: {delay_ms:.3g} ms` at the channels of role u, or free `delay_u` in the fit"
         )
         notes.append(Note("nonlinear/torque-delay", text, severity="warning"))
     for place, unit, share in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
