@@ -52,7 +52,7 @@ RESPONSE_TARGETS: dict[str, ResponseWriter] = {
     "control": write_responses_control, "matlab": write_responses_matlab, "csv": write_responses_csv, "uff": write_uff,
 }  # fmt: skip
 # Of these, targets that take the modes of a study without a robot too.
-WITH_MODES = ("csv", "uff")
+WITH_MODES = ("control", "csv", "uff")
 # The targets that are no other tool's: elastid's own, robots drawn from the fit, the filter of a study of friction.
 ROBOT, SAMPLES, OBSERVER, COMPENSATION = "robot", "samples", "observer", "compensation"
 ACTUATORS = "actuators"  # numbers of joints for several simulators

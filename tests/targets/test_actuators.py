@@ -12,9 +12,11 @@ import pytest
 from ruamel.yaml import YAML
 
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.robot import Body, Friction, Joint, Limits, Motor, Robot, Spring
 from elastid.robot.friction import Directions
-from elastid.targets.actuators import actuators_of, fit_intervals, write_actuators
+from elastid.robot.friction_numbers import TERMS
+from elastid.targets.actuators import actuators_of, fit_intervals, friction_intervals, write_actuators
 
 LAW = Friction(0.5, stiction=0.8, stribeck_velocity=2.0, directions=Directions(0.1))
 KNEE = Joint(
@@ -120,3 +122,15 @@ def test_intervals_of_a_fit_are_on_the_link_side(serial_model: FittedRobot) -> N
         assert low <= getattr(rows[joint], quantity) <= high
         if quantity == "stiffness":
             assert (low, high) == pytest.approx(serial_model.result.interval(known[f"k_{joint}"]))
+
+
+def test_intervals_of_a_friction_study_are_assigned_by_name() -> None:
+    """Coulomb and viscous friction; no interval of a number that has one for each direction."""
+
+    def number(path: str, mark: str = "") -> FrictionNumber:
+        term = TERMS[path]
+        return FrictionNumber(f"{term.name('rail')}{mark}", term.symbol, term.meaning, "N", 4.0, 0.1, 3.8, 4.2, "log")
+
+    joint = JointFriction("rail", True, numbers=(number("coulomb", "+"), number("viscous"), number("stiction")))
+    result = FrictionResult((joint,), (), "converged", "")
+    assert friction_intervals(result) == {("rail", "viscous"): (3.8, 4.2), ("rail", "stiction"): (3.8, 4.2)}
