@@ -83,18 +83,16 @@ def read_model(path: Path) -> Model:
 
 
 def _of_result(path: Path) -> Robot:
+    """The fitted robot of a run folder, with the friction and effects of gears that were found in its records."""
     folder = path if path.is_dir() else path.parent
-    exported = folder / "export" / "robot" / "robot.yml"
-    if (folder / "fit.h5").is_file():
-        frf, gears = folder / "frf.h5", folder / "gears.h5"
+    fit, frf, gears, identified = (folder / name for name in ("fit.h5", "frf.h5", "gears.h5", "identified_robot.yml"))
+    if fit.is_file():
         friction = read_friction(frf) if frf.is_file() else None
-        return with_findings(
-            estimated_robot(read_fit(folder / "fit.h5")), friction, read_gears(gears if gears.is_file() else None)
-        )
-    if exported.is_file():
-        return load_robot(exported)
-    advice = "Run `elastid export STUDY --to robot` for a friction study, then give the folder again"
-    raise StudyError("files/missing", f"neither fit.h5 nor export/robot/robot.yml is there. {advice}", folder)
+        return with_findings(estimated_robot(read_fit(fit)), friction, read_gears(gears if gears.is_file() else None))
+    if identified.is_file():
+        return load_robot(identified)
+    text = "neither fit.h5 nor identified_robot.yml is there. Run the study first, or give a robot model"
+    raise StudyError("files/missing", text, folder)
 
 
 def predict_from_commands(

@@ -37,7 +37,7 @@ UNITS: Final = {
 
 @dataclass(frozen=True)
 class Actuator:
-    """Numbers of a driven joint, link side, SI; stiffness and damping of its gear are None for a rigid gear.
+    """Numbers of a driven joint, link side, SI; stiffness and damping of its gear, None if it is rigid.
 
     rotor_inertia: motor side.  kp, kd, delay: of the joint controller, None if unknown.  lost: parts of the model that
     no snippet has.

@@ -80,6 +80,39 @@ def test_mjcf_is_a_model_with_its_servo(log: Path, tmp_path: Path) -> None:
     assert content["tests"][0]["value"] == pytest.approx(20 / 26, rel=0.02)
 
 
+STUDY = """
+name: leg
+robot: robot.yml
+friction: {{constant_velocity: detect}}
+experiment:
+  recorded:
+    rate_hz: 200
+    channels:
+      - {{role: u, at: motor knee, channel: kp, unit: N*m}}
+      - {{role: reference, at: motor knee, channel: command, quantity: position}}
+      - {{role: y, at: motor knee, channel: turned, quantity: position, unit: deg, sign: -1}}
+    files: [{{path: log.npz}}]
+    controller: {{position_gain: {gain}, velocity_gain: 1}}
+"""
+
+
+@pytest.mark.slow
+def test_channels_and_controller_of_a_study_are_used(log: Path, tmp_path: Path) -> None:
+    """Positions in degrees and of the other sign; the gains of the study, not of the log; a run folder as the model."""
+    with np.load(log) as content:
+        signals = {name: content[name] for name in ("command", "position")}
+    np.savez(tmp_path / "log.npz", command=signals["command"], turned=-np.rad2deg(signals["position"]), kp=[99.0])
+    for name in ("robot.yml", "identified_robot.yml"):
+        (tmp_path / name).write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
+    study = tmp_path / "study.yml"
+    for gain, expected in ((20, 0), (26, 3)):
+        study.write_text(STUDY.format(gain=gain), encoding="utf-8")
+        words = (tmp_path, "--log", tmp_path / "log.npz", "--study", study)
+        code, content = predicted(tmp_path / f"run {gain}", *words)
+        assert code == expected
+    assert content["tests"][0]["quantity"] == "kp"
+
+
 def test_missing_gains_and_models_are_refused(tmp_path: Path) -> None:
     """Before anything is simulated."""
     model = tmp_path / "robot.yml"
