@@ -186,12 +186,13 @@ def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator
 
 def _words(test: Tested) -> str:
     """A test as a clause: the number, its best value, and the error with it and as given."""
-    error = f"rms error {number(test.rms, 3)} instead of {number(test.rms_as_given, 3)} ({test.removed:.0%} removed)"
+    error = f"rms error {number(test.rms, 3)} instead of {number(test.rms_as_given, 3)} ({100 * test.removed:.3g} % removed)"
     match test.quantity:
         case "clock":
             return f"clock: the period of the log is {ratio_words(test.value)} times the given one; {error}"
         case "delay":
-            return f"delay: the commands act {1e3 * test.value:.3g} ms later than simulated; {error}"
+            side = "earlier" if test.value < 0 else "later"
+            return f"delay: the commands act {1e3 * abs(test.value):.3g} ms {side} than simulated; {error}"
         case "kp" | "kd":
             return f"gain {test.quantity}: {test.value:.3g} times the given one; {error}"
         case "position sign":
