@@ -1,5 +1,6 @@
 """A study small enough to be run many times: one elastic joint, simulated in a second."""
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -63,6 +64,12 @@ def pytest_configure(config: pytest.Config) -> None:
     if worker and hasattr(os, "sched_setaffinity"):
         cores = sorted(os.sched_getaffinity(0))
         os.sched_setaffinity(0, {cores[int(worker.removeprefix("gw")) % len(cores)]})
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Modules and tests are never garbage: the collector, which looked at them in 8 % of the time, leaves them out."""
+    gc.freeze()
+    gc.set_threshold(100_000, 20, 100)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
