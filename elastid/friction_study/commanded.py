@@ -14,7 +14,7 @@ scores (`least_squares.long_run`), and that of the influences d_k of m logs wher
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -23,7 +23,9 @@ from scipy.special import fdtri
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.statistics import small_sample_factors
+from elastid.friction_study.laws import friction_of
 from elastid.friction_study.least_squares import FALSE_ALARM, cosine_count, long_run
+from elastid.robot import Friction, MeasuredRange
 from elastid.simulation.rigid_joints import NUMBERS, CommandedJoints
 
 DELAY = "command_delay"
@@ -73,6 +75,13 @@ class CommandedFit:
     rms: FloatArray
     between: FloatArray
 
+    def of_joint(self, joint: str) -> "CommandedJoint":
+        """The numbers of a joint, with the delay as the last."""
+        places = [i for i, (of, _) in enumerate(self.names) if of in (joint, "")]
+        names, block = tuple(self.names[i][1] for i in places), np.ix_(places, places)
+        rms = float(self.rms[self.joints.index(joint)])
+        return CommandedJoint(joint, names, self.values[places], self.covariance[block], rms, self.joints[0] == joint)
+
     def table(self) -> FloatArray:
         """Numbers (m, 6) of the joints as the simulation takes them."""
         known = dict(zip(self.names, self.values.tolist(), strict=True))
@@ -82,6 +91,60 @@ class CommandedFit:
     def delay_s(self) -> float:
         """T_d."""
         return float(self.values[-1])
+
+
+# Largest rms of measured minus simulated positions over that of the position about its mean: above, it is a misfit.
+MAX_ERROR = 0.1
+
+
+@frozen_value
+class CommandedJoint:
+    """Numbers of one joint from commands alone, link side: names and values (n_x,), covariance (n_x, n_x).
+
+    rms: of measured minus simulated positions.  is_first: of the joints that share the delay.  travel: rms of the
+    position about its mean.  speeds: lowest and highest, rad/s.  logs: their number.  seconds: their duration.
+    """
+
+    joint: str
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    rms: float
+    is_first: bool = True
+    travel: float = 0.0
+    speeds: tuple[float, float] = (0.0, 0.0)
+    logs: int = 1
+    seconds: float = 0.0
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.values[self.names.index(name)])
+
+    @property
+    def relative_error(self) -> float:
+        """Rms error of simulated positions over the rms of the position about its mean."""
+        return self.rms / max(self.travel, 1e-300)
+
+    @property
+    def misfit(self) -> str:
+        """Why the simulated positions refute the model; empty if they do not."""
+        if self.relative_error <= MAX_ERROR:
+            return ""
+        return (
+            f"positions simulated from the commands have an error of {self.relative_error:.0%} of the rms position; "
+            f"the limit is {MAX_ERROR:.0%}. Check gains, units and sign of the commands"
+        )
+
+    @property
+    def viscous(self) -> float:
+        """Viscous friction for a robot model."""
+        return max(0.0, self["viscous"])
+
+    def to_friction(self) -> Friction:
+        """Friction law for a robot model."""
+        numbers = dict(zip(self.names, self.values.tolist(), strict=True))
+        if self["viscous"] < -2 * float(np.sqrt(self.covariance[1, 1])):
+            raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")
+        return friction_of(numbers, 20.0, MeasuredRange(self.speeds, None, None))
 
 
 @dataclass(frozen=True)
@@ -139,6 +202,15 @@ class _Problem:
         """Numbers (m, 6) that are unknown: gravity where it changes with the angle."""
         turns = {joint: turn for log in self.logs for joint, turn in zip(log.joints, log.turns.tolist(), strict=True)}
         return np.array([[not name.startswith("gravity") or turns[joint] for name in NUMBERS] for joint in self.joints])
+
+
+def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) -> FloatArray:
+    """Positions (n, m) of the joints of a log from its commands alone, by the numbers of each."""
+    problem = _Problem.of([log])
+    values = [dict(zip(joints[name].names, joints[name].values.tolist(), strict=True)) for name in log.joints]
+    numbers = np.array([[row.get(name, 0.0) for name in NUMBERS] for row in values])
+    late = np.array([values[0][DELAY]])
+    return np.asarray(problem.commanded.simulate(numbers[None], late)[:, 0])
 
 
 def _upper_end(log: CommandedLog) -> float:
@@ -294,9 +366,7 @@ def _fit(
     of_logs = problem.simulated(numbers[None], np.array([delay_s]))
     rms = np.sqrt(_mean_squares(problem, [q - sim[:, 0] for q, sim in zip(measured, of_logs, strict=True)]))
     if not np.all(np.isfinite(rms)):
-        text = (
-            "simulation from the commands diverges for all start values. Check the gains and the units of the commands"
-        )
+        text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
         raise DataError("friction/motion", text, problem.logs[0].name)
     names = (*((problem.joints[i], NUMBERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
     covariance, between = _covariance(end, problem.commanded.rate_hz / problem.window)

@@ -20,6 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note
+from elastid.friction_study.commanded import CommandedJoint, CommandedLog, fit_commanded
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.levels import find_levels, passes_of
@@ -46,8 +47,66 @@ STILL = ("presliding_loops", "presliding_test")
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
     """Levels and motions of each measured joint; DataError where a joint has no record, or one that cannot be used."""
-    motions = _motions(robot, joints, measured)
-    return tuple(_of_joint(robot, joint, measured, motions.get(joint.name, JointMotion())) for joint in joints)
+    motions, commanded = _motions(robot, joints, measured), _commanded(robot, measured)
+    return tuple(
+        _commanded_levels(joint, commanded[joint.name], measured)
+        if joint.name in commanded
+        else _of_joint(robot, joint, measured, motions.get(joint.name, JointMotion()))
+        for joint in joints
+    )
+
+
+GAINS = (
+    "the controller's gains are taken as exact: inertia, Coulomb friction and the sum of viscous friction and velocity "
+    "gain are proportional to the position gain, and an error of the velocity gain is one of viscous friction"
+)
+
+
+def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> JointLevels:
+    notes = tuple(note for record in measured.of(joint.name, "commands") for note in record.notes)
+    gains = Note("friction/gains", GAINS, f"joint {joint.name}", severity="information")
+    return JointLevels(joint.name, joint.slides, notes=(*notes, gains), commanded=fit)
+
+
+def _commanded(robot: Robot, measured: FrictionRecords) -> dict[str, CommandedJoint]:
+    """Numbers of each joint with commands and no torque, from all its logs; the joints of a log share one delay."""
+    logs: dict[str, dict[str, FrictionRecord]] = {}
+    for record in measured.records:
+        if record.purpose == "commands":
+            logs.setdefault(record.name, {})[record.joint] = record
+    if not logs:
+        return {}
+    fit = fit_commanded([commanded_log(robot, log) for log in logs.values()])
+    return {joint: _with_motion(fit.of_joint(joint), measured.of(joint, "commands")) for joint in fit.joints}
+
+
+def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord]) -> CommandedJoint:
+    """The numbers with the motion that identified them."""
+    position = np.concatenate([record.position - record.position.mean() for record in records])
+    speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
+    low, high = np.quantile(speed, [0.05, 0.99]).tolist()
+    seconds = sum(record.duration_s for record in records)
+    return replace(fit, travel=float(np.std(position)), speeds=(low, high), logs=len(records), seconds=seconds)
+
+
+def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedLog:
+    """Commands and positions of the joints of a log."""
+    records, joints = list(log.values()), {joint.name: joint for joint in robot.driven}
+    kp, kd = np.array([record.gains for record in records]).T
+    turns = [turns_against_gravity(robot, joints[record.joint], record.configuration) for record in records]
+    return CommandedLog(
+        records[0].name, tuple(log), records[0].rate_hz, np.stack([record.position for record in records], axis=1),
+        np.stack([record.command for record in records if record.command is not None], axis=1), kp, kd,
+        np.array([_first_velocity(record) for record in records]), np.array(turns),
+        np.zeros((len(records[0].position), len(records))),
+    )  # fmt: skip
+
+
+def _first_velocity(record: FrictionRecord) -> float:
+    """Velocity at the first sample, measured or by the slope of the first samples."""
+    if record.velocity is not None:
+        return float(record.velocity[0])
+    return float(np.polyfit(np.arange(5) / record.rate_hz, record.position[:5], 1)[0])
 
 
 def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "JointMotion") -> JointLevels:
