@@ -358,9 +358,7 @@ class FrictionRecord:
     disturbance: FloatArray | None = labelled("known torque in torque", "{torque_unit}", "sample", default=None)
     reference: FloatArray | None = labelled("position that was asked for", "{unit}", "sample", default=None)
     link_position: FloatArray | None = labelled("position behind the gear", "{unit}", "sample", default=None)
-    command: FloatArray | None = labelled(
-        "torque of the reference by the gains", "{torque_unit}", "sample", default=None
-    )
+    command: FloatArray | None = labelled("reference times gains", "{torque_unit}", "sample", default=None)
     gains: tuple[float, float] | None = None
     there: tuple[int, int] | None = None
     back: tuple[int, int] | None = None
@@ -383,17 +381,8 @@ class FrictionRecord:
     def __post_init__(self) -> None:
         """Check shapes and windows."""
         n = len(self.position)
-        names = (
-            "position",
-            "torque",
-            "velocity",
-            "temperature",
-            "disturbance",
-            "reference",
-            "link_position",
-            "command",
-        )
-        for name in names:
+        motions = ("position", "velocity", "reference", "link_position")
+        for name in (*motions, "torque", "temperature", "disturbance", "command"):
             signal = getattr(self, name)
             if signal is not None and signal.shape != (n,):
                 raise ValueError(

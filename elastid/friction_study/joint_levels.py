@@ -37,7 +37,7 @@ from elastid.friction_study.motion_signals import STEADY_SHARE, Motion, MotionLo
 from elastid.friction_study.motion_terms import full_rate_columns
 from elastid.friction_study.result import JointLevels, held_spring, noted
 from elastid.model.rigid_body import inverse_dynamics
-from elastid.record import Configuration, FrictionRecord, FrictionRecords
+from elastid.record import Configuration, FrictionRecord, FrictionRecords, Purpose
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 
@@ -70,13 +70,10 @@ def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecor
 
 def _commanded(robot: Robot, measured: FrictionRecords) -> dict[str, CommandedJoint]:
     """Numbers of each joint with commands and no torque, from all its logs; the joints of a log share one delay."""
-    logs: dict[str, dict[str, FrictionRecord]] = {}
-    for record in measured.records:
-        if record.purpose == "commands":
-            logs.setdefault(record.name, {})[record.joint] = record
+    logs = motion_logs(measured, "commands")
     if not logs:
         return {}
-    fit = fit_commanded([commanded_log(robot, log) for log in logs.values()])
+    fit = fit_commanded([commanded_log(robot, log) for log in logs])
     return {joint: _with_motion(fit.of_joint(joint), measured.of(joint, "commands")) for joint in fit.joints}
 
 
@@ -177,11 +174,11 @@ def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -
     return evaluated
 
 
-def motion_logs(measured: FrictionRecords) -> list[dict[str, FrictionRecord]]:
+def motion_logs(measured: FrictionRecords, purpose: Purpose = "motion") -> list[dict[str, FrictionRecord]]:
     """The logs of motions in order, each with the records of the joints that moved in it."""
     logs: dict[str, dict[str, FrictionRecord]] = {}
     for record in measured.records:
-        if record.purpose == "motion":
+        if record.purpose == purpose:
             logs.setdefault(record.name, {})[record.joint] = record
     return list(logs.values())
 
