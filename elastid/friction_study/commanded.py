@@ -45,6 +45,8 @@ class CommandedLog:
     """Commands and encoder positions (n, m) of the joints of one log, link side, SI.
 
     command: k_p r + k_d r' + feed-forward torque.  kp, kd (m,): gains.  velocity (m,): at the first sample.
+    carried (m,): inertia of the robot model's rigid body at each joint, 0 if the joints are not coupled.
+    is_held: true if commands are held from sample to sample, false if they are linear between samples.
     turns (m,): true if gravity on the joint changes with its angle.  load (n, m): torque of the rest of the robot.
     """
 
@@ -58,6 +60,8 @@ class CommandedLog:
     velocity: FloatArray
     turns: BoolArray
     load: FloatArray
+    carried: FloatArray
+    is_held: bool = True
 
 
 @frozen_value
@@ -103,6 +107,8 @@ class CommandedJoint:
 
     rms: of measured minus simulated positions.  is_first: of the joints that share the delay.  travel: rms of the
     position about its mean.  speeds: lowest and highest, rad/s.  logs: their number.  seconds: their duration.
+    carried: inertia of the robot model's rigid body at this joint, without which `inertia` is the armature; 0 if the
+    joints are not coupled and `inertia` is all inertia.
     """
 
     joint: str
@@ -113,6 +119,7 @@ class CommandedJoint:
     is_first: bool = True
     travel: float = 0.0
     speeds: tuple[float, float] = (0.0, 0.0)
+    carried: float = 0.0
     logs: int = 1
     seconds: float = 0.0
 
@@ -164,11 +171,13 @@ class _Problem:
             parts = [getattr(log, name) for log in logs]
             return np.hstack([np.vstack([x, np.repeat(x[-1:], n - len(x), axis=0)]) for x in parts])
 
-        kp, kd, velocity = (np.concatenate([getattr(log, name) for log in logs]) for name in ("kp", "kd", "velocity"))
+        kp, kd, velocity, carried = (
+            np.concatenate([getattr(log, name) for log in logs]) for name in ("kp", "kd", "velocity", "carried")
+        )
         position = np.concatenate([log.position[0] for log in logs])
         rate_hz = logs[0].rate_hz
         commanded = CommandedJoints(
-            rate_hz, side_by_side("command"), kp, kd, position, velocity, side_by_side("load")
+            rate_hz, side_by_side("command"), kp, kd, position, velocity, side_by_side("load"), carried, logs[0].is_held
         )  # fmt: skip
         highest = max(_upper_end(log) for log in logs)
         window = max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest)))
@@ -205,7 +214,7 @@ class _Problem:
 
 
 def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) -> FloatArray:
-    """Positions (n, m) of the joints of a log from its commands alone, by the numbers of each."""
+    """Positions (n, m) of the joints of a log from its commands and loads, by the numbers of each."""
     problem = _Problem.of([log])
     values = [dict(zip(joints[name].names, joints[name].values.tolist(), strict=True)) for name in log.joints]
     numbers = np.array([[row.get(name, 0.0) for name in NUMBERS] for row in values])
@@ -256,7 +265,7 @@ def _scales(problem: _Problem) -> FloatArray:
 def _moved(numbers: FloatArray, delay_s: float, step: FloatArray, is_free: BoolArray) -> tuple[FloatArray, float]:
     moved = numbers.copy()
     moved[is_free] += step[:-1]
-    moved[:, 0] = np.maximum(moved[:, 0], numbers[:, 0] / 4)  # inertia
+    moved[:, 0] = np.maximum(moved[:, 0], np.where(numbers[:, 0] > 0, numbers[:, 0] / 4, numbers[:, 0]))  # inertia
     moved[:, 2] = np.maximum(moved[:, 2], 0.0)  # Coulomb friction
     return moved, delay_s + float(np.clip(step[-1], -0.02, 0.02))
 
@@ -348,13 +357,15 @@ def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
             gravity = [np.cos(q[:, i]), np.sin(q[:, i])] if log.turns[i] else []
             columns = [a[:, i], v[:, i], np.sign(v[:, i]), np.ones(n), *gravity]
             used = slice(width, n - width)
-            rows.setdefault(joint, []).append((np.stack(columns, 1)[used], (torque - log.load[:, i])[used]))
+            known = log.load[:, i] + log.carried[i] * a[:, i]
+            rows.setdefault(joint, []).append((np.stack(columns, 1)[used], (torque - known)[used]))
     numbers = np.zeros((len(problem.joints), len(NUMBERS)))
     for i, joint in enumerate(problem.joints):
         X, y = (np.concatenate(parts) for parts in zip(*rows[joint], strict=True))
         beta = np.linalg.lstsq(X, y, rcond=1e-8)[0]
         numbers[i, : len(beta)] = beta
-    numbers[:, 0] = np.maximum(numbers[:, 0], scales[:, 0] / 20)
+    carried = np.array([problem.commanded.carried[problem.index.index(i)] for i in range(len(problem.joints))])
+    numbers[:, 0] = np.maximum(numbers[:, 0], scales[:, 0] / 20 - 0.5 * carried)
     numbers[:, 1:3] = np.maximum(numbers[:, 1:3], 0.0)
     return numbers
 

@@ -170,6 +170,7 @@ RIGID_TERMS = {
     path: FrictionTerm(path, symbol, symbol, meaning, unit, power)
     for path, symbol, meaning, unit, power in (
         ("inertia", "J", "inertia", "kg*m^2", 2),
+        ("armature", "J_a", "armature: inertia of the motor", "kg*m^2", 2),
         ("offset", "o", "offset of the torque", "N*m", 1),
         ("gain", "g", "gain of the drive: torque logged over torque", "", 0),
         ("delay", "T", "delay of the torque", "s", 0),
@@ -236,7 +237,7 @@ def _table(
     for term, mark, word, places in rows:
         a = np.array([1.0, -1.0 if mark == "-" else 1.0])[: len(places)]
         value, std = float(a @ values[places]), float(np.sqrt(a @ covariance[np.ix_(places, places)] @ a))
-        unit = "kg" if slides and term.path == "inertia" else term.unit_at(slides)
+        unit = "kg" if slides and term.path in ("inertia", "armature") else term.unit_at(slides)
         name = channel_name("gain", "u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
             name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - reach * std,
@@ -366,6 +367,7 @@ def _numbers(
     if levels.commanded is not None:
         found = levels.commanded
         learnt, names = f"{found.logs} logs of commands, {found.seconds:.3g} s", found.names
+        names = ("armature", *names[1:]) if found.carried else names
         known = names if found.is_first else names[:-1]
         yield from _table(levels.joint, levels.slides, learnt, known, names, found.values, found.covariance, truth)
     if at_rest is not None:

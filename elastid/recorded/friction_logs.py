@@ -28,7 +28,7 @@ from elastid.friction_study.joint_levels import STILL, turns_against_gravity
 from elastid.friction_study.motion_signals import alike_speeds, detect_passes
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
-from elastid.record import Configuration, FrictionRecord, FrictionRecords, WarmUpLog
+from elastid.record import Configuration, FrictionRecord, FrictionRecords, Hold, WarmUpLog
 from elastid.recorded.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, in_joints, link_side
@@ -222,7 +222,7 @@ class _LogReader:
                 # A held torque acts half a sample after its instant, on average.
                 torque_delay_s=0.5 / rate_hz if holds.get(joint.name) == "zero-order" else 0.0,
                 period_samples=period,
-                hold=holds.get(joint.name, "zero-order"),
+                hold=holds.get(joint.name, self._command_hold),
                 **self._commanded(joint, signals, rate_hz),
                 # Of loops that end by sliding values hardly repeat; three times the log they do.
                 resolution=step(np.tile(positions[joint.name], 3 if self.file.purpose == "presliding_loops" else 1)),
@@ -248,6 +248,11 @@ class _LogReader:
                 self.path,
             )
         return moving
+
+    @property
+    def _command_hold(self) -> Hold:
+        path = None if self.recorded.controller is None else self.recorded.controller.reference
+        return "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
 
     def _commanded(self, joint: Joint, signals: Signals, rate_hz: float) -> dict[str, Any]:
         """Command and gains of a joint without a torque, by the name of the record's field; empty with a torque."""

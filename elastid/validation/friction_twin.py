@@ -25,8 +25,7 @@ from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import Plant
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.friction_study.commanded import simulate_commanded
-from elastid.friction_study.joint_levels import commanded_log, motion_log, motion_logs
+from elastid.friction_study.joint_levels import motion_log, motion_logs, simulated_commands
 from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts, rigid_body_torques
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.motion_terms import columns_of, full_rate_columns
@@ -163,7 +162,7 @@ def _commanded_runs(
         log = {name: record for name, record in records.items() if name in known}
         if not log:
             continue
-        first, moved = next(iter(log.values())), simulate_commanded(commanded_log(robot, log), known)
+        first, moved = next(iter(log.values())), simulated_commands(robot, log, known)
         signals = tuple(
             TwinSignal(MOTION, f"motor {name}", record.unit, record.position, simulated)
             for (name, record), simulated in zip(log.items(), moved.T, strict=True)
