@@ -59,7 +59,7 @@ def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionR
     )
 
 
-GAINS = (
+GAINS_EXACT = (
     "the controller's gains are taken as exact: inertia, Coulomb friction and the sum of viscous friction and velocity "
     "gain are proportional to the position gain, and an error of the velocity gain is one of viscous friction"
 )
@@ -67,7 +67,7 @@ GAINS = (
 
 def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> JointLevels:
     notes = tuple(note for record in measured.of(joint.name, "commands") for note in record.notes)
-    gains = Note("friction/gains", GAINS, f"joint {joint.name}", severity="information")
+    gains = Note("friction/gains", GAINS_EXACT, f"joint {joint.name}", severity="information")
     return JointLevels(joint.name, joint.slides, notes=(*notes, gains), commanded=fit)
 
 

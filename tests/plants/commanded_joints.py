@@ -18,14 +18,28 @@ ONE_ROBOT = """
 name: one joint
 gravity: [0, 0, 0]
 bodies:
-  - {name: arm, mass: 1, center_of_mass: [0.1, 0, 0], inertia: 0.001, joints: [{name: 1, axis: z, motor: {inertia: 0.01, ratio: 1}}]}
+  - name: arm
+    joints: [{name: 1, axis: z, motor: {inertia: 0.01, ratio: 1}}]
+    mass: 1
+    center_of_mass: [0.1, 0, 0]
+    inertia: 0.001
 """
 TWO_ROBOT = """
 name: planar arm
 gravity: [0, -9.81, 0]
 bodies:
-  - {name: upper, mass: 1.2, center_of_mass: [0.12, 0, 0], inertia: 0.008, joints: [{name: 1, axis: z, motor: {inertia: 0.01, ratio: 1}}]}
-  - {name: fore, parent: upper, mass: 0.6, center_of_mass: [0.10, 0, 0], inertia: 0.003, joints: [{name: 2, axis: z, position: [0.25, 0, 0], motor: {inertia: 0.01, ratio: 1}}]}
+  - name: upper
+    joints: [{name: 1, axis: z, motor: {inertia: 0.01, ratio: 1}}]
+    mass: 1.2
+    center_of_mass: [0.12, 0, 0]
+    inertia: 0.008
+  - name: fore
+    parent: upper
+    placement: {xyz: [0.25, 0, 0]}
+    joints: [{name: 2, axis: z, motor: {inertia: 0.01, ratio: 1}}]
+    mass: 0.6
+    center_of_mass: [0.10, 0, 0]
+    inertia: 0.003
 """
 
 
