@@ -317,9 +317,9 @@ class Record:
 
 # constant_velocity: there and back at one speed.  motion: any other.  presliding_loops: torque grows up to sliding.
 # presliding_test: a small multisine or noise at zero velocity.  warm_up: to and fro until the joint is warm.
-# coast_down: the joint coasts, one way, against a known inertia.
+# coast_down: the joint coasts, one way, against a known inertia.  commands: any motion, without a torque.
 Purpose: TypeAlias = Literal[
-    "constant_velocity", "motion", "presliding_loops", "presliding_test", "warm_up", "coast_down"
+    "constant_velocity", "motion", "presliding_loops", "presliding_test", "warm_up", "coast_down", "commands"
 ]
 
 
@@ -335,6 +335,8 @@ class FrictionRecord:
     there, back: first sample of each plateau of a pass, and the one after its last.  speed: of the pass as planned.
     load: name of the load, payload: its mass.  load_torque: |torque| of the model that the joint carries, 0 where none
     is known.
+    command (n,), gains: of a record without a torque, which is NaN then: k_p q_ref + k_d q_ref' as the controller has
+    them, and (k_p, k_d) of its feedback, link side.
     torque_delay_s: by which the torque acts later than its position was read: half a sample of a command that is held.
     resolution: of the position, one count; 0 where it is not known.  start_s: time of the first sample from the start
     of the study.  period_samples: of a periodic torque.  hold: of the torque between its samples.
@@ -356,6 +358,8 @@ class FrictionRecord:
     disturbance: FloatArray | None = labelled("known torque in torque", "{torque_unit}", "sample", default=None)
     reference: FloatArray | None = labelled("position that was asked for", "{unit}", "sample", default=None)
     link_position: FloatArray | None = labelled("position behind the gear", "{unit}", "sample", default=None)
+    command: FloatArray | None = labelled("reference times gains", "{torque_unit}", "sample", default=None)
+    gains: tuple[float, float] | None = None
     there: tuple[int, int] | None = None
     back: tuple[int, int] | None = None
     speed: float | None = None
@@ -377,7 +381,8 @@ class FrictionRecord:
     def __post_init__(self) -> None:
         """Check shapes and windows."""
         n = len(self.position)
-        for name in ("position", "torque", "velocity", "temperature", "disturbance", "reference", "link_position"):
+        motions = ("position", "velocity", "reference", "link_position")
+        for name in (*motions, "torque", "temperature", "disturbance", "command"):
             signal = getattr(self, name)
             if signal is not None and signal.shape != (n,):
                 raise ValueError(

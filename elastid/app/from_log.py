@@ -20,10 +20,11 @@ from elastid.base.escape import one_line
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.channel_guess import JointGuess, LogGuess, guess_log, signals_of
+from elastid.recorded.channel_guess import JointGuess, LogGuess, guess_commands, guess_log, signals_of
 from elastid.recorded.channel_names import ChannelGuess
 from elastid.recorded.clocks import MAX_SAMPLES, Clock, clock_of
 from elastid.recorded.files.formats import opened_log
+from elastid.recorded.files.log import StoredArray
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.files.universal import is_universal_file, time_histories
 from elastid.recorded.repair.periodicity import find_period, repetition
@@ -33,6 +34,8 @@ from elastid.robot import Joint, Robot
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
 # Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
 Positions: TypeAlias = Mapping[tuple[str, int | None], FloatArray]
+# Names of arrays with the gains of each joint.
+GAINS = ("kp", "kd")
 _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
 
@@ -51,8 +54,12 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         is_text = isinstance(log, TextLog)
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
         responses = responses_in(log.arrays)
+        gains = _gains(log.arrays)
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
+    if guess is None and (pairs := guess_commands([signal for signal, _ in signals])):
+        text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
+        return _of_commands(logs, folder, pairs, gains, clock, robot, text)
     if guess is None:
         named = ", ".join(f"{signal.name} ({signal.quantity or 'unknown'})" for signal, _ in signals[:8]) or "none"
         raise DataError(
@@ -75,7 +82,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     unused = _unused(guess, [signal for signal, _ in signals], shapes, clock)
     if guess.is_motion:
         content = [*_head("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
-        return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
+        inertias = [(joint.slides, joint.relation.inertia) for joint in guess.joints]
+        return {"study.yml": _joined(content), "robot.yml": _joined(_robot(inertias, "the torque"))}
     driving = {joint.torque.key for joint in guess.joints}
     period = _period(np.stack([x for g, x in signals if g.key in driving], axis=1))
     runs = _runs_by_name(logs)
@@ -89,6 +97,52 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
     return {"study.yml": _joined([*content, *unused])}
+
+
+def _gains(arrays: Mapping[str, StoredArray]) -> Mapping[str, FloatArray]:
+    """Arrays kp and kd of a log; empty unless both are there."""
+    named = {
+        name.lower(): np.atleast_1d(np.asarray(array, float)) for name, array in arrays.items() if name.lower() in GAINS
+    }
+    return named if len(named) == len(GAINS) else {}
+
+
+def _of_commands(
+    logs: Sequence[Path],
+    folder: Path,
+    pairs: Sequence[tuple[ChannelGuess, ChannelGuess]],
+    gains: Mapping[str, FloatArray],
+    clock: Clock,
+    robot: Robot | None,
+    text: str,
+) -> dict[str, str]:
+    """Files of a friction study of logs with commands and positions (pairs of channels) and without torques."""
+    names = robot.driven_names if robot is not None else [str(i + 1) for i in range(len(pairs))]
+    if len(names) != len(pairs):
+        listed = ", ".join(y.place for y, _ in pairs)
+        problem = f"the logs have {len(pairs)} positions with commands ({listed}), the robot model {len(names)} motors"
+        raise DataError("records/channels", f"{problem}. Log all of them, or remove the other motors", logs[0])
+    kp, kd = (
+        (np.broadcast_to(gains[name].ravel(), len(pairs)) for name in GAINS) if gains else (np.ones(len(pairs)),) * 2
+    )
+    why = "kp / kd and kd of the log" if gains else "guessed: enter the gains of the joint controller, link side"
+    numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
+    lines = [*_head("friction", logs[0]), "robot: robot.yml # guessed: geometry and ratios are not in the logs"]
+    lines += ["friction: {} # inertia, friction and command delay from commands and positions, without torque"]
+    lines += [
+        "experiment:",
+        "  recorded:",
+        f"    rate_hz: {clock.rate_hz or 1000:.6g} # guessed: {clock.why}",
+        "    channels:",
+    ]
+    for name, (y, reference) in zip(names, pairs, strict=True):
+        lines += [_channel("y", f"motor {name}", y), _channel("reference", f"motor {name}", reference)]
+    lines += [f"    controller: {{position_gain: [{numbers[0]}], velocity_gain: [{numbers[1]}]}} # {why}", text]
+    content = {"study.yml": _joined([*lines, *_files(_relative(logs, folder))])}
+    inertias = [
+        (dimension_and_size(y.unit)[0].startswith("m"), x) for (y, _), x in zip(pairs, kd**2 / kp / 4, strict=True)
+    ]
+    return content if robot is not None else content | {"robot.yml": _joined(_robot(inertias, "critical damping"))}
 
 
 def _unused(
@@ -274,21 +328,22 @@ def _files(paths: Sequence[str], states: Sequence[str] = (), runs: Sequence[tupl
         yield _file(path, configuration=states[i], **run) if states else _file(path)
 
 
-def _robot(guess: LogGuess) -> Iterator[str]:
+def _robot(joints: Iterable[tuple[bool, float]], source: str) -> Iterator[str]:
+    """Lines of a robot of single joints: whether each slides, and its inertia, by the source."""
     yield "# Each joint is alone on the base; give geometry, ratios and inertias."
     yield "name: robot of the logs"
     yield "gravity: [0, 0, -9.81] # guessed: it acts on joints about y; about z it does not"
     yield "bodies:"
-    for i, joint in enumerate(guess.joints, start=1):
-        half = 0.5 * max(joint.relation.inertia, 1e-6)
+    for i, (slides, inertia) in enumerate(joints, start=1):
+        half = 0.5 * max(inertia, 1e-6)
         yield f"  - name: body {i}"
         yield "    parent: base"
         yield "    joints:"
-        motion = "motion: translation, axis: x" if joint.slides else "axis: y"
+        motion = "motion: translation, axis: x" if slides else "axis: y"
         yield f"      - {{name: {i}, {motion}, motor: {{inertia: {half:.3g}, ratio: 1}}}} # guessed"
         yield "    mass: 1"
         yield "    center_of_mass: [0.1, 0, 0]"
-        yield f"    inertia: {half:.3g} # guessed: half of what the torque shows"
+        yield f"    inertia: {half:.3g} # guessed: half of the inertia by {source}"
 
 
 def _quoted(text: str) -> str:

@@ -17,9 +17,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note
+from elastid.friction_study.commanded import SMOOTH_S, CommandedJoint, CommandedLog, fit_commanded, simulate_commanded
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.levels import find_levels, passes_of
@@ -36,18 +38,141 @@ from elastid.friction_study.motion_signals import STEADY_SHARE, Motion, MotionLo
 from elastid.friction_study.motion_terms import full_rate_columns
 from elastid.friction_study.result import JointLevels, held_spring, noted
 from elastid.model.rigid_body import inverse_dynamics
-from elastid.record import Configuration, FrictionRecord, FrictionRecords
+from elastid.record import Configuration, FrictionRecord, FrictionRecords, Purpose
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 
+# Sweeps of the coupling of joints in a simulation, and the change of positions over their extent at which they end.
+MAX_SWEEPS, SWEEP_TOLERANCE = 20, 1e-4
 # Purposes of records of a joint that does not slide.
 STILL = ("presliding_loops", "presliding_test")
 
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
     """Levels and motions of each measured joint; DataError where a joint has no record, or one that cannot be used."""
-    motions = _motions(robot, joints, measured)
-    return tuple(_of_joint(robot, joint, measured, motions.get(joint.name, JointMotion())) for joint in joints)
+    motions, commanded = _motions(robot, joints, measured), _commanded(robot, measured)
+    return tuple(
+        _commanded_levels(joint, commanded[joint.name], measured)
+        if joint.name in commanded
+        else _of_joint(robot, joint, measured, motions.get(joint.name, JointMotion()))
+        for joint in joints
+    )
+
+
+GAINS_EXACT = (
+    "the controller's gains are taken as exact: inertia, Coulomb friction and the sum of viscous friction and velocity "
+    "gain are proportional to the position gain, and an error of the velocity gain is one of viscous friction"
+)
+
+
+def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> JointLevels:
+    notes = tuple(note for record in measured.of(joint.name, "commands") for note in record.notes)
+    gains = Note("friction/gains", GAINS_EXACT, f"joint {joint.name}", severity="information")
+    return JointLevels(joint.name, joint.slides, notes=(*notes, gains), commanded=fit)
+
+
+def _commanded(robot: Robot, measured: FrictionRecords) -> dict[str, CommandedJoint]:
+    """Numbers of each joint with commands and no torque, from all its logs; the joints of a log share one delay."""
+    logs = motion_logs(measured, "commands")
+    if not logs:
+        return {}
+    of_logs = [commanded_log(robot, log) for log in logs]
+    fit, carried = (
+        fit_commanded(of_logs),
+        {j: c for log in of_logs for j, c in zip(log.joints, log.carried, strict=True)},
+    )
+    return {
+        joint: replace(_with_motion(fit.of_joint(joint), measured.of(joint, "commands")), carried=float(carried[joint]))
+        for joint in fit.joints
+    }
+
+
+def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord]) -> CommandedJoint:
+    """The numbers with the motion that identified them."""
+    position = np.concatenate([record.position - record.position.mean() for record in records])
+    speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
+    low, high = np.quantile(speed, [0.05, 0.99]).tolist()
+    seconds = sum(record.duration_s for record in records)
+    return replace(fit, travel=float(np.std(position)), speeds=(low, high), logs=len(records), seconds=seconds)
+
+
+def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedLog:
+    """Commands and positions of the joints of a log, and the torque of the rigid body that couples them, if any does.
+
+    DataError for a robot with loops.
+    """
+    records, joints = list(log.values()), {joint.name: joint for joint in robot.driven}
+    if robot.loops:
+        text = "commands without torques identify no robot with closed loops. Log a torque (role u)"
+        raise DataError("friction/rigid-body", text, records[0].place)
+    position = np.stack([record.position for record in records], axis=1)
+    load, carried = rigid_loads(robot, records, position)
+    kp, kd = np.array([record.gains for record in records]).T
+    pairs = zip(records, carried.tolist(), strict=True)
+    turns = [not c and turns_against_gravity(robot, joints[r.joint], r.configuration) for r, c in pairs]
+    return CommandedLog(
+        records[0].name, tuple(log), records[0].rate_hz, position,
+        np.stack([record.command for record in records if record.command is not None], axis=1), kp, kd,
+        np.array([_first_velocity(record) for record in records]), np.array(turns), load, carried,
+        records[0].hold == "zero-order",
+    )  # fmt: skip
+
+
+def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Torque (n, m) of the robot model's rigid body along positions (n, m), less that of its mean inertia (m,).
+
+    Returns both, zeros if the robot model couples none of these joints: each has its own inertia and gravity then.
+    """
+    places = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
+    (n, m), rate_hz = position.shape, records[0].rate_hz
+    width = 2 * max(2, round(SMOOTH_S * rate_hz / 2)) + 1
+    q, v, a = (savgol_filter(position, width, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3))
+    whole = np.zeros((3, len(robot.joints), n))
+    whole[0, list(robot.driven_indices)] = records[0].angles(len(robot.driven))[:, None]
+    for signals, values in zip(whole, (q, v, a), strict=True):
+        signals[places] = values.T
+    dynamics, theta = inverse_dynamics(robot), np.array([value for value, _ in robot.parameters().values()])
+
+    def torque(q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        return np.asarray(dynamics(q, v, a, np.tile(theta[:, None], q.shape[1])).full())[places]
+
+    # Columns of the mass matrix at some instants.
+    some, unit = whole[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
+    still, columns = np.zeros_like(some), []
+    for place in places:
+        unit[:], unit[place] = 0.0, 1.0
+        columns.append(torque(some, still, still + unit) - torque(some, still, still))
+    M = np.array(columns)  # (m, m, k)
+    diagonal = np.mean(M[range(m), range(m)], axis=1)
+    coupling = np.max(np.abs(M), axis=2) * ~np.eye(m, dtype=bool)
+    if not np.any(coupling > 1e-9 * np.sqrt(np.outer(diagonal, diagonal))):
+        return np.zeros_like(position), np.zeros(m)
+    return torque(*whole).T - a * diagonal, diagonal
+
+
+def simulated_commands(
+    robot: Robot, log: Mapping[str, FrictionRecord], joints: Mapping[str, CommandedJoint]
+) -> FloatArray:
+    """Positions (n, m) of the joints of a log from its commands alone, by waveform relaxation of their coupling.
+
+    Each sweep takes the torque of the coupling from the positions of the sweep before (Lelarasmee, Ruehli and
+    Sangiovanni-Vincentelli, IEEE Trans. CAD 1, 1982).
+    """
+    commanded, records = commanded_log(robot, log), list(log.values())
+    moved = np.asarray(simulate_commanded(commanded, joints))
+    for _ in range(MAX_SWEEPS if np.any(commanded.carried) else 0):
+        before, (load, carried) = moved, rigid_loads(robot, records, moved)
+        moved = simulate_commanded(replace(commanded, load=load, carried=carried), joints)
+        if np.max(np.abs(moved - before)) < SWEEP_TOLERANCE * float(np.ptp(moved)):
+            break
+    return moved
+
+
+def _first_velocity(record: FrictionRecord) -> float:
+    """Velocity at the first sample, measured or by the slope of the first samples."""
+    if record.velocity is not None:
+        return float(record.velocity[0])
+    return float(np.polyfit(np.arange(5) / record.rate_hz, record.position[:5], 1)[0])
 
 
 def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "JointMotion") -> JointLevels:
@@ -118,11 +243,11 @@ def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -
     return evaluated
 
 
-def motion_logs(measured: FrictionRecords) -> list[dict[str, FrictionRecord]]:
+def motion_logs(measured: FrictionRecords, purpose: Purpose = "motion") -> list[dict[str, FrictionRecord]]:
     """The logs of motions in order, each with the records of the joints that moved in it."""
     logs: dict[str, dict[str, FrictionRecord]] = {}
     for record in measured.records:
-        if record.purpose == "motion":
+        if record.purpose == purpose:
             logs.setdefault(record.name, {})[record.joint] = record
     return list(logs.values())
 

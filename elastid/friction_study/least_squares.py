@@ -207,9 +207,9 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     scores = np.einsum("nmx,nm->nx", (free_X / size).reshape(n, m, n_x), left)
     ends = np.cumsum([len(log.y) for log in logs])[:-1]
     parts = np.split(scores, ends)
-    terms = [_terms(len(part) / rate_hz, len(parts)) for part in parts]
+    terms = [cosine_count(len(part) / rate_hz, len(parts)) for part in parts]
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
-    meat = sum(_long_run(part, count) for part, count in zip(parts, terms, strict=True))
+    meat = sum(long_run(part, count) for part, count in zip(parts, terms, strict=True))
     of_errors = (free_X / size @ bread).reshape(n, m, n_x)
     explained = np.hstack([basis, _basis(free_X)]).reshape(n, m, -1)
     shrinkage, dof = _expected(np.split(of_errors, ends), np.split(explained, ends), terms)
@@ -240,9 +240,9 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tup
     Both of the same logs, instant by instant: their residuals are correlated.
     """
     pairs = list(zip(first.influences, second.influences, strict=True))
-    terms = [_terms(len(low) / rate_hz, len(pairs)) for low, _ in pairs]
+    terms = [cosine_count(len(low) / rate_hz, len(pairs)) for low, _ in pairs]
     parts = [high - low for low, high in pairs]
-    variance = sum(np.diag(_long_run(part, count)) for part, count in zip(parts, terms, strict=True))
+    variance = sum(np.diag(long_run(part, count)) for part, count in zip(parts, terms, strict=True))
     std = np.maximum(np.sqrt(variance * _student(np.array(sum(terms)))), 1e-300)
     return dict(zip(first.names, zip((second.beta - first.beta).tolist(), std.tolist(), strict=True), strict=True))
 
@@ -288,18 +288,18 @@ def _widening(
     limit = fdtri(_TERMS, dof, 1 - _STATE_CHANCE) * student / _student(dof)
     for state in states.T:
         ordered = scores[used][np.argsort(state[used])]
-        by_states = np.diag(bread @ _long_run(ordered, _TERMS) @ bread) * student
+        by_states = np.diag(bread @ long_run(ordered, _TERMS) @ bread) * student
         ratio = by_states / np.maximum(variance, 1e-300)
         widening = np.maximum(widening, np.sqrt(np.where(ratio > limit, ratio, 1.0)))
     return widening
 
 
-def _terms(duration_s: float, logs: int) -> int:
+def cosine_count(duration_s: float, logs: int) -> int:
     """Cosines of a log of that duration, one of so many: few enough that the residuals are white over them."""
     return max(round(duration_s * _HIGHEST_HZ * 2), -(-_TERMS // logs))
 
 
-def _long_run(scores: FloatArray, terms: int) -> FloatArray:
+def long_run(scores: FloatArray, terms: int) -> FloatArray:
     """The covariance (n_x, n_x) of the sum of scores (n, n_x) over time."""
     cosines = dct(scores, axis=0)[1 : terms + 1] / 2
     return np.asarray(2 / terms * cosines.T @ cosines)

@@ -19,6 +19,7 @@ from elastid.base.display import Display, as_html, as_text, digits, interval_of,
 from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
+from elastid.friction_study.commanded import DELAY, CommandedJoint
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.levels import Levels
 from elastid.friction_study.motion import MotionFriction, RigidBody
@@ -66,6 +67,7 @@ class JointLevels:
     constant_velocity: Levels | None = None
     motion: MotionFriction | None = None
     notes: tuple[Note, ...] = ()
+    commanded: CommandedJoint | None = None
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,7 @@ class JointFriction:
     numbers: tuple[FrictionNumber, ...] = ()
     held: tuple[Held, ...] = ()
     notes: tuple[Note, ...] = ()
+    commanded: CommandedJoint | None = None
 
     @property
     def shared(self) -> Mapping[str, tuple[float, float]]:
@@ -101,6 +104,8 @@ class JointFriction:
     @property
     def misfit(self) -> str:
         """Errors of the model that intervals of numbers from a motion do not hold; empty where passes have them."""
+        if self.commanded is not None:
+            return self.commanded.misfit
         return self.motion.misfit if self.motion is not None and self.static is None else ""
 
     @property
@@ -112,7 +117,7 @@ class JointFriction:
     def missing(self) -> tuple[Held, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
         if self.friction is None and not self.is_of_one_speed:
-            slid = self.static is not None or self.motion is not None
+            slid = any(part is not None for part in (self.static, self.motion, self.commanded))
             why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
             return (Held("friction", why),)
         return tuple(
@@ -165,9 +170,11 @@ RIGID_TERMS = {
     path: FrictionTerm(path, symbol, symbol, meaning, unit, power)
     for path, symbol, meaning, unit, power in (
         ("inertia", "J", "inertia", "kg*m^2", 2),
+        ("armature", "J_a", "armature: inertia of the motor", "kg*m^2", 2),
         ("offset", "o", "offset of the torque", "N*m", 1),
         ("gain", "g", "gain of the drive: torque logged over torque", "", 0),
         ("delay", "T", "delay of the torque", "s", 0),
+        (DELAY, "T_d", "delay of the commands of all joints", "s", 0),
         ("gravity.cos", "G", "gravity, cos q", "N*m", 1),
         ("gravity.sin", "H", "gravity, sin q", "N*m", 1),
     )
@@ -230,7 +237,7 @@ def _table(
     for term, mark, word, places in rows:
         a = np.array([1.0, -1.0 if mark == "-" else 1.0])[: len(places)]
         value, std = float(a @ values[places]), float(np.sqrt(a @ covariance[np.ix_(places, places)] @ a))
-        unit = "kg" if slides and term.path == "inertia" else term.unit_at(slides)
+        unit = "kg" if slides and term.path in ("inertia", "armature") else term.unit_at(slides)
         name = channel_name("gain", "u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
             name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - reach * std,
@@ -306,6 +313,7 @@ def _joint(
     return JointFriction(
         name, levels.slides, levels.constant_velocity, levels.motion, static, presliding, at_rest,
         None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), held, (*notes, *refused),
+        levels.commanded,
     )  # fmt: skip
 
 
@@ -326,7 +334,7 @@ def _law(
     levels: JointLevels, static: StaticLaw | None, presliding: Elements | None, at_rest: AtRest | None, spec: LawSpec
 ) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
     """The law and its viscous friction, link side; a note where the numbers are physically impossible."""
-    sliding = static if static is not None else levels.motion
+    sliding = static if static is not None else levels.motion or levels.commanded
     if sliding is None or (static is not None and static.is_of_one_speed):
         return None, None, ()
     try:
@@ -356,6 +364,12 @@ def _numbers(
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
         known = motion.known if static is None else ("inertia", "offset", "gain", "gravity.cos", "gravity.sin")
         yield from _table(levels.joint, levels.slides, learnt, known, fit.names, fit.values, fit.covariance, truth)
+    if levels.commanded is not None:
+        found = levels.commanded
+        learnt, names = f"{found.logs} logs of commands, {found.seconds:.3g} s", found.names
+        names = ("armature", *names[1:]) if found.carried else names
+        known = names if found.is_first else names[:-1]
+        yield from _table(levels.joint, levels.slides, learnt, known, names, found.values, found.covariance, truth)
     if at_rest is not None:
         learnt, names = f"responses at rest, {at_rest.amplitudes} amplitudes", ("lugre.stiffness", "lugre.damping")
         values = np.array([at_rest.sigma_0, at_rest.sigma_1])

@@ -111,6 +111,14 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints))
 
 
+def guess_commands(guesses: Sequence[ChannelGuess]) -> tuple[tuple[ChannelGuess, ChannelGuess], ...]:
+    """Measured and commanded position of each joint, by their names; empty unless every measured one has a command."""
+    measured = _best_family([g for g in guesses if g.rank >= 0], ("position",))
+    commanded = {g.parts[1]: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}
+    pairs = [(g, commanded[g.parts[1]]) for g in measured if g.parts[1] in commanded]
+    return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(measured) else ()
+
+
 def _references(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -> tuple[ChannelGuess, ...]:
     """Commanded positions by their names, one for each joint whose position is known; else none."""
     commanded = {g.parts[1]: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}

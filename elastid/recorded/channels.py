@@ -119,7 +119,8 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         firsts.setdefault((channels[i].role, channels[i].at), i)
     keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
     rows = parts[0].rows if len(parts) == 1 else None
-    drivers = [i for i in keep if channels[i].role == "r"] or [i for i in keep if channels[i].role == "u"]
+    by_role = {role: [i for i in keep if channels[i].role == role] for role in ("r", "u", "reference")}
+    drivers = by_role["r"] or by_role["u"] or by_role["reference"]
     log = replace(experiment.log(1, [channels[i].full_name for i in keep], known_hz), rows=rows)
     begin = _begin(np.stack([columns[i] for i in drivers]).T, period, log)
     return GatheredChannels(
@@ -168,7 +169,7 @@ def own_samples(period_s: float, rate_hz: float, recorded: RecordedSpec, file: F
 
 def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
     """The period in s (in samples where the rate is unknown), stated or found in the torques; None without one."""
-    for role in ("r", "u"):
+    for role in ("r", "u", "reference"):
         for part in parts:
             drivers = [j for j, i in enumerate(part.members) if experiment.recorded.channels[i].role == role]
             if part.file == 1 and drivers:

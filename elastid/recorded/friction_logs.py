@@ -14,7 +14,7 @@ that over a motion to and fro friction alone is left, and of hours a few hundred
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from elastid.friction_study.joint_levels import STILL, turns_against_gravity
 from elastid.friction_study.motion_signals import alike_speeds, detect_passes
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
-from elastid.record import Configuration, FrictionRecord, FrictionRecords, WarmUpLog
+from elastid.record import Configuration, FrictionRecord, FrictionRecords, Hold, WarmUpLog
 from elastid.recorded.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, in_joints, link_side
@@ -40,6 +40,7 @@ from elastid.recorded.repair.outliers import without_lone
 from elastid.recorded.rig import repaired_signals
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
+from elastid.simulation.controller import loop_of
 
 # Limits of motions and temperatures of joints, and of warm-ups (all of 12 clean logs are accepted).
 # Travel below which a joint is held by its controller, in m where it slides and in rad.
@@ -128,7 +129,8 @@ class _LogReader:
             return tuple(records)
         raise DataError(
             "records/channels",
-            "no moving joint has both torque and position in it. Log role u, and role y with quantity position, "
+            "no moving joint has both torque and position in it. Log role u (or role reference, with the gains as "
+            "controller), and role y with quantity position, "
             f"at one of {', '.join(self.robot.motor_locations)}",
             self.path,
         )
@@ -201,10 +203,10 @@ class _LogReader:
             FrictionRecord(
                 name=self.name,
                 joint=joint.name,
-                purpose=self.file.purpose,
+                purpose=self.file.purpose if joint.name in holds else "commands",
                 rate_hz=rate_hz,
                 position=positions[joint.name],
-                torque=signals["u", f"motor {joint.name}", ""],
+                torque=signals.get(("u", f"motor {joint.name}", ""), np.full_like(positions[joint.name], np.nan)),
                 velocity=_signal(signals, "y", joint.name, "velocity"),
                 disturbance=_signal(signals, "d", joint.name),
                 reference=_signal(signals, "reference", joint.name),
@@ -218,9 +220,10 @@ class _LogReader:
                 payload=self.payload,
                 load_torque=float(load_torque[self.robot.driven_names.index(joint.name)]),
                 # A held torque acts half a sample after its instant, on average.
-                torque_delay_s=0.5 / rate_hz if holds[joint.name] == "zero-order" else 0.0,
+                torque_delay_s=0.5 / rate_hz if holds.get(joint.name) == "zero-order" else 0.0,
                 period_samples=period,
-                hold=holds[joint.name],
+                hold=holds.get(joint.name, self._command_hold),
+                **self._commanded(joint, signals, rate_hz),
                 # Of loops that end by sliding values hardly repeat; three times the log they do.
                 resolution=step(np.tile(positions[joint.name], 3 if self.file.purpose == "presliding_loops" else 1)),
                 start_s=self.start_s,
@@ -233,7 +236,8 @@ class _LogReader:
         )
 
     def _moving(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
-        logged = [j for j in self.robot.driven if j.name in positions and ("u", f"motor {j.name}", "") in signals]
+        driving = "u" if self.recorded.controller is None or any(role == "u" for role, *_ in signals) else "reference"
+        logged = [j for j in self.robot.driven if j.name in positions and (driving, f"motor {j.name}", "") in signals]
         is_any = self.file.purpose in STILL
         moving = [joint for joint in logged if is_any or self._moves(joint, positions[joint.name])]
         if self.file.purpose == "warm_up" and len(moving) > 1:
@@ -244,6 +248,23 @@ class _LogReader:
                 self.path,
             )
         return moving
+
+    @property
+    def _command_hold(self) -> Hold:
+        path = None if self.recorded.controller is None else self.recorded.controller.reference
+        return "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
+
+    def _commanded(self, joint: Joint, signals: Signals, rate_hz: float) -> dict[str, Any]:
+        """Command and gains of a joint without a torque, by the name of the record's field; empty with a torque."""
+        controller, reference = self.recorded.controller, _signal(signals, "reference", joint.name)
+        if controller is None or reference is None or ("u", f"motor {joint.name}", "") in signals:
+            return {}
+        if controller.integral_time is not None or controller.notches or controller.low_pass_hz is not None:
+            text = "integral_time, notches and low_pass_hz need a torque channel. Log role u, or give the gains of a PD"
+            raise StudyError("study/recorded", text, "experiment.recorded.controller")
+        loop, i = loop_of(controller, len(self.robot.driven)), self.robot.driven_names.index(joint.name)
+        kp, kd, s = float(loop.kp[i]), float(loop.kd[i]), controller.velocity_feed_forward
+        return {"command": kp * reference + s * kd * np.gradient(reference, 1 / rate_hz), "gains": (kp, kd)}
 
     def _moves(self, joint: Joint, position: FloatArray) -> bool:
         rest = REST_TRAVEL_M if joint.slides else REST_TRAVEL_RAD

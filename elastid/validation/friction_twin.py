@@ -25,7 +25,7 @@ from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import Plant
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.friction_study.joint_levels import motion_log, motion_logs
+from elastid.friction_study.joint_levels import motion_log, motion_logs, simulated_commands
 from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts, rigid_body_torques
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.motion_terms import columns_of, full_rate_columns
@@ -149,7 +149,25 @@ def friction_twin(
         if controller is not None and all(record.reference is not None for record in log.records):
             driven.append((log, controller))
     runs = execution.ordered(partial(_run, robot), driven)
-    return TwinFindings(friction_balances(joints, measured), tuple(runs))
+    by_commands = _commanded_runs(robot, joints, motion_logs(measured, "commands")[:1])
+    return TwinFindings(friction_balances(joints, measured), (*runs, *by_commands))
+
+
+def _commanded_runs(
+    robot: Robot, joints: Sequence[JointFriction], logs: Iterable[Mapping[str, FrictionRecord]]
+) -> Iterator[TwinRun]:
+    """Runs along logs without torques, simulated from their commands alone."""
+    known = {joint.joint: joint.commanded for joint in joints if joint.commanded is not None}
+    for records in logs:
+        log = {name: record for name, record in records.items() if name in known}
+        if not log:
+            continue
+        first, moved = next(iter(log.values())), simulated_commands(robot, log, known)
+        signals = tuple(
+            TwinSignal(MOTION, f"motor {name}", record.unit, record.position, simulated)
+            for (name, record), simulated in zip(log.items(), moved.T, strict=True)
+        )
+        yield TwinRun(first.name, "reference", 0.0, first.duration_s, first.rate_hz, signals)
 
 
 def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionRecord) -> FloatArray:
@@ -236,7 +254,9 @@ def predict_logs(
             except DataError as error:
                 reasons.setdefault(name, []).append(f"{record.name}: {error}")
     missing = {name: "; ".join(texts) for name, texts in reasons.items()}
-    return replace(friction_twin(robot, judged, measured, controller, execution), missing=missing)
+    findings = friction_twin(robot, judged, measured, controller, execution)
+    by_commands = _commanded_runs(robot, joints, motion_logs(measured, "commands"))
+    return replace(findings, runs=(*findings.runs, *by_commands), missing=missing)
 
 
 def _along(

@@ -191,6 +191,12 @@ def _level_words(joint: JointLevels) -> str:
         error = joint.motion.chosen.relative_error
         parts.append(f"trajectories, unexplained torque {error:.1%}")
         parts.append(joint.motion.seconds_words)
+    if joint.commanded is not None:
+        fit, distance = joint.commanded, "m" if joint.slides else "rad"
+        parts.append(
+            f"{fit.logs} logs of commands, {fit.seconds:.3g} s, error of simulated position {number(fit.rms, 2)} "
+            f"{distance} rms ({fit.relative_error:.1%})"
+        )
     return ", ".join(parts) or "no log with sliding"
 
 

@@ -158,8 +158,11 @@ class RecordedSpec:
         periods = (self.period, *(file.period for file in self.files))
         if self.rate_hz == "unknown" and any(isinstance(period, float | int) for period in periods):
             raise ValueError("rate_hz is unknown. Give period_samples instead of period")
+        roles = {channel.role for channel in self.channels}
+        if "u" not in roles and "reference" in roles and self.controller is None:
+            raise ValueError("no channel has role u. Add a torque; or, for friction by commands alone, give controller")
         for role, name in (("u", "input"), ("y", "output")):
-            if not any(channel.role == role for channel in self.channels):
+            if role not in roles and not (role == "u" and self.has_commands_alone):
                 raise ValueError(f"no channel has role {role} (an {name})")
         if not self.files:
             raise ValueError("files is empty. List at least one log file")
@@ -177,6 +180,12 @@ class RecordedSpec:
                     f"the period of {file.path} is {samples:.6g} samples; at least 2 are needed. Check period and "
                     "rate_hz"
                 )
+
+    @property
+    def has_commands_alone(self) -> bool:
+        """True if the logs have references of a known controller, and no torque."""
+        roles = {channel.role for channel in self.channels}
+        return "u" not in roles and "reference" in roles and self.controller is not None
 
     @property
     def log_names(self) -> tuple[str, ...]:

@@ -1,0 +1,401 @@
+r"""Inertia, friction and command delay of joints from commands, encoders and gains, without any torque.
+
+.. math:: \hat\theta = \arg\min_\theta \sum_i N_i \log \sum_k \bigl(q_{ik} - \hat q_{ik}(\theta_i, T_d)\bigr)^2
+
+q hat: positions simulated from the commands alone (`simulation.rigid_joints`), over means of a few samples; theta_i are
+the numbers of joint i, T_d is the delay of all joints of a log. This is output error: the torque that gains and encoder
+give is no measurement, and a regression on it is biased by k_p T_d in viscous friction (Ljung, System Identification,
+1999, section 10.2).
+
+Errors of simulated positions are far from white. Their covariance is the long-run one of the slow cosines of each log's
+scores (`least_squares.long_run`), and that of the influences d_k of m logs where it is larger beyond chance:
+
+.. math:: \Sigma = \frac{m}{m - 1} \sum_k d_k d_k^T
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_filter
+from scipy.special import fdtri
+
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.errors import DataError
+from elastid.base.statistics import small_sample_factors
+from elastid.friction_study.laws import friction_of
+from elastid.friction_study.least_squares import FALSE_ALARM, cosine_count, long_run
+from elastid.robot import Friction, MeasuredRange
+from elastid.simulation.rigid_joints import NUMBERS, CommandedJoints
+
+DELAY = "command_delay"
+# Delays of the start values, s; the search goes on from the best.
+START_DELAYS = np.linspace(0.0, 0.04, 9)
+# Least rate of the means of samples that are compared, and their number in a period at the upper end of the commands.
+MEANS_HZ, MEANS_IN_PERIOD = 40.0, 12.0
+# Time constants k_d / k_p after which errors of the start are forgotten; derivatives are smoothed over SMOOTH_S.
+SETTLE, SMOOTH_S = 15.0, 0.06
+# Perturbation of a number for its sensitivity, relative to its scale, and that of the delay in s.
+PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
+MAX_ITERATIONS, TOLERANCE = 15, 1e-5
+
+
+@frozen_value
+class CommandedLog:
+    """Commands and encoder positions (n, m) of the joints of one log, link side, SI.
+
+    command: k_p r + k_d r' + feed-forward torque.  kp, kd (m,): gains.  velocity (m,): at the first sample.
+    carried (m,): inertia of the robot model's rigid body at each joint, 0 if the joints are not coupled.
+    is_held: true if commands are held from sample to sample, false if they are linear between samples.
+    turns (m,): true if gravity on the joint changes with its angle.  load (n, m): torque of the rest of the robot.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    rate_hz: float
+    position: FloatArray
+    command: FloatArray
+    kp: FloatArray
+    kd: FloatArray
+    velocity: FloatArray
+    turns: BoolArray
+    load: FloatArray
+    carried: FloatArray
+    is_held: bool = True
+
+
+@frozen_value
+class CommandedFit:
+    """Numbers of all joints from their commands: names and values (n_x,), covariance (n_x, n_x).
+
+    names: joint and number, the last ("", "command_delay").  rms (m,): of measured minus simulated positions, by joint.
+    between (n_x,): std between logs over that within them, 1 within chance.
+    """
+
+    names: tuple[tuple[str, str], ...]
+    joints: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    rms: FloatArray
+    between: FloatArray
+
+    def of_joint(self, joint: str) -> "CommandedJoint":
+        """The numbers of a joint, with the delay as the last."""
+        places = [i for i, (of, _) in enumerate(self.names) if of in (joint, "")]
+        names, block = tuple(self.names[i][1] for i in places), np.ix_(places, places)
+        rms = float(self.rms[self.joints.index(joint)])
+        return CommandedJoint(joint, names, self.values[places], self.covariance[block], rms, self.joints[0] == joint)
+
+    def table(self) -> FloatArray:
+        """Numbers (m, 6) of the joints as the simulation takes them."""
+        known = dict(zip(self.names, self.values.tolist(), strict=True))
+        return np.array([[known.get((joint, name), 0.0) for name in NUMBERS] for joint in self.joints])
+
+    @property
+    def delay_s(self) -> float:
+        """T_d."""
+        return float(self.values[-1])
+
+
+# Largest rms of measured minus simulated positions over that of the position about its mean: above, it is a misfit.
+MAX_ERROR = 0.1
+
+
+@frozen_value
+class CommandedJoint:
+    """Numbers of one joint from commands alone, link side: names and values (n_x,), covariance (n_x, n_x).
+
+    rms: of measured minus simulated positions.  is_first: of the joints that share the delay.  travel: rms of the
+    position about its mean.  speeds: lowest and highest, rad/s.  logs: their number.  seconds: their duration.
+    carried: inertia of the robot model's rigid body at this joint, without which `inertia` is the armature; 0 if the
+    joints are not coupled and `inertia` is all inertia.
+    """
+
+    joint: str
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    rms: float
+    is_first: bool = True
+    travel: float = 0.0
+    speeds: tuple[float, float] = (0.0, 0.0)
+    carried: float = 0.0
+    logs: int = 1
+    seconds: float = 0.0
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.values[self.names.index(name)])
+
+    @property
+    def relative_error(self) -> float:
+        """Rms error of simulated positions over the rms of the position about its mean."""
+        return self.rms / max(self.travel, 1e-300)
+
+    @property
+    def misfit(self) -> str:
+        """Why the simulated positions refute the model; empty if they do not."""
+        if self.relative_error <= MAX_ERROR:
+            return ""
+        return (
+            f"positions simulated from the commands have an error of {self.relative_error:.0%} of the rms position; "
+            f"the limit is {MAX_ERROR:.0%}. Check gains, units and sign of the commands"
+        )
+
+    @property
+    def viscous(self) -> float:
+        """Viscous friction for a robot model."""
+        return max(0.0, self["viscous"])
+
+    def to_friction(self) -> Friction:
+        """Friction law for a robot model."""
+        numbers = dict(zip(self.names, self.values.tolist(), strict=True))
+        if self["viscous"] < -2 * float(np.sqrt(self.covariance[1, 1])):
+            raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")
+        return friction_of(numbers, 20.0, MeasuredRange(self.speeds, None, None))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """All logs side by side: columns (S,) are joints of logs, padded to the longest."""
+
+    logs: tuple[CommandedLog, ...]
+    joints: tuple[str, ...]
+    commanded: CommandedJoints
+    window: int
+
+    @classmethod
+    def of(cls, logs: Sequence[CommandedLog]) -> "_Problem":
+        n, joints = max(len(log.position) for log in logs), tuple(dict.fromkeys(j for log in logs for j in log.joints))
+
+        def side_by_side(name: str) -> FloatArray:
+            parts = [getattr(log, name) for log in logs]
+            return np.hstack([np.vstack([x, np.repeat(x[-1:], n - len(x), axis=0)]) for x in parts])
+
+        kp, kd, velocity, carried = (
+            np.concatenate([getattr(log, name) for log in logs]) for name in ("kp", "kd", "velocity", "carried")
+        )
+        position = np.concatenate([log.position[0] for log in logs])
+        rate_hz = logs[0].rate_hz
+        commanded = CommandedJoints(
+            rate_hz, side_by_side("command"), kp, kd, position, velocity, side_by_side("load"), carried, logs[0].is_held
+        )  # fmt: skip
+        highest = max(_upper_end(log) for log in logs)
+        window = max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest)))
+        return cls(tuple(logs), joints, commanded, window)
+
+    @property
+    def index(self) -> list[int]:
+        """Joint of each column."""
+        return [self.joints.index(joint) for log in self.logs for joint in log.joints]
+
+    def simulated(self, numbers: FloatArray, delay_s: FloatArray) -> list[FloatArray]:
+        """Means (n_k, K, m_k) of each log for candidates: numbers (K, m, 6) and delays (K,)."""
+        means = self.commanded.simulate(numbers[:, self.index], delay_s, self.window)
+        ends = np.cumsum([len(log.joints) for log in self.logs])[:-1]
+        return [part[self._settled(log)] for log, part in zip(self.logs, np.split(means, ends, axis=2), strict=True)]
+
+    @property
+    def measured(self) -> list[FloatArray]:
+        """Means (n_k, m_k) of the positions of each log."""
+        w = self.window
+        return [
+            log.position[: len(log.position) // w * w].reshape(-1, w, len(log.joints)).mean(axis=1)[self._settled(log)]
+            for log in self.logs
+        ]
+
+    def _settled(self, log: CommandedLog) -> slice:
+        first = min(float(np.max(SETTLE * log.kd / log.kp)) * log.rate_hz, 0.2 * len(log.position))
+        return slice(int(first) // self.window, len(log.position) // self.window)
+
+    def free(self) -> BoolArray:
+        """Numbers (m, 6) that are unknown: gravity where it changes with the angle."""
+        turns = {joint: turn for log in self.logs for joint, turn in zip(log.joints, log.turns.tolist(), strict=True)}
+        return np.array([[not name.startswith("gravity") or turns[joint] for name in NUMBERS] for joint in self.joints])
+
+
+def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) -> FloatArray:
+    """Positions (n, m) of the joints of a log from its commands and loads, by the numbers of each."""
+    problem = _Problem.of([log])
+    values = [dict(zip(joints[name].names, joints[name].values.tolist(), strict=True)) for name in log.joints]
+    numbers = np.array([[row.get(name, 0.0) for name in NUMBERS] for row in values])
+    late = np.array([values[0][DELAY]])
+    return np.asarray(problem.commanded.simulate(numbers[None], late)[:, 0])
+
+
+def _upper_end(log: CommandedLog) -> float:
+    """Frequency in Hz below which 95 % of the power of all commands' rates is."""
+    power = np.sum(np.abs(np.fft.rfft(np.diff(log.command, axis=0), axis=0)) ** 2, axis=1)
+    sums = np.cumsum(power) / max(float(power.sum()), 1e-300)
+    return float(np.searchsorted(sums, 0.95)) / len(log.command) * log.rate_hz
+
+
+def fit_commanded(logs: Sequence[CommandedLog]) -> CommandedFit:
+    """Numbers of the joints of logs at one rate; DataError where the search finds no response of the loop."""
+    problem = _Problem.of(logs)
+    measured, is_free = problem.measured, problem.free()
+    numbers, delay_s = _start(problem, measured)
+    cost = np.inf
+    for _ in range(MAX_ITERATIONS):
+        end, before, part = _linearised(problem, measured, numbers, delay_s, is_free), cost, 1.0
+        cost = end.cost
+        if before - cost < TOLERANCE * len(problem.joints):
+            break
+        for _ in range(8):  # halvings
+            moved, late = _moved(numbers, delay_s, part * end.step, is_free)
+            lower = _cost(problem, measured, moved, late)
+            if lower < cost:
+                break
+            part /= 2
+        else:
+            break
+        numbers, delay_s = moved, late
+    return _fit(problem, measured, numbers, delay_s, is_free)
+
+
+def _scales(problem: _Problem) -> FloatArray:
+    """Typical sizes (m, 6) of the numbers, from gains and motion."""
+    rows = np.zeros((len(problem.joints), len(NUMBERS)))
+    for i, column in enumerate(map(problem.index.index, range(len(problem.joints)))):
+        kp, kd = problem.commanded.kp[column], problem.commanded.kd[column]
+        torque = kp * max(float(np.std(problem.commanded.command[:, column])) / kp, 1e-3)
+        rows[i] = [max(kd**2 / kp, 1e-9) / 4, max(kd, 1e-9) / 4, torque / 4, torque / 4, torque, torque]
+    return rows
+
+
+def _moved(numbers: FloatArray, delay_s: float, step: FloatArray, is_free: BoolArray) -> tuple[FloatArray, float]:
+    moved = numbers.copy()
+    moved[is_free] += step[:-1]
+    moved[:, 0] = np.maximum(moved[:, 0], np.where(numbers[:, 0] > 0, numbers[:, 0] / 4, numbers[:, 0]))  # inertia
+    moved[:, 2] = np.maximum(moved[:, 2], 0.0)  # Coulomb friction
+    return moved, delay_s + float(np.clip(step[-1], -0.02, 0.02))
+
+
+def _cost(problem: _Problem, measured: Sequence[FloatArray], numbers: FloatArray, delay_s: float) -> float:
+    of_logs = problem.simulated(numbers[None], np.array([delay_s]))
+    return _log_squares(problem, [q - sim[:, 0] for q, sim in zip(measured, of_logs, strict=True)])
+
+
+def _log_squares(problem: _Problem, errors: Sequence[FloatArray]) -> float:
+    """Sum over joints of the log of the mean square of their errors."""
+    return float(np.sum(np.log(np.maximum(_mean_squares(problem, errors), 1e-300))))
+
+
+def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray:
+    squares, counts = np.zeros(len(problem.joints)), np.zeros(len(problem.joints))
+    for log, error in zip(problem.logs, errors, strict=True):
+        places = [problem.joints.index(joint) for joint in log.joints]
+        squares[places] += np.sum(error**2, axis=0)
+        counts[places] += len(error)
+    return squares / counts
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """Linearised problem at some numbers: step (n_x,), cost, inverse (n_x, n_x) of the normal equations, scores.
+
+    scores: gradient of the weighted squares at each instant of each log (n_k, n_x).
+    """
+
+    step: FloatArray
+    cost: float
+    inverse: FloatArray
+    scores: tuple[FloatArray, ...]
+
+
+def _linearised(
+    problem: _Problem, measured: Sequence[FloatArray], numbers: FloatArray, delay_s: float, is_free: BoolArray
+) -> _Linearised:
+    scales = PERTURBATION * _scales(problem)
+    changes = [np.zeros_like(scales), *(np.where(np.arange(len(NUMBERS)) == j, scales, 0.0) for j in range(6))]
+    candidates = np.stack([numbers + change for change in [*changes, changes[0]]])
+    delays = np.full(len(candidates), delay_s)
+    delays[-1] += DELAY_STEP_S
+    simulated = problem.simulated(candidates, delays)
+    errors = [q - sim[:, 0] for q, sim in zip(measured, simulated, strict=True)]
+    variance, n_x = _mean_squares(problem, errors), int(is_free.sum()) + 1
+    place = np.full(is_free.shape, -1)
+    place[is_free] = np.arange(n_x - 1)
+    normal, scores = np.zeros((n_x, n_x)), [np.zeros((len(error), n_x)) for error in errors]
+    for log, sim, error, score in zip(problem.logs, simulated, errors, scores, strict=True):
+        for column, joint in enumerate(log.joints):
+            i = problem.joints.index(joint)
+            free, std = np.flatnonzero(is_free[i]), np.sqrt(variance[i])
+            change = sim[:, 1:, column] - sim[:, :1, column]
+            X = np.hstack([change[:, free] / scales[i, free], change[:, -1:] / DELAY_STEP_S]) / std
+            of_joint = np.append(place[i, free], n_x - 1)
+            normal[np.ix_(of_joint, of_joint)] += X.T @ X
+            score[:, of_joint] += X * (error[:, column] / std)[:, None]
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
+    step = inverse @ sum(score.sum(axis=0) for score in scores)
+    return _Linearised(step, float(np.sum(np.log(np.maximum(variance, 1e-300)))), inverse, tuple(scores))
+
+
+def _start(problem: _Problem, measured: Sequence[FloatArray]) -> tuple[FloatArray, float]:
+    """Numbers (m, 6) and the delay of the best of START_DELAYS, each with its regression of the torque of the gains."""
+    candidates = np.stack([_regressed(problem, delay) for delay in START_DELAYS.tolist()])
+    simulated = problem.simulated(candidates, START_DELAYS)
+    costs = [
+        _log_squares(problem, [q - sim[:, k] for q, sim in zip(measured, simulated, strict=True)])
+        for k in range(len(START_DELAYS))
+    ]
+    best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
+    return candidates[best], float(START_DELAYS[best])
+
+
+def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
+    """Start values (m, 6) by regression of the torque that gains and encoder give, the commands late by delay_s."""
+    scales, rows = _scales(problem), dict[str, list[tuple[FloatArray, FloatArray]]]()
+    for log in problem.logs:
+        n, width = len(log.position), 2 * max(2, round(SMOOTH_S * log.rate_hz / 2)) + 1
+        q, v, a = (
+            savgol_filter(log.position, width, 3, deriv=order, delta=1 / log.rate_hz, axis=0) for order in range(3)
+        )
+        late = np.arange(n) - delay_s * log.rate_hz - 0.5  # held for a sample
+        for i, joint in enumerate(log.joints):
+            torque = np.interp(late, np.arange(n), log.command[:, i]) - log.kp[i] * q[:, i] - log.kd[i] * v[:, i]
+            gravity = [np.cos(q[:, i]), np.sin(q[:, i])] if log.turns[i] else []
+            columns = [a[:, i], v[:, i], np.sign(v[:, i]), np.ones(n), *gravity]
+            used = slice(width, n - width)
+            known = log.load[:, i] + log.carried[i] * a[:, i]
+            rows.setdefault(joint, []).append((np.stack(columns, 1)[used], (torque - known)[used]))
+    numbers = np.zeros((len(problem.joints), len(NUMBERS)))
+    for i, joint in enumerate(problem.joints):
+        X, y = (np.concatenate(parts) for parts in zip(*rows[joint], strict=True))
+        beta = np.linalg.lstsq(X, y, rcond=1e-8)[0]
+        numbers[i, : len(beta)] = beta
+    carried = np.array([problem.commanded.carried[problem.index.index(i)] for i in range(len(problem.joints))])
+    numbers[:, 0] = np.maximum(numbers[:, 0], scales[:, 0] / 20 - 0.5 * carried)
+    numbers[:, 1:3] = np.maximum(numbers[:, 1:3], 0.0)
+    return numbers
+
+
+def _fit(
+    problem: _Problem, measured: Sequence[FloatArray], numbers: FloatArray, delay_s: float, is_free: BoolArray
+) -> CommandedFit:
+    end = _linearised(problem, measured, numbers, delay_s, is_free)
+    of_logs = problem.simulated(numbers[None], np.array([delay_s]))
+    rms = np.sqrt(_mean_squares(problem, [q - sim[:, 0] for q, sim in zip(measured, of_logs, strict=True)]))
+    if not np.all(np.isfinite(rms)):
+        text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
+        raise DataError("friction/motion", text, problem.logs[0].name)
+    names = (*((problem.joints[i], NUMBERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
+    covariance, between = _covariance(end, problem.commanded.rate_hz / problem.window)
+    return CommandedFit(names, problem.joints, np.append(numbers[is_free], delay_s), covariance, rms, between)
+
+
+def _covariance(end: _Linearised, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    """Covariance (n_x, n_x) by slow cosines of the scores of each log, or between logs; ratio (n_x,) of their stds."""
+    m = len(end.scores)
+    counts = [cosine_count(len(score) / rate_hz, m) for score in end.scores]
+    meat = sum(long_run(score, count) for score, count in zip(end.scores, counts, strict=True))
+    covariance, dof = end.inverse @ meat @ end.inverse, float(sum(counts))
+    within = small_sample_factors(dof)
+    covariance = covariance * within**2
+    if m < 2:
+        return covariance, np.ones(len(covariance))
+    d = np.array([score.sum(axis=0) for score in end.scores]) @ end.inverse
+    ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(np.diag(covariance), 1e-300)
+    wider = np.where(ratio > fdtri(m - 1, dof, 1 - FALSE_ALARM), np.sqrt(ratio) * small_sample_factors(m - 1.0), 1.0)
+    wider = np.maximum(wider, 1.0)
+    return covariance * np.outer(wider, wider), wider
