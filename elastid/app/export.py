@@ -6,8 +6,10 @@ from functools import partial
 from pathlib import Path
 
 from elastid.app.identified_robot import (
+    command_delay,
     robot_of_fit,
     robot_of_friction,
+    with_armatures,
     with_findings,
     with_identified_friction,
 )
@@ -172,8 +174,8 @@ def _export_friction(run: Run, target: str, folder: Path) -> Iterable[Path]:
     if target == COMPENSATION:
         return write_compensation(folder, with_identified_friction(robot, result), name, ())
     if target == ACTUATORS:
-        identified = with_identified_friction(robot, result)
-        numbers = actuators_of(name, identified, friction_intervals(result), _gains(run.study))
+        delay_s, intervals = command_delay(result), friction_intervals(result)
+        numbers = actuators_of(name, with_armatures(robot, result), intervals, _gains(run.study), delay_s)
         return write_actuators(folder, numbers)
     return _written(folder, robot_of_friction(name, robot, result))
 
