@@ -5,11 +5,10 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from elastid.app.commanded_robot import command_delay, with_armatures
 from elastid.app.identified_robot import (
-    command_delay,
     robot_of_fit,
     robot_of_friction,
-    with_armatures,
     with_findings,
     with_identified_friction,
 )

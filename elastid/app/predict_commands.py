@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from elastid.app.commanded_robot import command_delay, commanded_robot, rigid_numbers
 from elastid.app.console import Console
-from elastid.app.identified_robot import command_delay, commanded_robot, rigid_numbers, with_findings
+from elastid.app.identified_robot import with_findings
 from elastid.app.run import logged_in
 from elastid.app.scaffold import read_mjcf_servos, read_urdf_model
 from elastid.base.arrays import FloatArray

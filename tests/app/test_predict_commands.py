@@ -8,7 +8,7 @@ import pytest
 from plants.commanded_joint import CommandedJoint
 
 from elastid.app import cli
-from elastid.app.identified_robot import command_delay, commanded_robot, rigid_numbers
+from elastid.app.commanded_robot import command_delay, commanded_robot, rigid_numbers
 from elastid.friction_study.commanded import DELAY
 from elastid.friction_study.result import RIGID_TERMS, FrictionNumber, FrictionResult, JointFriction
 from elastid.model.formulation import formulate
