@@ -132,7 +132,7 @@ def _replaced(
 
 
 def _with_other_period(judged: BoolArray, L: int) -> BoolArray:
-    """Judged samples (P L,) that are not the only ones of their phase, nor beside these: others are interpolated."""
+    """Drop judged samples (P L,) with no other measured period at their phase, and samples beside them."""
     from scipy.ndimage import maximum_filter
 
     is_sole = maximum_filter(judged.reshape(-1, L).sum(axis=0) < 2, 2 * MAX_RUN + 1, mode="wrap")
