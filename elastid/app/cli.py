@@ -20,8 +20,10 @@ from elastid import __version__
 from elastid.app.options import (
     POSITIVE,
     RATE,
+    Finite,
     insisting,
     libraries_off_terminal,
+    numbers_of,
     options_of,
     run_of,
     stage_options,
@@ -69,7 +71,7 @@ def run_command(arguments: Sequence[str]) -> int:
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = [
     *("robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "samples", "observer"),
-    "compensation",
+    *("compensation", "actuators"),
 ]
 
 
@@ -208,19 +210,50 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 
 
 @cli.command()
-@study_argument
+@click.argument("model", type=click.Path(path_type=Path))
 @options_of("with", "log")
+@click.option("--rate", "rate_hz", type=RATE, metavar="HZ", help="Sampling rate of the logs (default: by their clock).")
+@click.option("--kp", metavar="N[,N...]", callback=numbers_of,
+    help="Position gains in N*m/rad, one or one per joint (default: MJCF servos, else the log).")  # fmt: skip
+@click.option("--kd", metavar="N[,N...]", callback=numbers_of, help="Velocity gains in N*m*s/rad, likewise.")
+@click.option("--delay", type=Finite(min=0, max=1), default=0.0, show_default=True, metavar="S",
+    help="Known delay of the commands in s.")  # fmt: skip
+@click.option("--study", type=click.Path(path_type=Path), metavar="STUDY",
+    help="Study with the channels of the logs and the controller (default: by the names in the logs).")  # fmt: skip
 @stage_options
-def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -> None:
-    """Validate the parameters of another run on the logs of a study: prediction.json and prediction.png.
+def predict(
+    model: Path, source: Path | None, logs: tuple[Path, ...], rate_hz: float | None, kp: tuple[float, ...],
+    kd: tuple[float, ...], delay: float, study: Path | None, **options: Any,
+) -> None:  # fmt: skip
+    """Judge a model on logs: prediction.json and prediction.png.
 
-    The run has identified friction (with the rigid body) or elasticity. The result is the torque that each part of the
-    model explains, by axis and octave, and a simulation of the robot along the logs. Without --log the logs are from
-    STUDY.
+    MODEL --log LOG simulates the joints from the commands of the logs alone; no torque is needed. MODEL is a run
+    folder, a robot.yml, a URDF, or an MJCF file with actuators. A log has one command and one position per joint, and
+    the controller gains kp and kd (or the options). The result is the rms error by joint and octave, next to three
+    trivial predictors: the joint stands still, is at its command, or is there one delay later. Tests find a wrong
+    clock, delay, gain or sign. The exit code is 3 if a test finds one, or if a trivial predictor is as good for any
+    joint.
+
+    STUDY --with RUN validates the parameters of another run on the logs of a study: the torque that each part of the
+    model explains, by axis and octave, and a simulation along the logs. Without --log the logs are from STUDY.
     """
-    from elastid.app import use_fit
+    if source is not None:
+        from elastid.app import use_fit
 
-    use_fit.predict(run_of(study, use_fit.on_logs(study, logs, options)), source)
+        use_fit.predict(run_of(model, use_fit.on_logs(model, logs, options)), source)
+        return
+    if not logs:
+        raise click.UsageError("give the logs with --log, or the result of another run with --with")
+    from elastid.app.console import Console
+    from elastid.app.predict_commands import Given, predict_from_commands
+    from elastid.app.run import all_cores
+    from elastid.study import load
+
+    folder = options["folder"] or Path("runs") / f"{model.stem}_{logs[0].stem}"
+    console = Console(options["verbose"] - options["quiet"])
+    recorded = None if study is None else load(study, options["overrides"]).study.experiment.as_recorded()
+    given = Given(rate_hz, kp, kd, delay, recorded)
+    predict_from_commands(model, logs, given, folder, options["jobs"] or all_cores(), console)
 
 
 @cli.command(name="map")
@@ -342,6 +375,7 @@ def export(study: Path, target: str, count: int, **options: Any) -> None:
     samples       --count posterior samples as robot models, MJCF and a table
     compensation  motor friction over velocity, in C
     observer      filter of a friction study, in C
+    actuators     joint numbers for MJCF, Isaac Lab, URDF, Gazebo, Drake and ROS 2, with their mapping
     uff           measured responses of any study
     others        fitted model of a study of elasticity
 

@@ -19,11 +19,13 @@ from elastid.base.files import clear_folder
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_gears, with_linear_springs, with_terms_of
 from elastid.recorded.responses.table import geometry_of_files
+from elastid.simulation.controller import loop_of
 from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears
 from elastid.study import Study
+from elastid.targets.actuators import actuators_of, fit_intervals, friction_intervals, write_actuators
 from elastid.targets.code import write_c, write_casadi
 from elastid.targets.control import write_control, write_responses_control
 from elastid.targets.csv import write_csv, write_friction_csv, write_responses_csv
@@ -50,9 +52,10 @@ RESPONSE_TARGETS: dict[str, ResponseWriter] = {
     "control": write_responses_control, "matlab": write_responses_matlab, "csv": write_responses_csv, "uff": write_uff,
 }  # fmt: skip
 # Of these, targets that take the modes of a study without a robot too.
-WITH_MODES = ("csv", "uff")
+WITH_MODES = ("control", "csv", "uff")
 # The targets that are no other tool's: elastid's own, robots drawn from the fit, the filter of a study of friction.
 ROBOT, SAMPLES, OBSERVER, COMPENSATION = "robot", "samples", "observer", "compensation"
+ACTUATORS = "actuators"  # numbers of joints for several simulators
 
 
 def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
@@ -64,7 +67,7 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     """
     targets = _targets(run.study, count)
     if target not in targets:
-        of_others = target in {*TARGETS, *RESPONSE_TARGETS, ROBOT, SAMPLES, OBSERVER, COMPENSATION}
+        of_others = target in {*TARGETS, *RESPONSE_TARGETS, ROBOT, SAMPLES, OBSERVER, COMPENSATION, ACTUATORS}
         code, known = "study/stage" if of_others else "export/target", did_you_mean(target, sorted(targets))
         raise StudyError(code, f"study {run.study.name} of kind {run.study.kind}: {known}", f"--to {target}")
     stages, write = targets[target]
@@ -81,13 +84,15 @@ def _targets(study: Study, count: int) -> dict[str, tuple[tuple[str, ...], Expor
     """Targets of a kind of study: the stages whose results each takes, and its function (run, target, folder)."""
     if study.friction is not None:
         of_law: tuple[tuple[str, ...], Export] = (("friction",), _export_friction)
-        return dict.fromkeys((ROBOT, "csv", COMPENSATION), of_law) | {OBSERVER: (("follow",), _export_observers)}
+        return dict.fromkeys((ROBOT, "csv", COMPENSATION, ACTUATORS), of_law) | {
+            OBSERVER: (("follow",), _export_observers)
+        }
     measured: tuple[tuple[str, ...], Export] = (("estimate",), _export_responses)
     if study.robot is None:
         return dict.fromkeys(RESPONSE_TARGETS, measured)
     fitted: tuple[tuple[str, ...], Export] = (("estimate", "fit"), _export_fit)
     draws: tuple[tuple[str, ...], Export] = (("fit",), partial(_export_draws, count))
-    return dict.fromkeys((*TARGETS, ROBOT, COMPENSATION), fitted) | {"uff": measured, SAMPLES: draws}
+    return dict.fromkeys((*TARGETS, ROBOT, COMPENSATION, ACTUATORS), fitted) | {"uff": measured, SAMPLES: draws}
 
 
 def _export_fit(run: Run, target: str, folder: Path) -> Iterable[Path]:
@@ -108,6 +113,10 @@ def _export_fit(run: Run, target: str, folder: Path) -> Iterable[Path]:
             folder, with_findings(m.robot, friction, gears), m.name, interval_lines(m)
         ),
     }
+    own[ACTUATORS] = lambda folder, m: write_actuators(
+        folder,
+        actuators_of(m.name, with_findings(m.robot, friction, gears), fit_intervals(m, friction), _gains(run.study)),
+    )
     write = (own | TARGETS)[target]
     if target == "mujoco":
         write = partial(write_mujoco, rubbing=geared)
@@ -136,6 +145,16 @@ def _export_draws(count: int, run: Run, target: str, folder: Path) -> Iterator[P
     warn_of_distrust(run, "export", result)
 
 
+def _gains(study: Study) -> tuple[tuple[float, float], ...]:
+    """kp and kd of each joint, link side, by the controller of a study; none if its gains are not stated."""
+    simulated, recorded = study.experiment.simulated, study.experiment.recorded
+    controller = recorded.controller if recorded else simulated.controller.gains if simulated else None
+    if controller is None:
+        return ()
+    loop = loop_of(controller, len(study.as_robot().driven))
+    return tuple(zip(loop.kp.tolist(), loop.kd.tolist(), strict=True))
+
+
 def gears_of(run: Run) -> GearResult | None:
     """The effects of gears, where the study asks for them and they could be looked for."""
     if "gears" not in run.stages:
@@ -152,6 +171,10 @@ def _export_friction(run: Run, target: str, folder: Path) -> Iterable[Path]:
         return write_friction_csv(folder, result)
     if target == COMPENSATION:
         return write_compensation(folder, with_identified_friction(robot, result), name, ())
+    if target == ACTUATORS:
+        identified = with_identified_friction(robot, result)
+        numbers = actuators_of(name, identified, friction_intervals(result), _gains(run.study))
+        return write_actuators(folder, numbers)
     return _written(folder, robot_of_friction(name, robot, result))
 
 

@@ -50,7 +50,8 @@ def _joint(model: Any, i: int) -> Joint:
     is_driven = bool(gears) or not (stiffness or any(_gears(model, j) for j in range(model.njnt)))
     if is_driven:
         ratio = next(iter(gears.values()), 0.0) or 1.0
-        motor = Motor(max(float(model.dof_armature[i]), 1e-290) / ratio**2, ratio, damping / ratio**2)
+        dry = float(model.dof_frictionloss[model.jnt_dofadr[i]]) / abs(ratio)
+        motor = Motor(max(float(model.dof_armature[i]), 1e-290) / ratio**2, ratio, damping / ratio**2, dry)
     elif stiffness:
         spring = Spring(stiffness, damping)
     ends = model.jnt_range[i].tolist() if model.jnt_limited[i] else (-math.inf, math.inf)
@@ -62,6 +63,23 @@ def _joint(model: Any, i: int) -> Joint:
         name, tuple(model.jnt_axis[i].tolist()), spring, motor, 0.0 if spring or motor else damping, limits=limits,
         motion="rotation" if kind == "hinge" else "translation", point=(x, y, z),
     )  # fmt: skip
+
+
+def gains_of(model: Any) -> dict[str, tuple[float, float]]:
+    """Position and velocity gains of the joints with position servos, on the link side."""
+    gains = {}
+    for i in range(model.njnt):
+        gears = _gears(model, i)
+        of_joint = [model.actuator_biasprm[a, 1:3] * -(gear**2) for a, gear in gears.items() if _is_servo(model, a)]
+        if of_joint:
+            kp, kd = np.sum(of_joint, axis=0).tolist()
+            gains[model.joint(i).name or f"joint {i}"] = (kp, kd)
+    return gains
+
+
+def _is_servo(model: Any, a: int) -> bool:
+    """True for an affine bias whose stiffness is the gain of the control, as of <position>."""
+    return bool(model.actuator_biastype[a] == 1 and model.actuator_biasprm[a, 1] == -model.actuator_gainprm[a, 0] != 0)
 
 
 def _gears(model: Any, i: int) -> dict[int, float]:
@@ -98,15 +116,16 @@ def _without_looks(spec: Any) -> None:
         spec.delete(asset)
 
 
-def main(path: Path) -> dict[str, str]:
-    """Return the robot file, or the reason for a failure."""
+def main(path: Path) -> dict[str, Any]:
+    """Return the robot file and gains by joint, or the reason for a failure."""
     import mujoco
 
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         if hasattr(spec, "delete"):  # of newer releases of MuJoCo
             _without_looks(spec)
-        return {"robot": yaml_text(robot_of(spec.compile(), path.stem))}
+        model = spec.compile()
+        return {"robot": yaml_text(robot_of(model, path.stem)), "gains": gains_of(model)}
     except (ValueError, MemoryError) as error:
         return {"wrong": " ".join(str(error).split())}
 

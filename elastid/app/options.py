@@ -37,6 +37,11 @@ POSITIVE = Finite(min=0, min_open=True)
 RATE = Finite(min=0, max=1e5, min_open=True)
 
 
+def numbers_of(ctx: click.Context, param: click.Parameter, text: str | None) -> tuple[float, ...]:
+    """Finite numbers of at least 0, separated by commas; none without the option."""
+    return tuple(Finite(min=0).convert(word, param, ctx) for word in (text or "").split(",") if word.strip())
+
+
 class Folder(click.Path):
     """A path that is not empty, which would be the working folder."""
 
@@ -58,12 +63,13 @@ _OPTIONS: dict[str, Decorator] = {
     ),
     "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
     "with": click.option(
-        *("--with", "source"), type=click.Path(path_type=Path), required=True, metavar="RUN",
-        help="Run folder with identified friction or elasticity, or its friction.h5 or fit.h5.",
+        *("--with", "source"), type=click.Path(path_type=Path), metavar="RUN",
+        help="Run folder with identified friction or elasticity, or its friction.h5 or fit.h5; the first argument is "
+        "then a study, whose torque channels are predicted.",
     ),
     "log": click.option(
         *("--log", "logs"), type=click.Path(path_type=Path), multiple=True, metavar="FILE",
-        help="Log that replaces the logs of the study, with the same channels; can be repeated.",
+        help="Log, in place of the logs of the study if one is given; can be repeated.",
     ),
     "dask": click.option("--dask", metavar="ADDRESS", default="", help="Run on the workers of this Dask scheduler."),
     "png": click.option("--png", is_flag=True, help="Write the figures as PNG into figures/, too."),

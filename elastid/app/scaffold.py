@@ -93,19 +93,34 @@ def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tupl
         f"The rigid part is from {path.name}. Replace guessed numbers with those of data sheets:",
         f"the springs of gears, with a mode at {_HELD_HZ:g} Hz while the motor is locked{rotors};",
         "if the file has none, viscous friction that stops a motor's rotor within a second.",
-        "Constraints, tendons, dry friction, and springs of driven joints are not read from the file.",
+        "Constraints, tendons, and springs of driven joints are not read; dry friction is from MJCF files alone.",
     )
     return inertia, driven, comments
 
 
-def _of_urdf(path: Path) -> Robot:
-    """The links of a URDF; its motors, behind gears where they turn, have no inertia yet."""
+def read_urdf_model(path: Path) -> Robot:
+    """The robot of a URDF file as simulators use it: rigid drives without rotors, with its damping and friction."""
+    dry = {
+        joint.name: dynamics.number("friction", "0")
+        for joint in read_elements(path).all("joint")
+        if (dynamics := joint.first("dynamics")) is not None
+    }
+
+    def with_friction(joint: Joint) -> Joint:
+        coulomb = dry.get(joint.name, 0.0)
+        return replace(joint, motor=replace(joint.motor, coulomb=coulomb)) if joint.motor else joint
+
+    return with_joints(_of_urdf(path, 1.0), with_friction)
+
+
+def _of_urdf(path: Path, ratio: float = _RATIO) -> Robot:
+    """The links of a URDF; its motors, behind gears of a ratio where they turn, have no inertia yet."""
     root = read_elements(path)
     kinds = {joint.name: joint.attributes.get("type") for joint in root.all("joint") if not joint.first("mimic")}
-    moving = {name: 1.0 if kind == "prismatic" else _RATIO for name, kind in kinds.items() if kind != "fixed"}
+    moving = {name: 1.0 if kind == "prismatic" else ratio for name, kind in kinds.items() if kind != "fixed"}
     if not moving:
         raise root.wrong("no joint moves; an elastic robot has driven ones")
-    joints = {name: UrdfJoint(motor=Motor(_NO_ROTOR / 1e10, ratio)) for name, ratio in moving.items()}
+    joints = {name: UrdfJoint(motor=Motor(_NO_ROTOR / 1e10, turns)) for name, turns in moving.items()}
     return UrdfRobot(path.name, joints).robot(path.parent)
 
 
@@ -147,7 +162,14 @@ def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
 
 
 def read_mjcf(path: Path) -> Robot:
-    """The robot of an MJCF file; a motor without an armature has no inertia yet.
+    """The robot of an MJCF file (`read_mjcf_servos`)."""
+    return read_mjcf_servos(path)[0]
+
+
+def read_mjcf_servos(path: Path) -> tuple[Robot, dict[str, tuple[float, float]]]:
+    """The robot of an MJCF file, and kp and kd of its position servos by joint, link side.
+
+    A motor without an armature has no inertia yet.
 
     Raises StudyError where MuJoCo is not installed, does not take the file, or a joint is neither hinge nor slide.
     """
@@ -169,7 +191,7 @@ def read_mjcf(path: Path) -> Robot:
             raise StudyError("robot/file", reply["wrong"], path)
         file = Path(folder) / "robot.yml"
         file.write_text(reply["robot"], encoding="utf-8")
-        return load_robot(file)
+        return load_robot(file), {name: (kp, kd) for name, (kp, kd) in reply["gains"].items()}
 
 
 # Numbers that the fit of the template `recorded` is to identify, and the torque constant in its study.

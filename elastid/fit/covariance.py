@@ -17,6 +17,7 @@ line k. Each variance is the largest of the first three estimates, plus the last
   different part of it in each configuration and band: the variance is at least that of the blocks, and from three
   configurations on at least that of their jackknife (conservative).
 - systematic errors of known size (`problem.shared_bias`) are further unknowns c with a prior; x is that with them.
+- ratios of gears that differ from angle to angle (`gear_ratios`).
 - friction taken out of the torques (`taken_out_error`): what its shapes and levels leave in every configuration alike.
 - floor: the model error alpha |G| that the study declares or the residuals show. Such an error is the same on
   neighbouring lines and in all configurations; it counts as one random factor for each element and octave, with pull
@@ -41,6 +42,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.execution import Execution
 from elastid.base.statistics import small_sample_factors
+from elastid.fit.gear_ratios import ratio_covariance
 from elastid.fit.line_sums import (
     LineSums,
     block_variance,
@@ -142,7 +144,9 @@ def estimate_uncertainty(
     if is_in_error(cost, expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, blocks, jackknife_variance(parts, half)])
     floor = floor_covariance(sums, cost, expected_cost, cost_dof)
-    ratios, friction = ratio_covariance(parts, half), friction_variance(fit.parameters, responses, is_taken_out)
+    together = max((response.correlated_lines for response in responses), default=1.0)
+    level = math.nan if is_forecast else together * max(cost / max(expected_cost, 1e-300), 1.0)
+    ratios, friction = ratio_covariance(parts, half, level), friction_variance(fit.parameters, responses, is_taken_out)
     total = np.maximum(np.diag(noise + ratios) + friction, 1e-300)
     of_file, lasting = file_variance(sums, [i for i, p in enumerate(fit.parameters.free) if p.is_nuisance])
     repeated = np.maximum(np.diag(noise) - of_file, 0.0)
@@ -239,15 +243,6 @@ def residual_variance(sums: Sums) -> FloatArray:
     moved = np.vstack([pulls, sums.static_J * sums.static_r[:, None]]) @ sums.half
     length = correlation_length([part.autocovariance for part in parts], sum(part.n_residuals for part in parts))
     return np.asarray(length * sums.n_residuals / max(sums.dof, 1) * np.sum(moved**2, axis=0))
-
-
-def ratio_covariance(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
-    """Covariance (n_x, n_x) of x by the ratios of the gears, each off alike in all configurations."""
-    pulls: dict[str, FloatArray] = {}
-    for part in parts:
-        pulls |= {name: pulls.get(name, 0.0) + pull for name, pull in part.ratio_pull.items()}
-    shifts = np.reshape([*pulls.values()], (-1, len(half))) @ half
-    return np.asarray(shifts.T @ shifts)
 
 
 def friction_variance(parameters: Parameters, responses: Sequence[Response], is_taken_out: bool) -> FloatArray:

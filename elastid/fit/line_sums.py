@@ -37,6 +37,19 @@ from elastid.response import Response
 
 
 @dataclass(frozen=True)
+class RatioSums:
+    """Whitened errors V of one configuration by the ratio of each gear j, one standard deviation each.
+
+    joints (n_j,): input and angle of each.  pull (n_j, n_x): V^T J.  power (n_j, n_j): V^T V.  moved (n_j,): V^T r.
+    """
+
+    joints: tuple[tuple[str, float], ...]
+    pull: FloatArray
+    power: FloatArray
+    moved: FloatArray
+
+
+@dataclass(frozen=True)
 class LineSums:
     """Sums of one configuration, n_x variables and F lines; small, since there may be a thousand of them.
 
@@ -49,7 +62,7 @@ class LineSums:
     no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
     exactly or not at all.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
     (output, input, octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex
-    factor.  ratio_pull: the same by the ratio of each motor's gear.
+    factor.  ratios: the errors by the ratios of its gears.
     """
 
     freq_hz: FloatArray
@@ -66,7 +79,7 @@ class LineSums:
     noise_dof: float
     floor_power: float
     floor_pull: dict[tuple[str, str, int], ComplexArray]
-    ratio_pull: dict[str, FloatArray]
+    ratios: RatioSums
 
     @property
     def cost(self) -> float:
@@ -122,12 +135,18 @@ def sum_lines(
     blocks, scatter, parted = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([lags], n_residuals))
     floor_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
     floor_pull = {key: U @ sums for key, sums in _coherent(response, pulls.transpose(1, 0, 2)).items()}
-    ratios = ratio_errors(part, response, mixing)
-    ratio_pull = {name: U @ np.einsum("pfab,fab->p", J.conj(), error).real for name, error in ratios.items()}
-    noise_sums, error_sums = (power, spread, dof), (floor_power, floor_pull, ratio_pull)
+    noise_sums, error_sums = (power, spread, dof), (floor_power, floor_pull, _of_ratios(part, response, r, J, U))
     by_line = response.freq_hz, _triangle(rows) @ U.T, power_of_lines
     of_z = U @ pull, blocks @ U.T, None if scatter is None else U @ scatter @ U.T
     return LineSums(*by_line, lags, n_residuals, *of_z, parted, *noise_sums, *error_sums)
+
+
+def _of_ratios(part: Part, response: Response, r: ComplexArray, J: ComplexArray, U: FloatArray) -> RatioSums:
+    errors, angles = ratio_errors(part, response, part.mixing), response.configuration.angles
+    V, of_all = as_real(np.reshape([*errors.values()], (-1, *r.shape))), len(angles) == len(response.inputs)
+    joints = tuple((name, angles[response.inputs.index(name)] if of_all else math.nan) for name in errors)
+    rows = V.reshape(len(errors), 2 * r.size)
+    return RatioSums(joints, rows @ _rows(J) @ U.T, rows @ rows.T, rows @ as_real(r).ravel())
 
 
 def _block(

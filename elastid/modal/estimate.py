@@ -328,12 +328,19 @@ def _modes(
         chosen = [mode for mode in within if not mode.is_background(response)]
     else:
         chosen = [mode for mode in fitted if mode.is_near(poles_hz)]
-    modes = _gathered(response, fit, chosen, diagram)
+    modes = _gathered(response, fit, chosen, diagram, influences)
     notes = (*lost_notes(chosen, response, poles_hz), *window_notes(fitted, shift, response))
     return replace(modes, notes=(*modes.notes, *notes))
 
 
-def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], diagram: StabilisationDiagram) -> Modes:
+def _gathered(
+    response: Response,
+    fit: ModalFit,
+    modes: Sequence[FittedMode],
+    diagram: StabilisationDiagram,
+    influences: Influences,
+) -> Modes:
+    members: list[FittedMode] = []
     numbers, shapes, stds, participations, participation_stds = [], [], [], [], []
     for mode in modes:
         std = mode.residue_std
@@ -341,6 +348,7 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
         count = 1 + int(len(s) > 1 and s[1] > _second_singular_value(s, std))
         for k in range(count):
             shape, participation = U[:, k] / U[np.argmax(np.abs(U[:, k])), k], Vh[k] / Vh[k, np.argmax(np.abs(Vh[k]))]
+            members.append(mode)
             numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std))
             shapes.append(shape)
             participations.append(Vh[k] * s[k] * U[np.argmax(np.abs(U[:, k])), k])
@@ -360,7 +368,7 @@ def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], di
         drive, np.array(participation_stds).reshape(-1, n_u).T,
         phase_collinearity(drive if n_u > n_y else shape_matrix) if shapes else np.empty(0),
         response.freq_hz, synthesis, stated, np.asarray(np.linalg.svd(response.G, compute_uv=False), float), diagram,
-        line_notes(modes, response),
+        influences.joint_covariance(members), line_notes(modes, response),
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ so that elements with noise in common, and a model that does not fit, widen the 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -60,7 +60,10 @@ LIMITS = ModeLimits()
 
 @dataclass(frozen=True)
 class FittedMode:
-    """Frequency and damping with standard deviations, the residue (n_y, n_u) and its standard deviation."""
+    """Frequency and damping with standard deviations, the residue (n_y, n_u) and its standard deviation.
+
+    index: of the pole in the fit.  slopes (2, 2): d (f, zeta) / d (Re lambda, Im lambda), SI.
+    """
 
     freq_hz: float
     freq_std: float
@@ -68,6 +71,8 @@ class FittedMode:
     zeta_std: float
     residue: ComplexArray
     residue_std: FloatArray
+    index: int = 0
+    slopes: FloatArray = field(default_factory=lambda: np.eye(2))
 
     @classmethod
     def of(cls, response: Response, influences: "Influences", r: int, pole: complex) -> "FittedMode":
@@ -81,7 +86,8 @@ class FittedMode:
         shape = response.G.shape[1:]
         residue = (fit.residues[r] * scale).reshape(shape)
         std = (influences.residue_std(r) * fit.data.scale * scale).reshape(shape)
-        return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std)
+        slopes = np.stack([of_freq, of_zeta])
+        return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, r, slopes)
 
     def is_within(self, response: Response, shift: float = 0.0) -> bool:
         """True within the band, if frequency and damping have small intervals. Widths below a line need no damping."""
@@ -279,6 +285,26 @@ class Influences:
     def pole_covariances(self) -> tuple[FloatArray, ...]:
         """(2, 2) of Re and Im of each pole, over the frequency scale."""
         return tuple(self.covariance(self.of_pole(r)) for r in range(len(self.fit.poles)))
+
+    def joint_covariance(self, modes: Sequence[FittedMode]) -> FloatArray:
+        """Covariance (2 m, 2 m) of frequency and damping of m modes, in this order; std as each mode states it.
+
+        The correlation is of all poles together.
+        """
+        if not modes:
+            return np.zeros((0, 0))
+        scale = self.fit.data.basis.scale
+        of_poles = np.stack([scale * (mode.slopes @ self._flat(mode.index)) for mode in modes]).reshape(
+            2 * len(modes), *self._normalised.shape
+        )
+        of_poles /= np.linalg.norm(of_poles, axis=(1, 2), keepdims=True)
+        together = self.covariance(of_poles)
+        std = np.array([(mode.freq_std, mode.zeta_std) for mode in modes]).ravel()
+        scatter = np.sqrt(np.maximum(np.diag(together), np.finfo(float).tiny))
+        return np.asarray(together / np.outer(scatter, scatter) * np.outer(std, std))
+
+    def _flat(self, r: int) -> ComplexArray:
+        return self.of_pole(r).reshape(2, -1)
 
     def residue_std(self, r: int) -> FloatArray:
         """Standard deviation (C,), complex: E|dR|^2 is its square, of a pole's residue over the elements' scale.

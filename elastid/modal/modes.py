@@ -10,15 +10,21 @@ CMIF: the singular values of G line by line.  (Allemang, Sound and Vibration 37,
 Guidance, Control and Dynamics 16, 1993; Shih, Tsuei, Allemang and Brown, Mech. Syst. Signal Processing 2, 1988.)
 """
 
+from collections.abc import Sequence
 from dataclasses import field
+from typing import Any, TypeAlias
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, digits, number, percent
 from elastid.base.errors import Note
+from elastid.base.escape import control_labels
 from elastid.base.statistics import QUANTILE_95
+from elastid.linear.linear_model import StateSpace
 from elastid.modal.poles import StabilisationDiagram
+from elastid.record import Configuration, Motion
 from elastid.response import Response
 
 
@@ -29,13 +35,13 @@ class Modes:
     freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation
     (n_u, n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC at `places`.
     at_hz (F,), synthesis (F, n_y, n_u): of the model; stated (F,): standard deviation of G over |G|, both RMS over
-    elements.  indicators (F, n): CMIF.  diagram: of stabilisation.
+    elements.  indicators (F, n): CMIF.  diagram: of stabilisation.  covariance (2 n, 2 n): of f_1, zeta_1, f_2 ...
     """
 
     configuration: str
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    quantity: str
+    quantity: Motion
     unit: str
     rate_is_known: bool
     freq_hz: FloatArray = labelled("natural frequency", "Hz")
@@ -52,6 +58,7 @@ class Modes:
     stated: FloatArray = labelled("relative standard deviation of the response")
     indicators: FloatArray = labelled("complex mode indicator functions", "{unit}", "at_hz rank")
     diagram: StabilisationDiagram
+    covariance: FloatArray = labelled("covariance of frequency and damping of each mode", "Hz, 1", "number number")
     notes: tuple[Note, ...] = field(default=())
 
     __repr__, _repr_html_ = as_text, as_html
@@ -98,6 +105,84 @@ class Modes:
         omega = 2 * np.pi * self.freq_hz
         return omega * (-self.zeta + 1j * np.sqrt(1 - self.zeta**2))
 
+    def state_space(self, residual: bool = True) -> StateSpace:
+        r"""The modes as a real state space, two states a mode, and the residual of the modes outside the band.
+
+        .. math:: A_r = \begin{bmatrix} \sigma & -\omega \\ \omega & \sigma \end{bmatrix}, \quad
+                  B_r = \begin{bmatrix} \mathrm{Re}\, L_r^T \\ \mathrm{Im}\, L_r^T \end{bmatrix}, \quad
+                  C_r = 2\, [\mathrm{Re}\, \psi_r \;\; -\mathrm{Im}\, \psi_r], \qquad
+                  \lambda_r = \sigma + j \omega, \quad R_r = \psi_r L_r^T
+
+        The residual is D and three pairs of poles outside the band, by least squares relative to the response.
+        residual: False for the modes alone.  Of a response with unknown rate time is in samples.
+        """
+        psi, L, n_u = self.shapes, self.participation, len(self.inputs)
+        blocks = [np.array([[pole.real, -pole.imag], [pole.imag, pole.real]]) for pole in self.poles]
+        B = np.stack([L.T.real, L.T.imag], axis=1).reshape(-1, n_u)
+        C = 2 * np.stack([psi.real, -psi.imag], axis=2).reshape(len(psi), -1)
+        D, sections = self._residual() if residual else (np.zeros((len(psi), n_u)), [])
+        for (_, damping, stiffness), slope, level in sections:  # of x'' + damping x' + stiffness x = u
+            blocks.append(np.kron([[0.0, 1.0], [-stiffness, -damping]], np.eye(n_u)))
+            B = np.vstack([B, np.zeros((n_u, n_u)), np.eye(n_u)])
+            C = np.hstack([C, level, slope])
+        A, place = block_diag(np.zeros((0, 0)), *blocks), Configuration(self.configuration, np.zeros(0))
+        return StateSpace(place, A, B, C, D, 0.0, self.inputs, self.outputs, self.quantity)
+
+    def _residual(self) -> tuple[FloatArray, "list[_Section]"]:
+        """D (n_y, n_u) and three sections that follow what the modes leave of the synthesis."""
+        freq_hz, G = self.at_hz, self.synthesis
+        s = 2j * np.pi * freq_hz
+        ends = 2 * np.pi * np.array([freq_hz[0] * _OUTSIDE[0], *(freq_hz[-1] * x for x in _OUTSIDE[1:])])
+        polynomials = [(1.0, 2 * _OUTSIDE_DAMPING * w, w**2) for w in ends.tolist()]
+        columns = [np.ones(len(s), complex)]
+        for w, polynomial in zip(ends, polynomials, strict=True):
+            columns += [x / np.polyval(polynomial, s) for x in (w * s, np.full(len(s), w**2))]
+        weight = 1 / np.sqrt(np.mean(np.abs(G) ** 2, axis=(1, 2)))
+        X = np.stack(columns, axis=1) * weight[:, None]
+        left = (G - self.state_space(residual=False).response(freq_hz)).reshape(len(s), -1) * weight[:, None]
+        a = np.linalg.lstsq(np.vstack([X.real, X.imag]), np.vstack([left.real, left.imag]), rcond=None)[0]
+        D, *parts = a.reshape(-1, *G.shape[1:])
+        triples = zip(ends, polynomials, parts[::2], parts[1::2], strict=True)
+        return D, [(polynomial, w * slope, w**2 * level) for w, polynomial, slope, level in triples]
+
+    def transfer_polynomials(self, residual: bool = True) -> tuple[FloatArray, FloatArray]:
+        """Numerators (n_y, n_u, m) and the common denominator (m,) of `state_space`, the highest power of s first.
+
+        Coefficients of more than some ten modes exceed the precision of numbers; prefer `state_space`.
+        """
+        D, sections = self._residual() if residual else (np.zeros((len(self.outputs), len(self.inputs))), [])
+        R = np.einsum("ir,jr->rij", self.shapes, self.participation)
+        for pole, residue in zip(self.poles, R, strict=True):
+            level = -2 * (residue * pole.conjugate()).real
+            sections = [*sections, ((1.0, -2 * pole.real, abs(pole) ** 2), 2 * residue.real, level)]
+        factors = [np.array(section[0]) for section in sections]
+        denominator = _product(factors)
+        numerators = D[:, :, None] * denominator
+        for k, (_, slope, level) in enumerate(sections):
+            rest = _product([*factors[:k], *factors[k + 1 :]])
+            numerators[:, :, 1:-1] += slope[:, :, None] * rest
+            numerators[:, :, 2:] += level[:, :, None] * rest
+        return numerators, denominator
+
+    def transfer_function(self, residual: bool = True) -> Any:
+        """`transfer_polynomials` as `control.TransferFunction`."""
+        import control  # takes a second or two
+
+        numerators, denominator = self.transfer_polynomials(residual)
+        denominators = [[denominator for _ in self.inputs] for _ in self.outputs]
+        labels = control_labels(self.configuration, self.inputs, self.outputs)
+        return control.tf([list(row) for row in numerators], denominators, **labels)
+
+    @property
+    def state_space_error(self) -> float:
+        """Rms of what `state_space` differs by from the synthesis, over the synthesis, both at the lines."""
+        difference = self.state_space().response(self.at_hz) - self.synthesis
+        return float(np.linalg.norm(difference) / np.linalg.norm(self.synthesis))
+
+    def to_control(self, residual: bool = True) -> Any:
+        """`state_space` as `control.StateSpace`."""
+        return self.state_space(residual).to_control()
+
     @property
     def freq95(self) -> FloatArray:
         """95 % intervals (n, 2) of the frequencies."""
@@ -107,6 +192,20 @@ class Modes:
     def zeta95(self) -> FloatArray:
         """95 % intervals (n, 2) of the dampings."""
         return _interval(self.zeta, self.zeta_std)
+
+
+def _product(factors: Sequence[FloatArray]) -> FloatArray:
+    """Coefficients of a product of polynomials, the highest power first."""
+    product = np.ones(1)
+    for factor in factors:
+        product = np.asarray(np.polymul(product, factor))
+    return product
+
+
+# Frequencies of the poles outside the band over the lowest line, and over the highest; their damping ratio.
+_OUTSIDE, _OUTSIDE_DAMPING = (0.5, 1.3, 2.0), 0.2
+# Denominator (3,) of second order, and the numerator's coefficients (n_y, n_u) of s and of 1.
+_Section: TypeAlias = tuple[tuple[float, float, float], FloatArray, FloatArray]
 
 
 def _interval(value: FloatArray, std: FloatArray) -> FloatArray:
@@ -122,7 +221,7 @@ def without_modes(response: Response, note: Note) -> Modes:
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
         response.rate_is_known, none, none, none, none, np.empty((n_y, 0), complex), np.empty((n_y, 0)),
         np.empty((n_u, 0), complex), np.empty((n_u, 0)), none, no_lines.freq_hz, no_lines.G, none,
-        np.empty((0, min(n_y, n_u))), diagram, (note,),
+        np.empty((0, min(n_y, n_u))), diagram, np.zeros((0, 0)), (note,),
     )  # fmt: skip
 
 

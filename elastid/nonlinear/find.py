@@ -23,10 +23,12 @@ from elastid.nonlinear.levels import (
     candidate_shapes,
     choose,
     covariance,
+    delayed,
     find_levels,
     normal_equations,
     refined,
     shares,
+    torque_delay,
 )
 from elastid.nonlinear.motion import VELOCITY_NOISE, motion_of
 from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken, unsuited
@@ -82,6 +84,9 @@ def _found(
     shapes = candidate_shapes(records, spec.friction == "coulomb")
     data = gathered(measured[:few], shapes)
     choice, picked = choose(data, shapes, places, spec.friction == "auto")
+    if delay_s := torque_delay(data, shapes, choice, places):
+        data, shapes = delayed(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
+        choice, picked = choose(data, shapes, places, spec.friction == "auto")
     of_picked = [replace(spectra, Phi=spectra.Phi[:, picked]) for spectra in data]
     first, friction = _Found(records[0], spec, of_picked, choice), None
     if choice.shapes:
@@ -177,7 +182,8 @@ class _Found:
             on = on[-max(1, len(on) // 20) :]
             friction = taken(self.levels, data.Phi[on], self.choice.motor_of, data.U.shape[1])
             G = data.Y[on] @ np.linalg.pinv(data.U[on] - friction)
-            tops.append((np.diagonal(G, axis1=1, axis2=2) * (2j * np.pi * data.freq_hz[on, None]) ** order).real)
+            s = 2j * np.pi * data.freq_hz[on, None]
+            tops.append((np.diagonal(G, axis1=1, axis2=2) * np.exp(self.choice.delay_s * s) * s**order).real)
         return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
 
     def with_dependence(self) -> FrictionTakenOut:
@@ -213,6 +219,12 @@ class _Found:
 def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
     """One for each motor; the place is in the text, so that notes of several motors are not grouped into one."""
     notes = []
+    if delay_ms := 1e3 * next((shape.delay_s for shape in result.shapes), 0.0):
+        text = (
+            f"friction acts {delay_ms:+.3g} ms after the motions, by which it was compensated: the torques are late or "
+            f"early. State `delay: {delay_ms:.3g} ms` at the channels of role u, or free `delay_u` in the fit"
+        )
+        notes.append(Note("nonlinear/torque-delay", text, severity="warning"))
     for place, unit, share in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
         if place in result.taken_places():
             level, std = result.sliding_level(place)

@@ -18,9 +18,10 @@ from the torque there, q = w y + (1 - w) q_a. (3e-6 rad at 500 Hz with Coulomb f
 known three times as well.) Reversals between the samples are late by some 2 % of a sample, which the responses' errors
 have.
 
-The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples:
+The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples. A
+torque that is logged later than the motion by tau has its friction by tau later, too:
 
-.. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
+.. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1} e^{-s \tau}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
 """
 
 import math
@@ -45,11 +46,15 @@ Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle"]
 
 @dataclass(frozen=True)
 class Shape:
-    """A shape at a motor, by its place; threshold D: rad/s of sign and stribeck, else rad (m/s, m) on the link side."""
+    """A shape at a motor, by its place; threshold D: rad/s of sign and stribeck, else rad (m/s, m) on the link side.
+
+    delay_s: by which its torque is logged later than its motion, the same of all shapes.
+    """
 
     place: str
     kind: Kind
     threshold: float = labelled("distance over which a bristle bends, link side", "rad", default=0.0)
+    delay_s: float = labelled("by which the torque is logged later than the motion", "s", default=0.0)
 
     @property
     def when_fast(self) -> float:
@@ -97,7 +102,8 @@ def amplitudes(
     path = path_of(record, motion) if any(not shape.is_memoryless for shape in shapes) else None
     of_shapes = (friction_means(record, motion, [(shape, 1.0)], path) for shape in shapes)
     dft, N = rfft([_mean_period(record, means, repetitions) for means in of_shapes]), record.period_samples
-    return dft[:, lines] * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N)
+    delay = np.exp(-2j * np.pi * record.rate_hz / N * np.outer([shape.delay_s for shape in shapes], lines))
+    return dft[:, lines] * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N) * delay
 
 
 @lru_cache(maxsize=16)
@@ -172,16 +178,21 @@ def motion_under(record: Record, place: str, taken: Taken, a: float) -> Motion:
     n, channel = whole_samples(record), record.inputs.index(place)
     s = laplace(n // 2 + 1, n, record.rate_hz)
     by_inertia = np.divide(a, s**2, out=np.zeros_like(s), where=s != 0)
-    torque = hold_of(record)[:, channel] * rfft(record.u[:n, channel])
+    torque = hold_of(record)[:, channel] * np.exp(s * _delay(taken)) * rfft(record.u[:n, channel])
     return motion_of(
         record, place, lambda motion: by_inertia * (torque - spectrum(rfft(friction_means(record, motion, taken)), n))
     )
+
+
+def _delay(taken: Taken) -> float:
+    return taken[0][0].delay_s if taken else 0.0
 
 
 def held_samples(record: Record, place: str, motion: Motion, taken: Taken) -> FloatArray:
     """A motor's friction (n,) along a motion as a torque that is held as u is."""
     n = whole_samples(record)
     low = spectrum(rfft(friction_means(record, motion, taken)), n)
+    low *= np.exp(-_delay(taken) * laplace(len(low), n, record.rate_hz))
     H = hold_of(record)[:, record.inputs.index(place)]
     # Near a zero of the hold the torque's samples do not determine the torque.
     return irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)

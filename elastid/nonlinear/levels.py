@@ -8,6 +8,9 @@ G is eliminated by variable projection; since it depends on f, the regression is
 excited, torque is there by feedback alone: G is interpolated, and Q = 1. Motors and their levels are the same in all
 configurations. (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973; Kaufman, BIT 15, 1975.)
 
+A torque that is logged late or early has its friction late or early: where no choice explains the torque, the delay is
+searched at which friction leaves least of it in other realisations (`torque_delay`).
+
 Shapes are chosen by cross-validation over realisations. Candidates are on the scale of the motors' own motion; one is
 taken out only where it pays. Signs are tried at speeds a factor 2 apart. Where friction turns over a speed between two
 of them, both together come out as friction that is 0.1 to 0.2 % too large in sliding; two near their mean leave a tenth
@@ -16,7 +19,7 @@ of that (`refined`).
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -164,6 +167,11 @@ class Choice:
     motor_of: IntArray
     residual_power_ratio: FloatArray
 
+    @property
+    def delay_s(self) -> float:
+        """By which the torques are logged later than the motions."""
+        return self.shapes[0].delay_s if self.shapes else 0.0
+
 
 def choose(
     data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], places: Sequence[str], auto: bool
@@ -178,6 +186,41 @@ def choose(
     choices = [pair if not auto or pair[1] <= MAX_RESIDUAL_FRACTION else (pair[0][:0], 1.0) for pair in choices]
     chosen, left = np.concatenate([chosen_of for chosen_of, _ in choices]), np.array([left for _, left in choices])
     return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
+
+
+# Of the power that a choice leaves: above, a delay of the torque is looked for, which must leave so much less.
+SEARCHED_ABOVE, DELAYED_POWER = 0.05, 0.5
+MAX_DELAY_S = 0.025
+
+
+def torque_delay(
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], choice: Choice, places: Sequence[str]
+) -> float:
+    """Delay of the logged torques behind the motions, by which friction explains them; 0 if it does nearly as well.
+
+    By the geometric mean over the motors of the power that is left in other realisations.
+    """
+    if choice.residual_power_ratio.max(initial=0.0) < SEARCHED_ABOVE:
+        return 0.0
+    from scipy.optimize import minimize_scalar
+
+    def power(delay_s: float) -> float:
+        delayed_choice, _ = choose(delayed(data, delay_s), candidates, places, auto=False)
+        return float(np.mean(np.log(np.maximum(delayed_choice.residual_power_ratio, 1e-12))))
+
+    step = 1 / (8 * max(float(spectra.freq_hz[spectra.excited].max()) for spectra in data))
+    grid = step * np.arange(-math.ceil(MAX_DELAY_S / step), math.ceil(MAX_DELAY_S / step) + 1)
+    powers = [power(delay) for delay in grid]
+    best = float(grid[np.argmin(powers)])
+    search = minimize_scalar(power, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-2 * step})
+    without = powers[len(grid) // 2]
+    return float(search.x) if search.fun < without + math.log(DELAYED_POWER) else 0.0
+
+
+def delayed(data: Sequence[ConfigurationSpectra], delay_s: float) -> list[ConfigurationSpectra]:
+    """Spectra whose shapes are later by a delay."""
+    late = [np.exp(-2j * np.pi * delay_s * spectra.freq_hz)[:, None, None] for spectra in data]
+    return [replace(spectra, Phi=factor * spectra.Phi) for spectra, factor in zip(data, late, strict=True)]
 
 
 def _motors(shapes: Sequence[Shape], places: Sequence[str]) -> IntArray:
@@ -298,7 +341,7 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str], velocity_
                 mean = math.sqrt(max(mean**2 - (SIGN_BLUR * noise) ** 2, 0.0))
             pairs = [(shape, f) for shape, f in pairs if shape.kind != kind]
             pairs += [(Shape(place, kind, part * mean), 0.0) for part in (near if mean else near[:1])]
-        shapes += [shape for shape, _ in pairs]
+        shapes += [replace(shape, delay_s=choice.delay_s) for shape, _ in pairs]
     return Choice(tuple(shapes), _motors(shapes, places), choice.residual_power_ratio)
 
 

@@ -57,8 +57,11 @@ class LogGuess:
     references: tuple[ChannelGuess, ...] = ()
 
 
-def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Signals (n,) of the usual length that change, matrices by their columns, with the guesses by their names."""
+def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Signals (n,) of the usual length that change, matrices by their columns, with the guesses by their names.
+
+    with_constant: also signals that do not change.
+    """
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
     usual = Counter(max(shape) for shape in shapes.values() if max(shape) > _MIN_SAMPLES).most_common(1)
     stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
@@ -74,7 +77,8 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
                 continue
             if np.isfinite(x).all() and len(x) > _MIN_SAMPLES:  # a wrong cell is missing
                 x = without_lone(x[:, None], RepairLog("", ("",)))[:, 0]
-            if np.isfinite(x).sum() > _MIN_KNOWN_FRACTION * len(x) and np.ptp(whole := bridged(x)) > 0:
+            is_known = np.isfinite(x).sum() > _MIN_KNOWN_FRACTION * len(x)
+            if is_known and (np.ptp(whole := bridged(x)) > 0 or with_constant):
                 result.append((guess_by_name(name, number, units), whole))
     return result
 

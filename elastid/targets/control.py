@@ -8,17 +8,30 @@ import numpy as np
 from elastid.base.escape import docstring
 from elastid.base.files import from_template, replacing
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.modal.modes import Modes
 from elastid.response import Response
 from elastid.store.files import write_text
 from elastid.targets.numbers import known_numbers
 
 
-def write_responses_control(folder: Path, name: str, responses: Sequence[Response]) -> tuple[Path, ...]:
-    """responses.npz and load_responses.py; arrays <configuration>/freq_hz, G (F, n_y, n_u), std, inputs, outputs."""
+def write_responses_control(
+    folder: Path, name: str, responses: Sequence[Response], modes: Sequence[Modes] = ()
+) -> tuple[Path, ...]:
+    """responses.npz and load_responses.py; arrays <configuration>/freq_hz, G (F, n_y, n_u), std, inputs, outputs.
+
+    Of a response with modes also A, B, C, D of the modal model, num (n_y, n_u, m) and den (m,), its error, numbers
+    (n, 2) of frequency in Hz and damping, and their covariance (2 n, 2 n).
+    """
     arrays: dict[str, np.ndarray] = {"configurations": np.array([G.configuration.name for G in responses])}
     for G in responses:
         place = G.configuration.name
         arrays |= _measured(G) | {f"{place}/inputs": np.array(G.inputs), f"{place}/outputs": np.array(G.outputs)}
+    for mode in (row for row in modes if row.n_modes):
+        system, place = mode.state_space(), mode.configuration
+        arrays |= {f"{place}/{matrix}": getattr(system, matrix) for matrix in "ABCD"}
+        arrays |= dict(zip((f"{place}/num", f"{place}/den"), mode.transfer_polynomials(), strict=True))
+        arrays |= {f"{place}/numbers": np.stack([mode.freq_hz, mode.zeta], axis=1)}
+        arrays |= {f"{place}/covariance": mode.covariance, f"{place}/error": np.array(mode.state_space_error)}
     return _written(folder / "responses.npz", arrays, folder / "load_responses.py", name, responses[0])
 
 
@@ -43,7 +56,7 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std.
 
     parameters, units (p,) and known (p, 6) of each, SI: value, std, the ends of the 95 % interval, and the parts of std
-    by noise and by the tolerances of the robot's file.
+    by noise and by the tolerances of the robot's file.  free (m,), covariance (m, m): of the free parameters, SI.
     """
     systems = [plant.state_space() for plant in model.models]
     first, numbers = systems[0], known_numbers(model)
@@ -51,6 +64,9 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     arrays |= {name: np.array(getattr(first, name)) for name in ("inputs", "outputs", "quantity")}
     arrays |= {"parameters": np.array([n.name for n in numbers]), "units": np.array([n.unit for n in numbers])}
     arrays |= {"known": np.array([[*n.row.values()] for n in numbers])}
+    free, C = model.result.parameters.free, model.result.covariance
+    slopes = np.where([p.log for p in free], model.result.parameters.natural(model.result.x), 1.0)
+    arrays |= {"free": np.array([p.name for p in free]), "covariance": slopes[:, None] * C * slopes}
     for system in systems:
         name = system.configuration.name
         arrays |= {f"{name}/{matrix}": getattr(system, matrix) for matrix in "ABCD"}

@@ -9,6 +9,9 @@ q_a = q_m + twist:
 Rotors are armatures, named frames sites, viscous friction of the arm a damped tendon. Everything is on the link side:
 an actuator exerts link-side torque. The keyframes are the equilibria, controls included.
 
+A gear with backlash b and inner stiffness k_i is the stiffness k_i of the twist and a tendon over the twist, of
+stiffness k - k_i, that is slack within +-b (`springlength`): lost motion with sharp ends.
+
 Rods of loops are bodies on ball joints, closed by equality constraints between sites. A rod that stretches evenly has
 its mass in two points, one at its first end and one at the part f of its length, which moves with the part f of its
 elongation s:
@@ -21,9 +24,10 @@ so that mass, centre, inertia across it and all terms of s in T are those of the
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -45,18 +49,23 @@ Elements = Mapping[str, tuple[ET.Element, Placement]]
 # A constraint that is closed within two steps of 0.5 ms, and as hard as the engine takes it.
 _HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
 _ALONG = np.array([1.0, 0.0, 0.0])  # a rod, in its own axes
+_NO_GAP: Mapping[str, Any] = {"backlash": None, "inner_stiffness": 0.0}
 # Of a robot without loops.
 NO_RODS: "Mapping[str, RodPose]" = MappingProxyType({})
 
 
 def write_mujoco(folder: Path, model: FittedRobot, rubbing: Robot | None = None) -> tuple[Path, ...]:
-    """Write robot.xml; Coulomb friction of `rubbing` is frictionloss. StudyError if MJCF cannot represent the robot."""
+    """Write robot.xml with Coulomb friction and lost motion of the robot `rubbing`.
+
+    Raises StudyError if MJCF cannot represent the robot.
+    """
     _check(model.robot)
     rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
     start = rod_poses(model.robot, rest[0].q[: len(model.robot.joints)])
     root = mjcf(model.robot, start)
     if rubbing is not None:
         _rub(root, rubbing)
+        _add_lost_motion(root, rubbing)
     _intervals(root, model)
     _keyframes(root, model, rest, start)
     ET.indent(root)
@@ -75,6 +84,7 @@ def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
     elements = _bodies(ET.SubElement(root, "worldbody"), robot)
     add_loops(root, elements, robot, rods)
     _tendons(root, robot)
+    _add_lost_motion(root, robot)
     add_rod_springs(root, elements, robot)
     actuators = ET.SubElement(root, "actuator")
     for joint in robot.driven:
@@ -83,7 +93,9 @@ def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
 
 
 def _check(robot: Robot) -> None:
-    lost = [f"the spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
+    lost = [
+        f"the spring of joint {j.name}" for j in robot.joints if j.spring and not replace(j.spring, **_NO_GAP).is_linear
+    ]
     lost += [f"compensator {compensator.name}" for compensator in robot.compensators]
     lost += [
         f"the motor of joint {joint.name}, which {f'rides on {motor.on}' if motor.on else 'has a spring in its shaft'}"
@@ -172,6 +184,24 @@ def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
         for part in ("motor", "twist"):
             ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
     return fixed
+
+
+def _add_lost_motion(root: ET.Element, robot: Robot) -> None:
+    """Tendons over the springs with backlash, slack within the gap; the hinges keep the inner stiffness."""
+    hinges = {element.get("name"): element for element in root.iter("joint") if element.get("name")}
+    for joint in robot.joints:
+        spring = joint.spring
+        if spring is None or spring.backlash is None:
+            continue
+        name = f"joint {joint.name}" if joint.motor is None else f"twist {joint.name}"
+        hinges[name].set("stiffness", repr(float(spring.inner_stiffness)))
+        tendons = root.find("tendon")
+        tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
+        outer, gap = float(spring.stiffness - spring.inner_stiffness), in_full((-spring.backlash, spring.backlash))
+        fixed = ET.SubElement(
+            tendons, "fixed", name=f"lost motion {joint.name}", stiffness=repr(outer), springlength=gap
+        )
+        ET.SubElement(fixed, "joint", joint=name, coef="1")
 
 
 def _rub(root: ET.Element, robot: Robot) -> None:

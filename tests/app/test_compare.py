@@ -72,6 +72,7 @@ def test_a_model_without_variants_is_refused(tiny: Path) -> None:
         compare(run)
 
 
+@pytest.mark.slow
 def test_the_report_shows_the_comparison(finished: Path, tmp_path: Path) -> None:
     """Once compared, the page has the table, and is current; other responses make it go."""
     shutil.copytree(finished / "run", tmp_path, dirs_exist_ok=True)

@@ -16,7 +16,7 @@ def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
     assert run_command(["export", str(tiny), "--to", "csv", "--run", str(run)]) == 2
     assert "estimate` first" in capsys.readouterr().err
     assert run_command(["run", str(tiny), "design", "measure", "estimate", "fit", "--run", str(run), "-q"]) == 0
-    for target in TARGETS:
+    for target in (*TARGETS, "actuators"):
         contents = []
         for _ in range(2):
             assert run_command(["export", str(tiny), "--to", target, "--run", str(run)]) == 0

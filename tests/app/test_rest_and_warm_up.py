@@ -44,6 +44,7 @@ def numbers(result: FrictionResult) -> dict[str, FrictionNumber]:
     return {number.name: number for number in result.numbers}
 
 
+@pytest.mark.slow
 def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:
     """Two amplitudes, no other log: sigma_0 to 1 % and sigma_1 to 10 %, within their intervals, with page and JSON."""
     rng = np.random.default_rng(3)

@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from plants.marks import slow
 from plants.refusals import refused
 
 from elastid.base.execution import Execution, lasting_workers, on_dask
@@ -107,7 +108,9 @@ def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp
 
 
 @pytest.mark.filterwarnings("default")
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "x", "host:notaport", "foo://x:1", "tcp://[::1", "tls://a:1"])
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:9", slow("x"), slow("host:notaport"), "foo://x:1", slow("tcp://[::1"), "tls://a:1"]
+)
 def test_a_text_at_which_no_scheduler_answers_is_refused_before_any_work(address, monkeypatch):
     """Nor one that needs certificates, where none are configured; no client is left, which would stop the next one."""
     monkeypatch.setattr("elastid.base.execution.ANSWER_S", 0.5)

@@ -104,10 +104,18 @@ def test_an_error_in_a_worker_shows_where_it_arose():
     assert "in a worker:\nTraceback" in str(error.value.__cause__)
 
 
-def process_of(item: float) -> int:
-    """The process that an item was worked out by, which takes a while."""
-    time.sleep(item)
+def process_of(item: Path) -> int:
+    """The process of one of two items of a folder; each waits until the other one begins."""
+    item.touch()
+    while len(list(item.parent.iterdir())) < 2:
+        time.sleep(0.01)
     return os.getpid()
+
+
+def two_processes(folder: Path) -> set[int]:
+    """The processes of two items that are worked out at the same time."""
+    folder.mkdir()
+    return set(Execution(2).ordered(process_of, [folder / "1", folder / "2"]))
 
 
 def wait_for_end(processes: Iterable[int]) -> None:
@@ -124,11 +132,11 @@ def wait_for_end(processes: Iterable[int]) -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="asks for processes as POSIX does")
-def test_lasting_workers_stay_for_the_next_work_and_no_longer():
+def test_lasting_workers_stay_for_the_next_work_and_no_longer(tmp_path: Path):
     """One that is killed between two works is replaced, and no work is lost by that."""
     with lasting_workers():
-        first = set(Execution(2).ordered(process_of, [0.2, 0.2]))
-        assert set(Execution(2).ordered(process_of, [0.2, 0.2])) == first
+        first = two_processes(tmp_path / "first")
+        assert two_processes(tmp_path / "second") == first
         killed = min(first)
         os.kill(killed, signal.SIGKILL)
         wait_for_end([killed])
@@ -136,7 +144,7 @@ def test_lasting_workers_stay_for_the_next_work_and_no_longer():
         with pytest.raises(ZeroDivisionError):
             Execution(2).ordered((1).__divmod__, [1, 0])
         assert Execution(2).ordered(abs, [-1, 2]) == [1, 2]
-        last = set(Execution(2).ordered(process_of, [0.2, 0.2]))
+        last = two_processes(tmp_path / "last")
         assert len(last) == 2
     wait_for_end(first | last)
 

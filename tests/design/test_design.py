@@ -90,6 +90,7 @@ def test_fits_scatter_as_the_forecast_said() -> None:
     assert np.all((ratio > 0.6) & (ratio < 1.5))
 
 
+@pytest.mark.slow
 def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() -> None:
     """Predicted over fitted standard deviation, the median of three robots: 0.8 to 1.25 for each stiffness and damper.
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.limited_arm import EXCITATION, arm, experiment
+from plants.marks import slow
 from plants.refusals import refused
 from ruamel.yaml import YAML
 from scipy.interpolate import CubicHermiteSpline
@@ -113,7 +114,7 @@ def limited(torque_rms: Any = 120.0) -> tuple[SimulatedRig, Any]:
     return SimulatedRig(machine, spec, plan, 99), use
 
 
-@pytest.mark.parametrize("torque_rms", [5000.0, "limits"])
+@pytest.mark.parametrize("torque_rms", [slow(5000.0), "limits"])
 def test_motion_torque_and_references_keep_the_limits_with_gains_that_are_thirty_percent_off(torque_rms: Any) -> None:
     rig, use = limited(torque_rms)
     assert 0.8 < use.used.max() <= 0.9

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from plants.data_sheet_arm import SPEC, arm, measure, off
+from plants.data_sheet_arm import POSTURES, SPEC, arm, measure, off
 
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose, with_tolerances
@@ -49,9 +49,9 @@ def test_four_times_the_data_halve_the_part_of_noise_and_leave_that_of_the_file(
 
 
 def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None:
-    """Two motors' gears by 0.3 % and half of that: k is uncertain by twice as much, and the file has the part."""
+    """One posture, gears by 0.3 % and half of that: k is uncertain by twice as much, and the file has the part."""
     wide, half, exact = (Tolerances(ratio=std) for std in (0.003, 0.0015, "exact"))
-    responses = [replace(G, ratio_std=np.full(2, 0.003)) for G in measure(arm(), np.random.default_rng(5))]
+    responses = [replace(G, ratio_std=np.full(2, 0.003)) for G in measure(arm(), np.random.default_rng(5))[:1]]
     results = [identify(responses, arm(each), SPEC) for each in (wide, half, exact)]
     for name in ("k_1", "k_2"):
         values, stds = ([getattr(r, kind)[name] for r in results] for kind in ("values", "std"))
@@ -60,6 +60,22 @@ def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None
         assert by_ratio == pytest.approx([0.006, 0.003, 0.0], rel=0.15, abs=1e-6)
         assert results[0].std_noise[name] == pytest.approx(results[2].std_noise[name], rel=0.05)
         assert results[0].std_prior[name] > 0.9 * 0.006 * values[2]
+
+
+@pytest.mark.parametrize("error", [0.0, 0.01])
+def test_ratios_that_differ_from_posture_to_posture_are_seen_in_the_residuals(error: float) -> None:
+    """Transmission errors of 0 and 1 % of the ratio: k within 3 std, which is below 0.45 % and above 0.5 %."""
+    rng = np.random.default_rng(5)
+    factors = 1 + error * rng.choice([-1, 1], (len(POSTURES), 2))
+    responses = [
+        replace(G, G=e[:, None] * G.G * e, ratio_std=np.full(2, 0.003))
+        for e, G in zip(factors, measure(arm(), rng), strict=True)
+    ]
+    result = identify(responses, arm(Tolerances()), SPEC)
+    for name, truth in (("k_1", 3e4), ("k_2", 2e4)):
+        std = result.std[name]
+        assert abs(result.values[name] - truth) < 3 * std
+        assert (std < 0.0045 * truth) if error == 0 else (std > 0.005 * truth)
 
 
 @pytest.mark.slow

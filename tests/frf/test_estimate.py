@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.marks import slow
 from plants.random_plants import ALL_PERIODS, experiments_of, periods_of, record_of
 from plants.refusals import refused
 
@@ -122,7 +123,7 @@ def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo() -> None:
     assert np.max(np.abs(total - true) / scale) < 0.06
 
 
-@pytest.mark.parametrize(("scale", "runs"), [((), 150), ((1.0, 0.4, 2.0), 150)])
+@pytest.mark.parametrize(("scale", "runs"), [slow((), 150), ((1.0, 0.4, 2.0), 150)])
 def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale: tuple[float, ...], runs: int) -> None:
     """An error that repeats over periods and changes with the phases; also where realisations differ in amplitude."""
     true, noise, total = _monte_carlo(3, 2, runs, distortion=0.3, scale=scale)

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from plants.marks import slow
 from scipy.special import ive
 
 from elastid.excitation.multisine import synthesise
@@ -52,7 +53,7 @@ def impedance(G: np.ndarray) -> np.ndarray:
     return 2j * np.pi * LINES * RATE / N / G
 
 
-@pytest.mark.parametrize("coulomb", [1.6, 3.0])
+@pytest.mark.parametrize("coulomb", [1.6, slow(3.0)])
 def test_the_second_order_of_coulomb_friction_is_predicted_from_six_records(coulomb: float) -> None:
     """Friction of 0.16 and 0.3 rms torques adds, beside viscous friction, a reactance that grows with frequency.
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.marks import slow
 from plants.measured import with_records
 from plants.notes import said
 from plants.refusals import refused
@@ -89,7 +90,7 @@ def test_single_bad_periods_are_left_out_and_described(periods: int) -> None:
     assert f" {', '.join(str(p + 1) for p in bad)} of {periods} " in notes[0]
 
 
-@pytest.mark.parametrize("n_lines", [4, 20, 75])
+@pytest.mark.parametrize("n_lines", [4, slow(20), 75])
 def test_good_periods_are_almost_never_left_out(n_lines: int) -> None:
     """Gaussian noise, 3 to 20 periods, few or many lines: less than one record in a hundred loses a period."""
     lost = 0

@@ -1,5 +1,6 @@
 """Levels by logs: the gain of a drive by a payload, and run-downs of a rotor, by integrators of their own."""
 
+import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -87,9 +88,9 @@ def coasting(start: float, drive: float = 0.0) -> np.ndarray:
     while s * v > 0:
         angles.append(q)
         for _ in range(50):
-            friction = s * (F_C + (F_S - F_C) * np.exp(-((v / NU_S) ** 2))) + VISCOUS * v
+            friction = s * (F_C + (F_S - F_C) * math.exp(-((v / NU_S) ** 2))) + VISCOUS * v
             # About y a positive angle lowers the rotor's centre of mass.
-            v += h * (drive + 9.81 * MASS * LEVER * np.cos(q) - friction) / INERTIA_RUN_DOWN
+            v += h * (drive + 9.81 * MASS * LEVER * math.cos(q) - friction) / INERTIA_RUN_DOWN
             q += h * v
     return np.concatenate([angles, np.full(RATE_RUN_DOWN, q)])
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.cogged_joint import RATIO, CoggedJoint, logged, simulated
+from plants.marks import slow
 from plants.measured import EMPS, measured
 from plants.refusals import refused
 from scipy.io import loadmat
@@ -197,7 +198,9 @@ def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none() -
     assert abs(fit.chosen["inertia"] - INERTIA) < 3 * fit.chosen.std("inertia")
 
 
-@pytest.mark.parametrize(("at_hz", "stiffer", "inertia"), [(10, 1, 1), (10, 1.1, 1), (10, 1, 0.8), (1000, 1, 1)])
+@pytest.mark.parametrize(
+    ("at_hz", "stiffer", "inertia"), [(10, 1, 1), slow(10, 1.1, 1), slow(10, 1, 0.8), (1000, 1, 1)]
+)
 def test_spring_of_the_robot_model_is_in_the_regression(at_hz: float, stiffer: float, inertia: float) -> None:
     """A link at 10 Hz, of a model whose stiffness or inertia is off, too, and a rigid one: J in its interval of 2 %."""
     link = 0.5 * INERTIA

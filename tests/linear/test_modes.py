@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from plants.gears import wrist
 from plants.linkages import linkage
+from plants.marks import slow
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
@@ -85,7 +86,11 @@ ROBOTS = {
 }
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+# The others run with the slow tests.
+QUICK = {"after the gears", "in series", "constrained", "minimal"}
+
+
+@pytest.mark.parametrize("name", [name if name in QUICK else slow(name) for name in ROBOTS])
 def test_the_share_of_a_spring_is_what_its_stiffness_does_to_the_frequency(name: str) -> None:
     """d ln f^2 / d ln k (Rayleigh), by differences of the modes of other robots; without weight they sum to one."""
     robot, angles, spec = ROBOTS[name]

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from plants.linkages import LEVER, LOWER, linkage
+from plants.marks import slow
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
@@ -277,7 +278,11 @@ ROBOTS_WITH = {
 }
 
 
-@pytest.mark.parametrize("name", ROBOTS_WITH)
+# The others run with the slow tests.
+QUICK = {"compensator across the loop", "coupled gears, springs after", "a hardening gear"}
+
+
+@pytest.mark.parametrize("name", [name if name in QUICK else slow(name) for name in ROBOTS_WITH])
 def test_both_formulations_agree_with_all_that_drives_a_robot(name: str) -> None:
     """Responses to 1e-10, and the response is another one than without it."""
     robot = ROBOTS_WITH[name]()

@@ -38,6 +38,18 @@ def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str) -
     assert np.all(result.after < 0.25 * result.before)
 
 
+@pytest.mark.parametrize("samples", [-2, 0, 3])
+def test_torques_that_are_late_or_early_have_the_friction_of_the_motion(samples: int) -> None:
+    """Torques logged some samples off: the delay to a tenth of a sample, with its note; levels within 2 %."""
+    configurations, lines = measured()
+    moved = [[replace(r, u=np.roll(r.u, samples, axis=0)) for r in records] for records in configurations]
+    result = find_friction(moved, AUTO, lines)
+    (delay_s,) = {shape.delay_s for shape in result.shapes}
+    assert delay_s * configurations[0][0].rate_hz == pytest.approx(samples, abs=0.1)
+    assert ("nonlinear/torque-delay" in {note.code for note in result.notes}) == bool(samples)
+    np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], COULOMB, rtol=0.02)
+
+
 @pytest.mark.parametrize("signal", ["u", "y"])
 def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(signal: str) -> None:
     """Torques that do not separate the inputs, or angles that do not separate the motors, leave nothing to invert."""

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from plants.elastic_arm import CONFIGURATIONS, arm
+from plants.marks import slow
 from plants.measured_robots import deviation, responses_of
 from plants.refusals import refused
 
@@ -90,7 +91,7 @@ def check_stiffness(records: list[Record], tolerance: float, *free: str) -> None
         assert deviation(result, name, truth) < 3
 
 
-@pytest.mark.parametrize("common", [(), Y, R], ids=["none", "positions", "references"])
+@pytest.mark.parametrize("common", [(), slow(Y), R], ids=["none", "positions", "references"])
 def test_two_recorders_with_unknown_offset_give_the_stiffness(common: tuple[ChannelSpec, ...], tmp_path: Path) -> None:
     """Offsets to 0.1 ms by a signal in both files; else to 0.15 ms by torques and accelerations, but for a delay that
     all files share and the fit identifies.
@@ -103,7 +104,7 @@ def test_two_recorders_with_unknown_offset_give_the_stiffness(common: tuple[Chan
     check_stiffness(records, 0.01, *() if common else ("delay",))
 
 
-@pytest.mark.parametrize("ratio", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("ratio", [0.1, slow(1.0), 10.0])
 def test_reference_as_instrument_gives_stiffness_without_bias(ratio: float, tmp_path: Path) -> None:
     """`auto` selects joint, k is right to 3 std; 96 periods do not bring a tenth of the disturbance above the noise."""
     with refused("frf/inputs-not-separable") if ratio < 1 else nullcontext():

@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from plants.integration import acceleration, energy, runge_kutta
+from plants.marks import slow
 from plants.pinocchio_robot import append, pin, pinocchio_model
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
@@ -189,7 +190,7 @@ def test_accelerations_of_a_linkage_have_its_frequency_response():
 
 
 @pytest.mark.parametrize("name", POSE)
-@pytest.mark.parametrize("spec", [CONSTRAINED, MINIMAL])
+@pytest.mark.parametrize("spec", [slow(CONSTRAINED), MINIMAL])
 def test_feed_forward_of_a_linkage_holds_it_and_does_the_work(name: str, spec: ModelSpec):
     """At rest the holding torque; in motion its power is the change of the rigid robot's energy."""
     model = without(formulate(shipped(name), spec), "d", "f", "fm")

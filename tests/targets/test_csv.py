@@ -69,6 +69,9 @@ def test_python_control_reads_the_response_back(model: FittedRobot, tmp_path: Pa
         G = np.moveaxis(np.asarray(late(2j * np.pi * f[slow], squeeze=False)), 2, 0)
         assert close(G, responses_of(model, i)[slow], 1e-6)
         assert np.array_equal(np.moveaxis(module.measured()[name].frdata, 2, 0), model.measured[i].G)
+    names, covariance = module.covariance()
+    std = dict(zip(names, np.sqrt(np.diag(covariance)), strict=True))
+    assert std == pytest.approx(dict(model.result.std), nan_ok=True)
 
 
 def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedRobot, tmp_path: Path) -> None:

@@ -134,6 +134,33 @@ def test_coulomb_friction_that_was_found_is_frictionloss(serial_model: FittedRob
     assert engine.tendon_frictionloss == pytest.approx(np.full(len(found.flexible), 7.0))
 
 
+@pytest.mark.oracle("mujoco")
+@pytest.mark.parametrize("inner", [0.0, 2e3])
+def test_lost_motion_of_a_gear_is_a_slack_tendon(tmp_path: Path, serial_model: FittedRobot, inner: float) -> None:
+    """The torque of the spring at twists within and beyond the gap, whatever else the robot has."""
+    import mujoco
+
+    gap = 1e-3
+    worn = serial_model.robot.flexible[0]
+    assert worn.spring is not None
+    spring = Spring(worn.spring.stiffness, worn.spring.damping, backlash=gap, inner_stiffness=inner)
+    robot = with_joints(serial_model.robot, lambda j: replace(j, spring=spring) if j.name == worn.name else j)
+    (path,) = write_mujoco(tmp_path, serial_model, robot)
+    engine = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(engine)
+    twist = engine.joint(f"twist {worn.name}")
+    for angle in (-3 * gap, -0.5 * gap, 0.9 * gap, 2 * gap):
+        torques = []
+        for value in (0.0, angle):
+            data.qpos[:] = 0
+            data.qpos[twist.qposadr[0]] = value
+            mujoco.mj_forward(engine, data)
+            torques.append(data.qfrc_passive[twist.dofadr[0]])
+        beyond = angle - np.clip(angle, -gap, gap)
+        expected = -(inner * angle + (spring.stiffness - inner) * beyond)
+        assert torques[1] - torques[0] == pytest.approx(expected, abs=1e-9 * spring.stiffness)
+
+
 @pytest.mark.oracle("pinocchio")
 def test_pinocchio_has_the_same_mass_matrix_and_gravity(serial_model: FittedRobot, tmp_path: Path) -> None:
     """Of the driven joints, in any posture, without rotors; elastic joints are rigid."""

@@ -210,7 +210,7 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
     if result.is_within_declared and evidence.best.explained_fraction < LIMITS.reason_share:
         return ()
     is_without = not (sequence or evidence.apart) and result.status == "misfit" and result.exceeds_noise
-    if sequence and contradicted_tolerances(result):
+    if sequence and contradicted_tolerances(result) and (stated or not evidence.is_unexplained):
         stated = stated or sequence[:1]
     elif (sequence and sequence[0].explained_fraction < LIMITS.reason_share) or is_without:
         best = "".join(f" (best: {phrase(i, evidence)}, {_percent(i.explained_fraction)})" for i in stated[:1])

@@ -89,6 +89,7 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
         full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign, to_nearest)
     for _ in range(ROUNDS):
+        judged = _with_other_period(judged, L)
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
         least = period_noise(full, L, sign)
         of_all, of_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
@@ -130,6 +131,14 @@ def _replaced(
     return result, is_replaced
 
 
+def _with_other_period(judged: BoolArray, L: int) -> BoolArray:
+    """Judged samples (P L,) that are not the only ones of their phase, nor beside these: others are interpolated."""
+    from scipy.ndimage import maximum_filter
+
+    is_sole = maximum_filter(judged.reshape(-1, L).sum(axis=0) < 2, 2 * MAX_RUN + 1, mode="wrap")
+    return np.asarray((judged.reshape(-1, L) & ~is_sole).ravel())
+
+
 def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
     """Differences (P L,) of each period to the next two, and, of more than three, to the median of all.
 
@@ -143,7 +152,8 @@ def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
 
 
 def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -> BoolArray:
-    """Select the roughest candidate (P L,) at each phase of a signal: of three, two spikes make the third one.
+    """Select the roughest candidate (P L,) at each phase of a signal, and all that are rough: of three, two spikes make
+    the third one, and two unlike ones are not references of each other.
 
     Where other periods are rougher by far at its phase, these have the spikes.
     """
@@ -152,10 +162,13 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
     extended = np.pad(x, 2, mode="reflect", reflect_type="odd")
     roughness = np.abs(np.convolve(extended, _CUBIC, mode="valid")).reshape(-1, L)
     highest = np.where(candidates.reshape(-1, L), roughness, -1.0).max(axis=0)
-    rivals = roughness > np.maximum(2 * highest, MIN_RATIO * np.quantile(roughness, QUIET_FRACTION))
-    # Beside a spike a signal is rough, too.
-    rivals &= (highest >= 0) & (roughness == maximum_filter(roughness, (1, len(_CUBIC))))
-    is_chosen = np.where(rivals.any(axis=0), rivals, roughness == highest)
+    usual = MIN_RATIO * float(np.quantile(roughness, QUIET_FRACTION))
+    rivals = roughness > np.maximum(2 * highest, usual)
+    rivals &= highest >= 0
+    # Beside a spike a signal is rough, too: such a phase waits until the spike is replaced.
+    are_highest = rivals & (roughness == maximum_filter(roughness, (1, len(_CUBIC))))
+    is_rough = candidates.reshape(-1, L) & (roughness > usual)
+    is_chosen = np.where(rivals.any(axis=0), are_highest, (roughness == highest) | is_rough)
     return np.asarray(is_chosen.ravel() & judged)
 
 

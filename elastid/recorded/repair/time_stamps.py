@@ -55,6 +55,8 @@ MAX_ROUNDING = 0.8
 MIN_GAP = 1.9
 # Knots per sample at rate_hz, at least; fewer leave too little of the band that the rate promises.
 MIN_RATE_FRACTION = 0.75
+# Residuals on an even grid over those at the stamps, from which on the stamps are those of the samples.
+SMOOTHER = 0.8
 # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
 MAX_RATE_RATIO = 20.0
 
@@ -329,8 +331,8 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
 def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, float] | None:
     """Return the largest distance in s of stamps (n,) from an even grid, and its rate in Hz.
 
-    None for distances of a sample and more, as at gaps, and for signals (n, c) that are smoother at their stamps:
-    their sampling was uneven.
+    None for distances of a sample and more, as at gaps, and for signals (n, c) that are clearly smoother at their
+    stamps: their sampling was uneven.
     """
     rows = np.arange(len(time_s), dtype=np.float64)
     step, start = np.polyfit(rows, time_s, 1)
@@ -340,7 +342,9 @@ def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, floa
     some = slice(0, _KNOTS // 4)  # each channel takes seconds
     knot_hz = MIN_RATE_FRACTION / step
     at_stamps, on_rows = (_fitted(t[some], signals[some], t[:1], knot_hz)[1] for t in (time_s, step * rows))
-    return (jitter_s, 1 / float(step)) if on_rows <= at_stamps else None
+    # By all channels: a torque with more than the band in it is as rough at both.
+    ratio = np.exp(np.mean(np.log(np.maximum(at_stamps, 1e-12) / np.maximum(on_rows, 1e-12))))
+    return (jitter_s, 1 / float(step)) if ratio > SMOOTHER else None
 
 
 def _report_gaps(lost: int, gaps: IntArray, log: Log) -> None:
@@ -372,15 +376,17 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     result[missing] = np.nan
     text = (
         f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz, without "
-        f"{share:.2g} of its rms, which is noise or faster"
+        f"{share.max(initial=0.0):.2g} of its rms, which is noise or faster"
     )
     log.report(RESAMPLED, len(result), text)
     _report_gaps(int(missing.sum()), gaps, log)
     return result
 
 
-def _fitted(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float) -> tuple[FloatArray, float]:
-    """Interpolate signals (m, c) at grid_s; return the largest ratio of rms residual to rms signal with them.
+def _fitted(
+    time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float
+) -> tuple[FloatArray, FloatArray]:
+    """Interpolate signals (m, c) at grid_s; return the ratio (c,) of rms residual to rms signal with them, 0 without.
 
     NaN in blocks of knots without samples, as in a long pause.
     """
@@ -403,7 +409,9 @@ def _fitted(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz
             squares[i] += float(np.nansum(left**2))
     logged = np.isfinite(signals).any(axis=0)
     size = np.maximum(np.nanstd(signals[:, logged], axis=0), 1e-300)
-    return result, float(np.max(np.sqrt(squares[logged] / len(signals)) / size, initial=0.0))
+    share = np.zeros(signals.shape[1])
+    share[logged] = np.sqrt(squares[logged] / len(signals)) / size
+    return result, share
 
 
 def _knots(t: FloatArray, s: FloatArray, low: int, high: int) -> FloatArray:

@@ -23,6 +23,7 @@ from elastid.report.figures import style
 from elastid.report.figures.style import Cells, Curve, Panel, in_db
 from elastid.response import Quality, Response
 from elastid.robot import Robot
+from elastid.validation.command_replay import JointError
 from elastid.validation.residual_tests import above_2sigma
 from elastid.validation.torque_balance import (
     DRY,
@@ -344,6 +345,15 @@ def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
     names, columns = [f"{row.place}, {row.log}" for row in balances], [f"{edge:.3g}" for edge in edges]
     panel = Panel(x=label, title="torque left, % of its rms", cells=Cells(left, names, columns))
     return style.matrix("Torque left by octave", [[panel]])
+
+
+def command_errors_figure(joints: Sequence[JointError]) -> Figure:
+    """Draw the error of the model relative to the best trivial predictor, by joint and octave."""
+    edges = [high for _, high, _ in joints[0].octaves]
+    ratio = np.array([[100 * x[0] / max(min(x[1:]), 1e-300) for *_, x in row.octaves] for row in joints])
+    cells = Cells(ratio, [row.joint for row in joints], [f"{edge:.3g}" for edge in edges])
+    panel = Panel(x="octave below Hz", title="rms error, % of the best trivial predictor", cells=cells)
+    return style.matrix("Error of the positions from commands alone", [[panel]])
 
 
 def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:

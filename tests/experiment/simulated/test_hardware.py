@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.marks import slow
 from plants.notes import said
 from plants.refusals import refused
 from scipy.signal import butter, freqs, welch
@@ -196,7 +197,7 @@ def test_without_friction_the_response_tends_to_the_linear_one_with_the_square_o
     np.testing.assert_allclose(least, linear(arm(), freq_hz), rtol=2e-3)
 
 
-@pytest.mark.parametrize("kind", ["coulomb", "lugre"])
+@pytest.mark.parametrize("kind", ["coulomb", slow("lugre")])
 def test_with_friction_the_response_tends_to_the_linear_one_with_friction_over_amplitude(kind: str) -> None:
     """A joint that slides under its carrier: half the friction is half the error, for static and dynamic friction."""
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from plants.elastic_arm import CONFIGURATIONS, FREQ, arm, started_elsewhere
+from plants.marks import slow
 from plants.measured_robots import deviation, responses_of
 
 from elastid.fit.diagnosis.hypothesis import SCALE
@@ -103,7 +104,7 @@ def test_noise_without_a_robot_in_it_has_no_cause() -> None:
     assert all(index.explained_fraction < 0.5 for index in result.indices)
 
 
-@pytest.mark.parametrize("late", [-4e-3, 12e-3])
+@pytest.mark.parametrize("late", [slow(-4e-3), 12e-3])
 def test_delay_of_several_periods_is_named_and_identified_from_zero(late: float) -> None:
     """The signed delay to 0.1 ms, from stiffnesses that are 25 % off; freed as advised, k to 1 % and 3 std."""
     true, rng = arm(), np.random.default_rng(3)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.faults import SPEC, Case, drawn, faulty
+from plants.marks import slow
 from plants.measured_robots import responses_of
 
 from elastid.fit.identify import fit_parameters, identify
@@ -50,7 +51,7 @@ def fitted(case: Case, noise: float, floor: float = 0.0) -> Result:
     )
 
 
-@pytest.mark.parametrize(("noise", "floor"), [(0.02, 0.045), (0.05, 0.0), (0.05, 0.045)])
+@pytest.mark.parametrize(("noise", "floor"), [slow(0.02, 0.045), slow(0.05, 0.0), (0.05, 0.045)])
 def test_a_missing_torsion_is_named_where_v_does_not_show_it(noise: float, floor: float) -> None:
     """V is 1.13 to 1.36 of its expectation, a stiffness ten of its deviations off; the spring is right to 5 %."""
     case = faulty("missing torsion")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.marks import slow
 from plants.noise_record import Resonances, noise_record, sweeps
 from plants.random_plants import periods_of, record_of, two_modes
 from plants.refusals import refused
@@ -84,8 +85,7 @@ def _followed_by(spec: EstimatorSpec, closed: bool, rng: np.random.Generator) ->
     return _polynomial(3, 3, rng) / np.prod((FREQ[:, None] - [40 + 8j, 85 + 10j]) / 30, axis=1)[:, None, None]
 
 
-@pytest.mark.parametrize("spec", [LPM, LRM], ids=lambda spec: spec.method)
-@pytest.mark.parametrize("closed", [True, False], ids=["closed loop", "open loop"])
+@pytest.mark.parametrize(("spec", "closed"), [slow(LPM, True), (LPM, False), (LRM, True), slow(LRM, False)])
 def test_variances_are_those_of_monte_carlo(spec: EstimatorSpec, closed: bool) -> None:
     """One experiment of three inputs: noise and total predict the squared error to 5 %.
 

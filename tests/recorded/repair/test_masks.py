@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from plants.marks import slow
 from plants.refusals import refused
 from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, outcome, wave
 
@@ -168,7 +169,7 @@ ROLES = {"r": [], "u": [0], "y": [1]}
 
 
 @pytest.mark.parametrize(("half_wave", "excess"), [(False, 0.0), (True, 0.0), (False, 0.2), (False, -0.13)])
-@pytest.mark.parametrize("scale", [1e-7, 1.0, 1e7])
+@pytest.mark.parametrize("scale", [1e-7, slow(1.0), 1e7])
 def test_repairs_restore_the_log_in_any_unit(half_wave: bool, excess: float, scale: float) -> None:
     """Missing samples, spikes, a channel that hangs, a clock that differs, half a wave: to noise of a thousandth."""
     lines = LINES[LINES % 2 == 1] if half_wave else LINES

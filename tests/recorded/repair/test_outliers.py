@@ -13,7 +13,8 @@ from elastid.recorded.repair.missing import repair
 N, P = 1000, 3
 LOG, ROLES = Log("log.csv", ("torque", "angle"), 1000.0), {"r": [], "u": [0], "y": [1]}
 LINES = np.arange(2, 60)
-KINDS = ("missing", "zero", "repeated", "spike", "count")
+KINDS = ("missing", "zero", "repeated", "spike", "count", "pair")
+APART, MOST_PAIRS = 13, 25  # phases of pairs, which are fewer: two samples each, below 2 % of a channel
 
 
 def _clean(seed: int, noise: float, q: float, transient: float) -> FloatArray:
@@ -27,9 +28,18 @@ def _clean(seed: int, noise: float, q: float, transient: float) -> FloatArray:
 
 
 def _damaged(x: FloatArray, kind: str, k: int, q: float, seed: int) -> FloatArray:
-    """Damage k samples of each channel at distinct phases after the transient, channels independent of each other."""
+    """Damage k samples of each channel at distinct phases after the transient, channels independent of each other.
+
+    A pair is two spikes, equal or not, at one phase of two of the three periods.
+    """
     rng, result = np.random.default_rng(seed), x.copy()
     for c in range(x.shape[1]):
+        if kind == "pair":
+            phases = 200 + APART * rng.choice((N - 220) // APART, min(k, MOST_PAIRS), replace=False)
+            first, second = rng.choice([-1, 1], (2, len(phases))) * rng.uniform(2, 20, (2, len(phases)))
+            spikes = np.stack([first, np.where(rng.random(len(phases)) < 0.5, first, second), 0 * first])
+            result[phases + N * np.arange(P)[:, None], c] += rng.permuted(spikes, axis=0)
+            continue
         at = np.sort(200 + rng.choice(N - 220, k, replace=False) + N * rng.integers(0, P, k))
         values = {
             "missing": np.full(len(at), np.nan),
@@ -53,7 +63,7 @@ def _spectra(x: FloatArray) -> FloatArray:
     return np.fft.rfft(x.reshape(P, N, 2)[1:], axis=1)[:, LINES]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=24, deadline=None)
 @given(
     kind=st.sampled_from(KINDS),
     k=st.sampled_from([1, 5, 20, 50]),
@@ -67,17 +77,21 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(
 ) -> None:
     """In every channel, and its mean spectrum within 0.2 of the standard deviations of noise and steps.
 
-    A spike is five times as far from its neighbours as three quarters of them are from a parabola: within nine
-    standard deviations it may stay, and k of n samples add up to 9 sqrt(k / n) of one.
+    A spike is five times as far from its neighbours as three quarters of them are from a parabola: within twelve
+    standard deviations it may stay, and k of n samples add up to 12 sqrt(k / n) of one. Of a pair both samples, whose
+    only reference may contain the transient: 30 sqrt(2 k / n).
     """
     clean = _clean(seed, noise, q, transient)
     damaged = _damaged(clean, kind, k, q, seed)
     result = _repaired(damaged)
     before = np.nan_to_num(np.sum((damaged - clean) ** 2, axis=0), nan=np.inf)
+    # A lost message may be within the noise by chance, which an interpolation has, too.
+    before += k * (4 * noise) ** 2 * (kind in ("zero", "repeated"))
     assert np.all(np.sum((result - clean) ** 2, axis=0) <= before * (1 + 1e-9))
     std = np.sqrt((noise**2 + max(q, 1e-3) ** 2 / 12) * N / (P - 1))
     error = np.sqrt(np.mean(np.abs((_spectra(result) - _spectra(clean)).mean(axis=0)) ** 2, axis=0))
-    assert np.all(error <= max(0.2, 9 * np.sqrt(k / len(clean))) * std)
+    most = 30 * np.sqrt(2 * k / len(clean)) if kind == "pair" else 12 * np.sqrt(k / len(clean))
+    assert np.all(error <= max(0.2, most) * std)
 
 
 @pytest.mark.parametrize("transient", [0.0, 1.0])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.marks import slow
 from plants.refusals import refused
 from plants.waves import CLEAN, DRIFT, LOG, N, P, outcome, wave
 
@@ -60,7 +61,7 @@ def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind: str) -> None
     assert steps_in_words(t - t[0]) in log.findings.notes[0].text
 
 
-@pytest.mark.parametrize("jitter", [0.05, 0.2, 0.45])
+@pytest.mark.parametrize("jitter", [slow(0.05), slow(0.2), 0.45])
 @pytest.mark.parametrize("highest_hz", [20.0, 300.0])
 def test_stamps_of_an_even_sampling_do_not_move_samples(jitter: float, highest_hz: float) -> None:
     """Rows of a controller whose logger stamps late; noise of 1e-3, a rate that is 100 ppm off."""

@@ -1,0 +1,250 @@
+"""predict MODEL --log LOG: a model judged on logs by simulation from the commands alone: prediction.json and .png."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.app.console import Console
+from elastid.app.identified_robot import with_findings
+from elastid.app.run import logged_in
+from elastid.app.scaffold import read_mjcf_servos, read_urdf_model
+from elastid.base.arrays import FloatArray
+from elastid.base.display import number
+from elastid.base.errors import MisfitError, StudyError
+from elastid.base.execution import Execution
+from elastid.experiment.specs.recorded import RecordedSpec
+from elastid.fit.fitted_robot import estimated_robot
+from elastid.record import JointLoop
+from elastid.recorded.command_log import CommandLog, read_command_log, read_study_log
+from elastid.report.figures.fit import command_errors_figure
+from elastid.robot import Robot
+from elastid.simulation.controller import loop_of
+from elastid.simulation.spec import ControllerSpec
+from elastid.store.files import keep_checksums
+from elastid.store.measured import read_friction
+from elastid.store.results import read_fit, read_gears
+from elastid.store.values import SCHEMA, write_json
+from elastid.study import load_robot
+from elastid.validation.command_replay import (
+    MAX_REMOVED,
+    PREDICTORS,
+    CommandedMotion,
+    JointError,
+    Replay,
+    Tested,
+    overall,
+    pooled_joints,
+    pooled_octaves,
+    pooled_tests,
+    replay,
+)
+
+# Logs on which the numbers of the replay are tested; each test simulates them.
+MAX_TESTED = 3
+# A factor of the clock within this of a multiple of one half is named as that ratio.
+_NEAR = 0.08
+
+
+@dataclass(frozen=True)
+class Model:
+    """A robot with the gains of its actuators by joint, if the model has them."""
+
+    robot: Robot
+    servos: dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Given:
+    """Options: rate of the logs, gains (N*m/rad, N*m*s/rad; one for all joints or one each), delay of the commands.
+
+    recorded: section of a study, with the channels of the logs and the controller.
+    """
+
+    rate_hz: float | None = None
+    kp: tuple[float, ...] = ()
+    kd: tuple[float, ...] = ()
+    delay_s: float = 0.0
+    recorded: RecordedSpec | None = None
+
+
+def read_model(path: Path) -> Model:
+    """The robot of a run folder or fit.h5, a robot model of elastid, a URDF, or an MJCF file with its servos."""
+    if path.is_dir() or path.suffix == ".h5":
+        return Model(_of_result(path), {})
+    if not path.is_file():
+        raise StudyError("files/missing", "no such file; give a run folder, robot.yml, URDF or MJCF", path)
+    if path.suffix.lower() in (".xml", ".mjcf"):
+        return Model(*read_mjcf_servos(path))
+    return Model(read_urdf_model(path) if path.suffix.lower() == ".urdf" else load_robot(path), {})
+
+
+def _of_result(path: Path) -> Robot:
+    folder = path if path.is_dir() else path.parent
+    exported = folder / "export" / "robot" / "robot.yml"
+    if (folder / "fit.h5").is_file():
+        frf, gears = folder / "frf.h5", folder / "gears.h5"
+        friction = read_friction(frf) if frf.is_file() else None
+        return with_findings(
+            estimated_robot(read_fit(folder / "fit.h5")), friction, read_gears(gears if gears.is_file() else None)
+        )
+    if exported.is_file():
+        return load_robot(exported)
+    advice = "Run `elastid export STUDY --to robot` for a friction study, then give the folder again"
+    raise StudyError("files/missing", f"neither fit.h5 nor export/robot/robot.yml is there. {advice}", folder)
+
+
+def predict_from_commands(
+    model_path: Path, logs: Sequence[Path], given: Given, folder: Path, jobs: int, console: Console
+) -> None:
+    """Simulate a model along logs from their commands, compare with trivial predictors, and test the replay.
+
+    Raises MisfitError, once all is written, if a trivial predictor is as good for a joint, or if another clock, delay,
+    gain or sign explains most of the error.
+    """
+    model = read_model(model_path)
+    with logged_in(folder, jobs, console):
+        motions = [_motion(model, path, given, console) for path in logs]
+        tested = [i < MAX_TESTED for i in range(len(motions))]
+        work = [*zip(motions, tested, strict=True)]
+        replays = Execution(jobs).ordered(partial(_replay, model.robot), work)
+        joints, tests = pooled_joints(replays), pooled_tests(replays)
+        problem = " ".join(_problems(joints, tests))
+        _show(console, replays, joints, tests)
+        content = {"schema": SCHEMA, "model": str(model_path), "status": "misfit" if problem else "passed"}
+        content |= {"message": problem, "joints": [_joint(row) for row in joints], "tests": [_test(t) for t in tests]}
+        content |= {"logs": [_log(row) for row in replays], "rms": dict(zip(PREDICTORS, overall(joints), strict=True))}
+        write_json(summary := folder / "prediction.json", content)
+        command_errors_figure(joints).savefig(folder / "prediction.png")
+        keep_checksums(folder, [summary.name])
+        if problem:
+            raise MisfitError("predict/misfit", problem, str(summary))
+        console.say(f"predict: passed: better than each trivial predictor in all {len(joints)} joints; {summary}")
+
+
+def _replay(robot: Robot, work: tuple[CommandedMotion, bool]) -> Replay:
+    return replay(robot, *work)
+
+
+def _motion(model: Model, path: Path, given: Given, console: Console) -> CommandedMotion:
+    if given.recorded is None:
+        log = read_command_log(path, model.robot.driven_names, given.rate_hz)
+    else:
+        log = read_study_log(path, given.recorded, model.robot, given.rate_hz)
+    if log.clock_hz is not None and abs(log.clock_hz / log.rate_hz - 1) > 0.01:
+        factor = log.rate_hz / log.clock_hz
+        console.warn(
+            f"{path}: its clock says {log.clock_hz:g} Hz, --rate says {log.rate_hz:g} Hz: the period of the log is "
+            f"{factor:.4g} times the given one. Omit --rate, unless the clock is wrong"
+        )
+    loop = _gains(model, log, given, path, console)
+    controller = ControllerSpec()
+    if given.recorded is not None and given.recorded.controller is not None:
+        controller = given.recorded.controller.spec
+        loop = replace(loop, ki=loop_of(given.recorded.controller, len(loop.kp)).ki)
+    signals = log.command, log.velocity, log.position
+    return CommandedMotion(path.stem, log.rate_hz, *signals, loop, given.delay_s, controller)
+
+
+def _gains(model: Model, log: CommandLog, given: Given, path: Path, console: Console) -> JointLoop:
+    """Gains of the options, else of the model's servos, else of the log; a warning if the last two differ."""
+    names = model.robot.driven_names
+    gains, by_log = [], (log.kp, log.kd)
+    servos = np.array([model.servos[name] for name in names]).T if set(names) <= model.servos.keys() else None
+    for i, (name, option) in enumerate((("kp", given.kp), ("kd", given.kd))):
+        of_log = by_log[i]
+        if option:
+            if len(option) not in (1, len(names)):
+                text = f"{len(option)} numbers for {len(names)} driven joints. Give one, or one for each"
+                raise StudyError("options/invalid", text, f"--{name}")
+            gains.append(np.broadcast_to(np.array(option, float), len(names)))
+        elif servos is not None:
+            if of_log is not None and not np.allclose(of_log, servos[i], rtol=0.01):
+                numbers = f"{_numbers(servos[i])} in the model, {_numbers(of_log)} in the log"
+                console.warn(f"{path}: {name} differs: {numbers}. The model's is used; give --{name} for another")
+            gains.append(servos[i])
+        elif of_log is not None:
+            gains.append(of_log)
+        else:
+            text = f"neither the log nor the model has {name} of the joint controllers. Give --{name}"
+            raise StudyError("records/channels", text, path)
+    return JointLoop(np.asarray(gains[0]), np.asarray(gains[1]), np.zeros(len(names)))
+
+
+def _numbers(values: FloatArray) -> str:
+    return ", ".join(f"{value:g}" for value in values.tolist())
+
+
+def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator[str]:
+    """Sentences on the most likely wrong number, and on joints that a trivial predictor predicts as well."""
+    if doubts := [test for test in tests if test.is_in_doubt]:
+        yield f"Most likely wrong: {_words(doubts[0])}."
+    if worse := [row.joint for row in joints if row.is_worse]:
+        yield f"A trivial predictor is at least as good for {len(worse)} of {len(joints)} joints: {', '.join(worse)}."
+
+
+def _words(test: Tested) -> str:
+    """A test as a clause: the number, its best value, and the error with it and as given."""
+    error = f"rms error {number(test.rms, 3)} instead of {number(test.rms_as_given, 3)} ({test.removed:.0%} removed)"
+    match test.quantity:
+        case "clock":
+            return f"clock: the period of the log is {ratio_words(test.value)} times the given one; {error}"
+        case "delay":
+            return f"delay: the commands act {1e3 * test.value:.3g} ms later than simulated; {error}"
+        case "kp" | "kd":
+            return f"gain {test.quantity}: {test.value:.3g} times the given one; {error}"
+        case "position sign":
+            return f"sign of the position of joint {test.joint} is opposite to its command; {error}"
+        case _:
+            return f"joint {test.joint} turns the other way than in the model; {error}"
+
+
+def ratio_words(value: float) -> str:
+    """A ratio of sampling times: as fitted, and the typical ratio near it.
+
+    >>> ratio_words(2.56), ratio_words(0.41), ratio_words(1.2), ratio_words(1.02)
+    ('2.5 (fitted: 2.56)', '1/2.5 (fitted: 0.41)', '1.2', '1.02')
+    """
+    above = max(value, 1 / value)
+    nearest = round(2 * above) / 2
+    if nearest == 1 or abs(above / nearest - 1) > _NEAR:
+        return f"{value:.3g}"
+    return f"{'1/' * (value < 1)}{nearest:g} (fitted: {value:.3g})"
+
+
+def _show(console: Console, replays: Sequence[Replay], joints: Sequence[JointError], tests: Sequence[Tested]) -> None:
+    console.say("predict: rms error of the positions, simulated from the commands alone, beside trivial predictors")
+    heads = ["joint", "unit", *PREDICTORS, "delay of command"]
+    rows = [[row.joint, row.unit, *(number(x, 3) for x in row.rms), f"{1e3 * row.delay_s:.1f} ms"] for row in joints]
+    console.table([heads, *rows, ["all", "", *(number(x, 3) for x in overall(joints)), ""]])
+    if len(replays) > 1:
+        by_log = [[row.log, "", *(number(x, 3) for x in overall(row.joints))] for row in replays]
+        console.table([["log", "", *PREDICTORS], *by_log])
+    octaves = pooled_octaves(joints)
+    bands = [[f"{low:.3g} to {high:.3g} Hz", "", *(number(x, 3) for x in errors)] for low, high, errors in octaves]
+    console.table([["octave, all joints", "", *PREDICTORS], *bands])
+    for test in [t for t in tests if not t.joint or t.is_in_doubt]:
+        console.say(
+            f"predict: test of {_words(test)}{'' if test.is_in_doubt else f', below the limit of {MAX_REMOVED:.0%}'}"
+        )
+
+
+def _joint(row: JointError) -> dict[str, Any]:
+    octaves = [
+        {"low_hz": low, "high_hz": high, "rms": dict(zip(PREDICTORS, errors, strict=True))}
+        for low, high, errors in row.octaves
+    ]
+    rms = dict(zip(PREDICTORS, row.rms, strict=True))
+    return {"joint": row.joint, "unit": row.unit, "rms": rms, "command_delay_s": row.delay_s, "octaves": octaves}
+
+
+def _test(test: Tested) -> dict[str, Any]:
+    return asdict(test) | {"removed_fraction": test.removed, "in_doubt": test.is_in_doubt}
+
+
+def _log(row: Replay) -> dict[str, Any]:
+    rms = dict(zip(PREDICTORS, overall(row.joints), strict=True))
+    return {"log": row.log, "rate_hz": row.rate_hz, "rms": rms, "joints": [_joint(joint) for joint in row.joints]}

@@ -1,0 +1,76 @@
+r"""Ratios of gears that differ from angle to angle by their transmission error, and what they leave in the parameters.
+
+.. math:: \delta G_q = e_{jq} (e_j e_j^T G + G\, e_j e_j^T), \qquad e_{jq} \sim N(0, s_j^2)
+
+for gear j at angle q, the same in all configurations with this angle. Ratios are not estimated: their common part is
+hardly told from masses and inertias. Their variance is, from what the residuals r have along the whitened errors V:
+
+.. math:: h = V^T r \sim N\big(0,\; N D N + c N\big), \qquad N = V^T V - V^T J A^{-1} J^T V, \quad
+          D = \mathrm{diag}\, s_j^2, \qquad \mathrm{cov}\, x = \sum_j E[s_j^2] \sum_q M_{jq} M_{jq}^T
+
+M_jq: the change of x by one standard deviation of the file's tolerance at angle q.  c: power of a whitened residual.
+"""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from elastid.base.arrays import FloatArray
+from elastid.fit.line_sums import LineSums
+
+# rad; angles that transmission errors do not tell apart.
+SAME_ANGLE = 1e-3
+# Standard deviations of ratios over the tolerance of the file, and mean and std of their logarithm beforehand, for rigs
+# with transmission errors of 0 to 2 % of the ratio in 2, 3 and 5 postures (scripts/studies/results.csv).
+RATIO_STD = np.exp(np.linspace(np.log(0.03), np.log(8.0), 21))
+RATIO_PRIOR = np.log(1.5), 1.5
+
+
+def ratio_covariance(parts: Sequence[LineSums], half: FloatArray, level: float) -> FloatArray:
+    """Covariance (n_x, n_x) of x = H^T z; half (n, n_x): H.  level: c, NaN for a forecast."""
+    joints = [joint for part in parts for joint in part.ratios.joints]
+    pull = np.reshape([row for part in parts for row in part.ratios.pull], (-1, len(half)))
+    power = block_diag(*(part.ratios.power for part in parts)) - pull @ pull.T
+    moved = np.concatenate([part.ratios.moved for part in parts])
+    groups = _same_angles(joints)
+    to_groups = np.array([[place == group for group in dict.fromkeys(groups)] for place in groups], float)
+    names = [name for name, _ in dict.fromkeys(groups)]
+    shifts = to_groups.T @ pull @ half
+    s = ratio_std(to_groups.T @ power @ to_groups, to_groups.T @ moved, names, level)
+    return np.asarray((s[:, None] * shifts).T @ (s[:, None] * shifts))
+
+
+def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:
+    """Gear and number of the angle of each (gear, angle); of neighbours closer than SAME_ANGLE it is the same."""
+    order = sorted(range(len(joints)), key=joints.__getitem__)
+    steps = [
+        joints[i][0] != joints[j][0] or not abs(joints[j][1] - joints[i][1]) < SAME_ANGLE for i, j in pairwise(order)
+    ]
+    number = dict(zip(order, np.cumsum([0, *steps]).tolist(), strict=False))
+    return [(name, number[i]) for i, (name, _) in enumerate(joints)]
+
+
+def ratio_std(N: FloatArray, h: FloatArray, names: list[str], level: float) -> FloatArray:
+    """Return the std s (n,) of each ratio over its tolerance; names (n,): the gear of each.
+
+    The root of the mean s_j^2 over its posterior, with the other gears at theirs, in three rounds; 1 of a gear at one
+    angle, which shows no scatter. In forecasts h h^T is c N.
+    """
+    c, s = 1.0 if math.isnan(level) else level, np.ones(len(names))
+    prior = -0.5 * ((np.log(RATIO_STD) - RATIO_PRIOR[0]) / RATIO_PRIOR[1]) ** 2
+    for name in [name for name in dict.fromkeys(names) if names.count(name) > 1] * 3:
+        own = np.array(names) == name
+        power, V = np.linalg.eigh(N[np.ix_(own, own)])
+        V, power = V[:, power > 1e-9 * max(power[-1], 1e-300)], power[power > 1e-9 * max(power[-1], 1e-300)]
+        across = V.T @ N[np.ix_(own, ~own)] * s[~own]
+        others = across @ across.T + c * np.diag(power)
+        square = c * np.diag(power) if math.isnan(level) else np.outer(V.T @ h[own], V.T @ h[own])
+        C = others + RATIO_STD[:, None, None] ** 2 * np.diag(power**2)
+        quadratic = np.trace(np.linalg.solve(C, np.broadcast_to(square, C.shape)), axis1=1, axis2=2)
+        log_w = prior - 0.5 * (np.linalg.slogdet(C)[1] + quadratic)
+        w = np.exp(log_w - log_w.max())
+        s[own] = np.sqrt(w @ RATIO_STD**2 / w.sum())
+    return s

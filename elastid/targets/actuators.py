@@ -1,0 +1,316 @@
+r"""Snippets of joint numbers for simulators: MJCF, Isaac Lab, URDF, SDF (Gazebo), Drake and ROS 2, with their mapping.
+
+All numbers are on the link side:
+
+.. math:: J_a = n^2 J_m, \qquad f = n^2 f_m + f_j, \qquad F_c = |n| F_{c,m} + F_{c,j}, \qquad F_s \ge F_c
+
+n: ratio, m: motor, j: joint. A simulator has a place for some of them; README.md lists the mapping of each, and the
+parts of the identified model that it loses.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeAlias
+from xml.etree import ElementTree as ET
+
+from elastid.base.escape import comment_lines, docstring, one_line, xml_comment
+from elastid.base.files import from_template
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.friction_study.result import FrictionResult
+from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
+from elastid.robot import Friction, Joint, Robot
+from elastid.robot.friction_numbers import TERMS, law_of
+from elastid.store.files import write_text
+from elastid.targets.numbers import known_numbers
+
+# Ends of 95 % intervals by joint and quantity.
+Intervals: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
+# Quantities with their units where a joint turns and where it slides.
+UNITS: Final = {
+    "armature": ("kg*m^2", "kg"), "viscous": ("N*m*s/rad", "N*s/m"), "coulomb": ("N*m", "N"), "stiction": ("N*m", "N"),
+    "stribeck_velocity": ("rad/s", "m/s"), "stiffness": ("N*m/rad", "N/m"), "damping": ("N*m*s/rad", "N*s/m"),
+    "kp": ("N*m/rad", "N/m"), "kd": ("N*m*s/rad", "N*s/m"), "delay": ("s", "s"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """Numbers of a driven joint, link side, SI; stiffness and damping of its gear are None for a rigid gear.
+
+    rotor_inertia: motor side.  kp, kd, delay: of the joint controller, None if unknown.  lost: parts of the model that
+    no snippet has.
+    """
+
+    joint: str
+    slides: bool
+    ratio: float
+    rotor_inertia: float
+    armature: float
+    viscous: float
+    coulomb: float
+    stiction: float
+    stribeck_velocity: float | None
+    stiffness: float | None
+    damping: float | None
+    effort: float
+    velocity: float
+    kp: float | None
+    kd: float | None
+    delay: float | None
+    lost: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Actuators:
+    """All driven joints of a robot, with the intervals of their numbers, for one robot or group of configurations."""
+
+    name: str
+    rows: tuple[Actuator, ...]
+    intervals: Intervals
+
+    def words(self, row: Actuator, *quantities: str) -> str:
+        """Intervals of quantities of a joint in a line; empty without any."""
+        parts = []
+        for quantity in quantities:
+            if ends := self.intervals.get((row.joint, quantity)):
+                parts.append(f"{quantity} {ends[0]:.6g} to {ends[1]:.6g} {UNITS[quantity][row.slides]}")
+        return f"95 %: {', '.join(parts)}" if parts else ""
+
+
+Gains: TypeAlias = Sequence[tuple[float, float]]
+
+
+def actuators_of(
+    name: str, robot: Robot, intervals: Intervals, gains: Gains = (), delay_s: float | None = None
+) -> Actuators:
+    """Collect the numbers of the driven joints of a robot.  gains: kp and kd of each joint, empty if unknown."""
+    of_joints: Sequence[tuple[float | None, float | None]] = gains or [(None, None)] * len(robot.driven)
+    rows = (_actuator(robot, joint, *pair, delay_s) for joint, pair in zip(robot.driven, of_joints, strict=True))
+    return Actuators(name, tuple(rows), intervals)
+
+
+def _actuator(robot: Robot, joint: Joint, kp: float | None, kd: float | None, delay_s: float | None) -> Actuator:
+    ratio, motor, law, spring = robot.ratio(joint.name), joint.motor, law_of(robot, joint.name), joint.spring
+    assert motor is not None  # of a driven joint
+    laws = [friction for friction in (law, joint.friction) if friction is not None]
+    coulomb, stiction = (sum(getattr(friction, key) for friction in laws) for key in ("coulomb", "break_away"))
+    return Actuator(
+        joint.name, joint.slides, ratio, float(motor.inertia), float(ratio**2 * motor.inertia),
+        float(joint.all_viscous), float(coulomb), float(stiction),
+        None if law is None or law.stribeck_velocity is None else float(law.stribeck_velocity),
+        None if spring is None else float(spring.stiffness), None if spring is None else float(spring.damping),
+        joint.limits.torque, joint.limits.velocity, kp, kd, delay_s, tuple(_lost(joint, law)),
+    )  # fmt: skip
+
+
+def _lost(joint: Joint, law: Friction | None) -> Iterator[str]:
+    """Parts of the model of a joint that no snippet has."""
+    parts = {
+        "quadratic friction": "quadratic", "friction by direction": "directions", "load-dependent friction": "load",
+        "temperature dependence of the friction": "temperature", "presliding (LuGre)": "lugre",
+        "presliding (Maxwell slip)": "maxwell_slip",
+    }  # fmt: skip
+    yield from (words for words, key in parts.items() if law is not None and getattr(law, key, None))
+    if joint.spring is not None and joint.spring.backlash is not None:
+        yield "backlash of the gear (export to mujoco has it)"
+    if joint.spring is not None and any((joint.spring.quadratic, joint.spring.symmetric_quadratic, joint.spring.cubic)):
+        yield "hardening of the gear"
+    effects = ("load", "transmission_error", "ripple", "hysteresis")
+    yield from (f"{key.replace('_', ' ')} of the gear" for key in effects if getattr(joint.gear, key, None))
+    if joint.motor is not None and joint.motor.spring is not None:
+        yield "spring of the motor shaft"
+
+
+def fit_intervals(model: FittedRobot, friction: FrictionTakenOut | None) -> Intervals:
+    """Intervals of the numbers of a fit and of its Coulomb friction, on the link side."""
+    known = {number.name: number for number in known_numbers(model) if math.isfinite(number.std)}
+    places = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}
+    intervals: dict[tuple[str, str], tuple[float, float]] = {}
+    for joint in model.robot.driven:
+        name, square = joint.name, model.robot.ratio(joint.name) ** 2
+        for quantity, parts in (
+            ("armature", {f"Jm_{name}": square}), ("viscous", {f"fm_{name}": square, f"f_{name}": 1.0}),
+            ("stiffness", {f"k_{name}": 1.0}), ("damping", {f"d_{name}": 1.0}),
+        ):  # fmt: skip
+            if free := [(known[part], scale) for part, scale in parts.items() if part in known]:
+                value = float(joint.all_viscous) if quantity == "viscous" else free[0][0].value * free[0][1]
+                down, up = (math.hypot(*(k * (n.value - getattr(n, end)) for n, k in free)) for end in ("low", "high"))
+                intervals[name, quantity] = value - down, value + up
+        if ends := places.get(f"motor {name}"):
+            intervals[name, "coulomb"] = ends
+    return intervals
+
+
+def friction_intervals(result: FrictionResult) -> Intervals:
+    """Intervals of the numbers of a friction study; none of a number that differs by direction."""
+    terms = {quantity: TERMS[quantity] for quantity in UNITS if quantity in TERMS}
+    return {
+        (joint.joint, quantity): (number.low, number.high)
+        for joint in result.joints
+        for quantity, term in terms.items()
+        for number in joint.numbers
+        if number.name == term.name(joint.joint)
+    }
+
+
+def write_actuators(folder: Path, actuators: Actuators) -> tuple[Path, ...]:
+    """Write one snippet for each simulator, and README.md with the mapping and the lost parts."""
+    writers = {
+        "mjcf.xml": _mjcf, "isaac_lab.py": _isaac_lab, "urdf.xml": _urdf, "sdf.xml": _sdf, "drake.xml": _drake,
+        "ros2_control.yaml": _ros2, "README.md": _readme,
+    }  # fmt: skip
+    for name, text_of in writers.items():
+        write_text(folder / name, text_of(actuators))
+    return tuple(folder / name for name in writers)
+
+
+def _document(root: ET.Element, actuators: Actuators, *lines: str) -> str:
+    ET.indent(root)
+    comment = xml_comment("\n".join([f"{actuators.name}: link side, SI.", *lines]))
+    return f"<!-- {comment} -->\n{ET.tostring(root, encoding='unicode')}\n"
+
+
+def _numbers(**values: float | None) -> dict[str, str]:
+    return {key: repr(float(value)) for key, value in values.items() if value is not None and math.isfinite(value)}
+
+
+def _add_comment(parent: ET.Element, *texts: str) -> None:
+    for text in filter(None, texts):
+        parent.append(ET.Comment(f" {xml_comment(text)} "))
+
+
+def _mjcf(actuators: Actuators) -> str:
+    """Default classes, one per joint and one per elastic gear, for <include>."""
+    root = ET.Element("mujoco", model=actuators.name)
+    defaults = ET.SubElement(root, "default")
+    for row in actuators.rows:
+        _add_comment(defaults, actuators.words(row, "armature", "viscous", "coulomb", "kp", "kd", "delay"))
+        if row.delay is not None:
+            _add_comment(defaults, f"delay {row.delay:g} s: attribute of actuators in new MuJoCo, else delay ctrl")
+        of_joint = ET.SubElement(defaults, "default", {"class": row.joint})
+        drive = _numbers(armature=row.armature, damping=row.viscous, frictionloss=row.coulomb)
+        ET.SubElement(of_joint, "joint", drive)
+        if row.kp is not None:
+            ET.SubElement(of_joint, "position", _numbers(kp=row.kp, kv=row.kd))
+        if row.stiffness is not None:
+            _add_comment(defaults, actuators.words(row, "stiffness", "damping"))
+            of_gear = ET.SubElement(defaults, "default", {"class": f"{row.joint} gear"})
+            ET.SubElement(of_gear, "joint", _numbers(stiffness=row.stiffness, damping=row.damping))
+    return _document(
+        root, actuators, '<include file="mjcf.xml"/>, then class="JOINT" for a joint and its <position> actuator.',
+        'An elastic gear is a second joint on the same body and axis, of class="JOINT gear"; target mujoco has both.',
+    )  # fmt: skip
+
+
+def _isaac_lab(actuators: Actuators) -> str:
+    """A module with one actuator configuration per joint."""
+    lines = []
+    for row in actuators.rows:
+        words = actuators.words(row, "armature", "coulomb", "stiction", "viscous", "kp", "kd", "delay")
+        lines += [f"    # {one_line(words)}"] * bool(words)
+        expression = f"[{_regular(row.joint)!r}]"
+        delay = row.delay or 0.0
+        fields = {
+            "joint_names_expr": expression, "stiffness": row.kp, "damping": row.kd, "armature": row.armature,
+            "friction": row.stiction, "dynamic_friction": row.coulomb, "viscous_friction": row.viscous,
+            "effort_limit": row.effort, "velocity_limit": row.velocity,
+            "min_delay": f"floor({delay!r} / PHYSICS_STEP)", "max_delay": f"ceil({delay!r} / PHYSICS_STEP)",
+        }  # fmt: skip
+        lines += [f"    {row.joint!r}: DelayedPDActuatorCfg("]
+        lines += [f"        {key}={_python(value)}," for key, value in fields.items()] + ["    ),"]
+    return from_template(
+        "targets/templates/isaac_lab.py.txt", name=docstring(one_line(actuators.name)), rows="\n".join(lines)
+    )
+
+
+def _regular(name: str) -> str:
+    """A regular expression that matches a name alone, as `re.escape`, blanks as they are."""
+    return "".join(letter if letter.isalnum() or letter in "_ " else f"\\{letter}" for letter in name)
+
+
+def _python(value: float | str | None) -> str:
+    if isinstance(value, str) or value is None:
+        return str(value)
+    return repr(float(value)) if math.isfinite(value) else "None"
+
+
+def _urdf(actuators: Actuators) -> str:
+    root = ET.Element("robot", name=actuators.name)
+    for row in actuators.rows:
+        _add_comment(root, actuators.words(row, "viscous", "coulomb"))
+        joint = ET.SubElement(root, "joint", name=row.joint)
+        ET.SubElement(joint, "dynamics", _numbers(damping=row.viscous, friction=row.coulomb))
+        if limits := _numbers(effort=row.effort, velocity=row.velocity):
+            ET.SubElement(joint, "limit", limits)
+    return _document(root, actuators, "Copy <dynamics> into the joints of the robot; Gazebo reads both numbers.")
+
+
+def _sdf(actuators: Actuators) -> str:
+    root = ET.Element("model", name=actuators.name)
+    for row in actuators.rows:
+        _add_comment(root, actuators.words(row, "viscous", "coulomb"))
+        axis = ET.SubElement(ET.SubElement(root, "joint", name=row.joint), "axis")
+        dynamics = ET.SubElement(axis, "dynamics")
+        for key, text in _numbers(damping=row.viscous, friction=row.coulomb).items():
+            ET.SubElement(dynamics, key).text = text
+    return _document(root, actuators, "Copy <dynamics> into the axes of the model. Gazebo's joints have no armature.")
+
+
+def _drake(actuators: Actuators) -> str:
+    """Joints and transmissions of a URDF with Drake's tags."""
+    root = ET.Element("robot", {"name": actuators.name, "xmlns:drake": "http://drake.mit.edu"})
+    for row in actuators.rows:
+        _add_comment(root, actuators.words(row, "armature", "viscous", "kp", "kd"))
+        ET.SubElement(ET.SubElement(root, "joint", name=row.joint), "dynamics", _numbers(damping=row.viscous))
+        transmission = ET.SubElement(root, "transmission", name=f"{row.joint} transmission")
+        ET.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
+        ET.SubElement(transmission, "joint", name=row.joint)
+        actuator = ET.SubElement(transmission, "actuator", name=f"{row.joint} actuator")
+        ET.SubElement(actuator, "drake:gear_ratio", _numbers(value=row.ratio))
+        ET.SubElement(actuator, "drake:rotor_inertia", _numbers(value=row.rotor_inertia))
+        if row.kp is not None:
+            ET.SubElement(actuator, "drake:controller_gains", _numbers(p=row.kp, d=row.kd))
+    return _document(root, actuators, "Copy into a URDF for Drake. The rotor inertia is on the motor side.")
+
+
+def _ros2(actuators: Actuators) -> str:
+    """Gains of a trajectory controller with effort commands, and limits of joints."""
+    gains, limits = list[str](), list[str]()
+    for row in actuators.rows:
+        name, words = _yaml(row.joint), actuators.words(row, "kp", "kd")
+        if row.kp is not None:
+            gains += [f"      # {words}"] * bool(words)
+            gains.append(f"      {name}: {{p: {row.kp!r}, i: 0.0, d: {(row.kd or 0.0)!r}}}")
+        known = {key: value for key, value in (("effort", row.effort), ("velocity", row.velocity)) if value < math.inf}
+        pairs = (f"has_{key}_limits: true, max_{key}: {float(value)!r}" for key, value in known.items())
+        limits += [f"  {name}: {{{', '.join(pairs)}}}"] * bool(known)
+    head = f"{actuators.name}: link side, SI. ROS 2 has no keys for armature, friction, elasticity and delay."
+    text = [comment_lines(head) + "joint_trajectory_controller:", "  ros__parameters:"]
+    text += ["    gains:", *gains] if gains else ["    gains: {} # unknown: give the controller in the study"]
+    return "\n".join([*text, "joint_limits:", *limits] if limits else [*text, "joint_limits: {}"]) + "\n"
+
+
+def _yaml(name: str) -> str:
+    return "'" + one_line(name).replace("'", "''") + "'"
+
+
+def _readme(actuators: Actuators) -> str:
+    lost = [f"- {one_line(row.joint)}: {', '.join(row.lost)}" for row in actuators.rows if row.lost]
+    head = ["| joint | quantity | value | unit | 95 % interval |", "|---|---|---|---|---|"]
+    return from_template(
+        "targets/templates/actuators.md.txt", name=one_line(actuators.name),
+        numbers="\n".join([*head, *_table(actuators)]),
+        lost="\n".join(lost) or "- Nothing: the models of all joints have only the numbers above.",
+    )  # fmt: skip
+
+
+def _table(actuators: Actuators) -> Iterator[str]:
+    """A line for each number of each joint."""
+    for row in actuators.rows:
+        for quantity, units in UNITS.items():
+            value, ends = getattr(row, quantity), actuators.intervals.get((row.joint, quantity))
+            if value is not None:
+                interval = "not identified" if ends is None else f"{ends[0]:.6g} to {ends[1]:.6g}"
+                yield f"| {one_line(row.joint)} | {quantity} | {value:.6g} | {units[row.slides]} | {interval} |"

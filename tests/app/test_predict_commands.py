@@ -1,0 +1,95 @@
+"""A model judged on logs from commands alone, by the command line: robot.yml, URDF and MJCF."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.commanded_joint import CommandedJoint
+
+from elastid.app import cli
+from elastid.study.robots import yaml_text
+
+URDF = """<robot name="leg"><link name="base"/><link name="shank"><inertial><mass value="1"/>
+<origin xyz="{x} 0 0"/><inertia ixx="0.03" iyy="{I}" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="knee" type="continuous"><parent link="base"/><child link="shank"/><axis xyz="0 1 0"/>
+<dynamics damping="0.25" friction="0.15"/></joint></robot>"""
+MJCF = """<mujoco model="leg"><worldbody><body name="shank"><joint name="knee" axis="0 1 0" damping="0.25"
+frictionloss="0.15" armature="{rotor}"/><inertial mass="1" pos="{x} 0 0" diaginertia="1e-9 1e-9 1e-9"/></body>
+</worldbody><actuator><position joint="knee" kp="{kp}" kv="1"/></actuator></mujoco>"""
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """A log of 6 s with time stamps and gains."""
+    motion = CommandedJoint().motion(6.0)
+    t = np.arange(len(motion.position)) / motion.rate_hz
+    np.savez(tmp_path / "log.npz", time=t, command=motion.command, position=motion.position, kp=[20.0], kd=[1.0])
+    return tmp_path / "log.npz"
+
+
+def predicted(folder: Path, *words: str | Path) -> tuple[int, dict]:
+    """Exit code and content of prediction.json."""
+    code = cli.run_command(["predict", *map(str, words), "--run", str(folder), "--jobs", "1", "-q"])
+    file = folder / "prediction.json"
+    return code, json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+
+
+@pytest.mark.slow
+def test_robot_file_passes_at_the_clock_of_the_log_and_fails_at_another(log: Path, tmp_path: Path) -> None:
+    """Exit code 3, and the factor 2.5 of the period first among the tests."""
+    model = tmp_path / "robot.yml"
+    model.write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
+    code, content = predicted(tmp_path / "right", model, "--log", log, "--log", log)
+    assert (code, content["status"], len(content["logs"])) == (0, "passed", 2)
+    assert content["rms"]["model"] < 0.05 * content["rms"]["late command"]
+    assert (tmp_path / "right" / "prediction.png").is_file()
+    code, content = predicted(tmp_path / "wrong", model, "--log", log, "--rate", "500")
+    assert (code, content["status"]) == (3, "misfit")
+    first = content["tests"][0]
+    assert (first["quantity"], first["in_doubt"]) == ("clock", True)
+    assert first["value"] == pytest.approx(2.5, rel=0.01)
+
+
+@pytest.mark.slow
+def test_urdf_is_a_model_with_its_damping_and_friction(log: Path, tmp_path: Path) -> None:
+    """All inertia is of the link, which is the same to the joint; other gains than the log's by option."""
+    joint = CommandedJoint()
+    x = -joint.gravity / 9.81
+    (tmp_path / "leg.urdf").write_text(URDF.format(x=x, I=joint.inertia - x**2), encoding="utf-8")
+    code, content = predicted(tmp_path / "run", tmp_path / "leg.urdf", "--log", log)
+    assert code == 0
+    assert content["rms"]["model"] < 1e-3
+    code, content = predicted(tmp_path / "other", tmp_path / "leg.urdf", "--log", log, "--kp", "30")
+    assert (code, content["tests"][0]["quantity"]) == (3, "kp")
+
+
+@pytest.mark.oracle
+@pytest.mark.slow
+def test_mjcf_is_a_model_with_its_servo(log: Path, tmp_path: Path) -> None:
+    """Armature, damping, frictionloss, kp and kv; a servo of another kp is named although the log has the right one."""
+    pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
+    joint = CommandedJoint()
+    x = -joint.gravity / 9.81
+    for kp, expected in ((20, 0), (26, 3)):
+        text = MJCF.format(x=x, rotor=joint.inertia - x**2, kp=kp)
+        (tmp_path / "leg.xml").write_text(text, encoding="utf-8")
+        code, content = predicted(tmp_path / f"kp {kp}", tmp_path / "leg.xml", "--log", log)
+        assert code == expected
+    assert content["tests"][0]["quantity"] == "kp"
+    assert content["tests"][0]["value"] == pytest.approx(20 / 26, rel=0.02)
+
+
+def test_missing_gains_and_models_are_refused(tmp_path: Path) -> None:
+    """Before anything is simulated."""
+    model = tmp_path / "robot.yml"
+    model.write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
+    n = 400
+    signals = {"time": np.arange(n) / 200, "command": np.sin(np.arange(n) / 20), "position": np.sin(np.arange(n) / 20)}
+    np.savez(tmp_path / "log.npz", **signals)
+    assert predicted(tmp_path / "a", model, "--log", tmp_path / "log.npz")[0] == 2
+    assert predicted(tmp_path / "b", tmp_path / "none.yml", "--log", tmp_path / "log.npz")[0] == 2
+    assert predicted(tmp_path / "c", tmp_path, "--log", tmp_path / "log.npz")[0] == 2
+    assert predicted(tmp_path / "d", model)[0] == 2
+    two = ["--kp", "1,2", "--kd", "1"]
+    assert predicted(tmp_path / "e", model, "--log", tmp_path / "log.npz", *two)[0] == 2
