@@ -96,21 +96,23 @@ def _combined(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> I
     kp, kd = measured.of(joint.name, "commands")[0].gains or (1.0, 1.0)
     # Below it the lag of friction is a delay, (f + k_d) / k_p.
     hz = kp / (2 * math.pi * (kd + max(0.0, fit["viscous"])))
-    terms = {**TERMS, **RIGID_TERMS}
-    for known in known_combinations(fit.values, fit.covariance):
-        names = [fit.names[i] for i in known.members]
-        relative = known.member_std / max(abs(float(fit.values[known.members[0]])), 1e-300)
-        if relative < WIDE:
+    terms, last = {**TERMS, **RIGID_TERMS}, [*range(-1, len(fit.names) - 1)]  # the delay, then the others
+    std, of_names = np.sqrt(np.diag(fit.covariance))[last], [fit.names[i] for i in last]
+    for known in known_combinations(fit.values[last], fit.covariance[np.ix_(last, last)]):
+        names = [of_names[i] for i in known.members]
+        relative = [float(std[i] / max(abs(fit.values[last][i]), 1e-300)) for i in known.members]
+        if max(relative) < WIDE:
             continue
-        parts = [f"{w:+.2g} {terms[name].symbol}" for w, name in zip(known.weights, names, strict=True)]
-        sentence = " ".join(parts).removeprefix("+1 ").replace("+1 ", "+ ").replace("-1 ", "- ")
+        pairs = list(zip(known.weights, (terms[name].symbol for name in names), strict=True))
+        rest = (f"{'-' if w < 0 else '+'} {abs(w):.2g} {symbol}" for w, symbol in pairs[1:])
+        sentence = " ".join([pairs[0][1], *rest])
         shown = digits(known.value, known.std)
         interval = f"{number(known.value, shown)} +- {number(QUANTILE_95 * known.std, 2)}"
         unit = terms[names[0]].unit_at(joint.slides)
         advice = next((text for of, least, text in SEPARATING if len({*of} & {*names}) >= least), "another motion")
         text = (
-            f"{sentence} = {interval} {unit} (95 %) is identified, its members are not: they are known to "
-            f"{relative:.0%}. To separate them, record {advice.format(hz=hz)}"
+            f"{sentence} = {interval} {unit} (95 %) is identified, its members only with stds of "
+            f"{', '.join(f'{x:.0%}' for x in relative)}. To separate them, record {advice.format(hz=hz)}"
         )
         yield Note("friction/combination", text, f"joint {joint.name}", severity="information")
 
