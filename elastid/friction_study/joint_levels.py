@@ -165,7 +165,7 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
 
 
 def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Torque (n, m) of the robot model's rigid body along positions (n, m), less that of its mean inertia (m,).
+    """Torque (n, m) of the robot model's rigid body along positions (n, m), without its mean inertia (m,).
 
     Returns both, zeros if the robot model couples none of these joints: each has its own inertia and gravity then.
     """
