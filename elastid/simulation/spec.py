@@ -90,8 +90,8 @@ class ReferencePathSpec:
         "at the references).", "`spline` for a joint trajectory controller, `linear` for most other "
         "interfaces.")] = "linear"
     filter_hz: Annotated[Frequency | None, Key("Corner frequency of the low pass behind the interpolation (default: no "
-        "filter).", "needed if the robot smooths references: without it, the torque is lower than planned.",
-        above=0)] = None
+        "filter).", "needed if the robot smooths references: without it, the torque is lower than planned; "
+        "a lookahead of T s is a filter of 1 / (2 pi T) Hz.", above=0)] = None
     filter_order: Annotated[int, Key("Order of the low pass: number of equal first-order lags in series.", "2 for a "
         "critically damped filter of second order.", least=1, most=4)] = 1
     moving_average: Annotated[Time, Key("Window of the moving average behind the interpolation.", "the jerk filter of "
