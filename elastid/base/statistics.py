@@ -157,6 +157,56 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
     return Spread(value, linear, "linearisation", unknown)
 
 
+@dataclass(frozen=True)
+class Combination:
+    """Sum of parameters that is known although its members are not: value = sum of weights times members.
+
+    members: indices, the first with weight 1.  std: of the value; member_std: of the first member alone.
+    """
+
+    members: tuple[int, ...]
+    weights: tuple[float, ...]
+    value: float
+    std: float
+    member_std: float
+
+
+# Std of a combination over that of its first member, from which on it is stated; part of a member in its eigenvector.
+MAX_COMBINATION_STD, MIN_MEMBER = 0.25, 0.25
+
+
+def known_combinations(values: FloatArray, covariance: FloatArray, largest: int = 3) -> tuple[Combination, ...]:
+    r"""Combinations of up to `largest` of n correlated values, each from a small eigenvalue of their correlation.
+
+    .. math:: c = x_i - C_{iJ} C_{JJ}^{-1} x_J, \qquad \mathrm{var}\, c = w^T C w
+
+    the conditional mean of the member i whose variance the others J explain, with weights of two digits.
+
+    >>> C = np.array([[1.0, -1.99], [-1.99, 4.0]])
+    >>> [(c.weights, round(c.std, 2)) for c in known_combinations(np.array([3.0, 1.0]), C)]
+    [((1.0, 0.5), 0.1)]
+    """
+    std = np.sqrt(np.diag(covariance))
+    if not np.all(np.isfinite(std)) or not np.all(std > 0):
+        return ()
+    eigenvalues, vectors = np.linalg.eigh(covariance / np.outer(std, std))
+    combinations: dict[tuple[int, ...], Combination] = {}
+    for eigenvalue, vector in zip(eigenvalues.tolist(), np.abs(vectors.T), strict=True):
+        order = np.argsort(-vector)[:largest]
+        members = sorted(order[vector[order] > MIN_MEMBER * vector.max()].tolist())
+        if eigenvalue > MAX_COMBINATION_STD or len(members) < 2:
+            continue
+        i, others = members[0], members[1:]
+        w = -np.linalg.solve(covariance[np.ix_(others, others)], covariance[others, i])
+        weights = np.array([1.0, *(float(f"{x:.2g}") for x in w)])
+        of_value = float(np.sqrt(weights @ covariance[np.ix_(members, members)] @ weights))
+        if of_value < MAX_COMBINATION_STD * std[i]:
+            value = float(weights @ values[members])
+            known = Combination(tuple(members), tuple(weights.tolist()), value, of_value, float(std[i]))
+            combinations.setdefault(known.members, known)
+    return tuple(combinations.values())
+
+
 def runs(flags: BoolArray, least: int = 1) -> IntArray:
     """First sample and end (k, 2) of the runs of set flags (n,) that have at least so many samples."""
     bounds = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)

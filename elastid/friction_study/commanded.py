@@ -8,7 +8,8 @@ give is no measurement, and a regression on it is biased by k_p T_d in viscous f
 1999, section 10.2).
 
 Errors of simulated positions are far from white. Their covariance is the long-run one of the slow cosines of each log's
-scores (`least_squares.long_run`), and that of the influences d_k of m logs where it is larger beyond chance:
+scores (`least_squares.long_run`), over time or in the order of the angle, with which errors of the model repeat, and
+that of the influences d_k of m logs where it is larger beyond chance:
 
 .. math:: \Sigma = \frac{m}{m - 1} \sum_k d_k d_k^T
 """
@@ -24,7 +25,7 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.statistics import small_sample_factors
 from elastid.friction_study.laws import friction_of
-from elastid.friction_study.least_squares import FALSE_ALARM, cosine_count, long_run
+from elastid.friction_study.least_squares import cosine_count, long_run, state_widening
 from elastid.robot import Friction, MeasuredRange
 from elastid.simulation.rigid_joints import NUMBERS, CommandedJoints
 
@@ -38,6 +39,8 @@ SETTLE, SMOOTH_S = 15.0, 0.06
 # Perturbation of a number for its sensitivity, relative to its scale, and that of the delay in s.
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
 MAX_ITERATIONS, TOLERANCE = 15, 1e-5
+# Chance of a larger scatter between logs than within them by noise alone, below which it counts.
+CHANCE = 0.1
 
 
 @frozen_value
@@ -380,22 +383,35 @@ def _fit(
         text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
         raise DataError("friction/motion", text, problem.logs[0].name)
     names = (*((problem.joints[i], NUMBERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
-    covariance, between = _covariance(end, problem.commanded.rate_hz / problem.window)
+    covariance, between = _covariance(end, problem, measured, names)
     return CommandedFit(names, problem.joints, np.append(numbers[is_free], delay_s), covariance, rms, between)
 
 
-def _covariance(end: _Linearised, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Covariance (n_x, n_x) by slow cosines of the scores of each log, or between logs; ratio (n_x,) of their stds."""
-    m = len(end.scores)
+def _covariance(
+    end: _Linearised, problem: _Problem, measured: Sequence[FloatArray], names: Sequence[tuple[str, str]]
+) -> tuple[FloatArray, FloatArray]:
+    """Covariance (n_x, n_x) of the numbers, and the factor (n_x,) of their stds by the scatter between logs."""
+    m, rate_hz = len(end.scores), problem.commanded.rate_hz / problem.window
     counts = [cosine_count(len(score) / rate_hz, m) for score in end.scores]
     meat = sum(long_run(score, count) for score, count in zip(end.scores, counts, strict=True))
-    covariance, dof = end.inverse @ meat @ end.inverse, float(sum(counts))
-    within = small_sample_factors(dof)
-    covariance = covariance * within**2
-    if m < 2:
-        return covariance, np.ones(len(covariance))
-    d = np.array([score.sum(axis=0) for score in end.scores]) @ end.inverse
-    ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(np.diag(covariance), 1e-300)
-    wider = np.where(ratio > fdtri(m - 1, dof, 1 - FALSE_ALARM), np.sqrt(ratio) * small_sample_factors(m - 1.0), 1.0)
-    wider = np.maximum(wider, 1.0)
-    return covariance * np.outer(wider, wider), wider
+    dof = float(sum(counts))
+    covariance = end.inverse @ meat @ end.inverse * small_sample_factors(dof) ** 2
+    variance, dofs, every = np.diag(covariance).copy(), np.full(len(covariance), dof), np.vstack(end.scores)
+    wider = np.ones(len(covariance))
+    for joint in problem.joints:
+        places = [i for i, (of, _) in enumerate(names) if of == joint]
+        angle = np.concatenate(
+            [
+                q[:, log.joints.index(joint)] if joint in log.joints else np.zeros(len(q))
+                for log, q in zip(problem.logs, measured, strict=True)
+            ]
+        )
+        wider[places] = state_widening(end.inverse, every, angle[:, None], variance, dofs)[places]
+    between = np.ones(len(covariance))
+    if m > 1:
+        d = np.array([score.sum(axis=0) for score in end.scores]) @ end.inverse
+        ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
+        beyond = ratio > np.maximum(fdtri(m - 1, dof, 1 - CHANCE), wider**2)
+        between = np.where(beyond, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), wider), 1.0)
+        wider = np.maximum(wider, between)
+    return covariance * np.outer(wider, wider), between

@@ -13,15 +13,24 @@ friction, nor an error of the inertia from a factor of all friction.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import savgol_filter
 
 from elastid.base.arrays import FloatArray
+from elastid.base.display import digits, number
 from elastid.base.errors import DataError, Note
-from elastid.friction_study.commanded import SMOOTH_S, CommandedJoint, CommandedLog, fit_commanded, simulate_commanded
+from elastid.base.statistics import QUANTILE_95, known_combinations
+from elastid.friction_study.commanded import (
+    DELAY,
+    SMOOTH_S,
+    CommandedJoint,
+    CommandedLog,
+    fit_commanded,
+    simulate_commanded,
+)
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.levels import find_levels, passes_of
@@ -36,12 +45,15 @@ from elastid.friction_study.motion import (
 )
 from elastid.friction_study.motion_signals import STEADY_SHARE, Motion, MotionLog, MotionSignals, detect_passes
 from elastid.friction_study.motion_terms import full_rate_columns
-from elastid.friction_study.result import JointLevels, held_spring, noted
+from elastid.friction_study.result import RIGID_TERMS, JointLevels, held_spring, noted
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, Purpose
 from elastid.robot import Joint, Robot
+from elastid.robot.friction_numbers import TERMS
 from elastid.robot.simplified import with_point_mass
 
+# Std of a number over it, from which on its combination with others is stated instead.
+WIDE = 0.1
 # Sweeps of the coupling of joints in a simulation, and the change of positions over their extent at which they end.
 MAX_SWEEPS, SWEEP_TOLERANCE = 20, 1e-4
 # Purposes of records of a joint that does not slide.
@@ -68,7 +80,41 @@ GAINS_EXACT = (
 def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> JointLevels:
     notes = tuple(note for record in measured.of(joint.name, "commands") for note in record.notes)
     gains = Note("friction/gains", GAINS_EXACT, f"joint {joint.name}", severity="information")
-    return JointLevels(joint.name, joint.slides, notes=(*notes, gains), commanded=fit)
+    return JointLevels(joint.name, joint.slides, notes=(*notes, gains, *_combined(joint, fit, measured)), commanded=fit)
+
+
+# The parameters of a combination, what separates them; the first row with all of its names in it counts.
+SEPARATING = (
+    (("offset", "gravity.cos", "gravity.sin"), 2, "a larger range of the angle, or another posture"),
+    (("coulomb", "viscous"), 2, "speeds in a wider range"),
+    ((DELAY, "inertia", "viscous"), 1, "power of the commands above {hz:.2g} Hz"),
+)
+
+
+def _combined(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> Iterator[Note]:
+    """A note for each combination of numbers that is known while they are not, and the motion that separates them."""
+    kp, kd = measured.of(joint.name, "commands")[0].gains or (1.0, 1.0)
+    # Below it the lag of friction is a delay, (f + k_d) / k_p.
+    hz = kp / (2 * math.pi * (kd + max(0.0, fit["viscous"])))
+    terms, last = {**TERMS, **RIGID_TERMS}, [*range(-1, len(fit.names) - 1)]  # the delay, then the others
+    std, of_names = np.sqrt(np.diag(fit.covariance))[last], [fit.names[i] for i in last]
+    for known in known_combinations(fit.values[last], fit.covariance[np.ix_(last, last)]):
+        names = [of_names[i] for i in known.members]
+        relative = [float(std[i] / max(abs(fit.values[last][i]), 1e-300)) for i in known.members]
+        if max(relative) < WIDE:
+            continue
+        pairs = list(zip(known.weights, (terms[name].symbol for name in names), strict=True))
+        rest = (f"{'-' if w < 0 else '+'} {abs(w):.2g} {symbol}" for w, symbol in pairs[1:])
+        sentence = " ".join([pairs[0][1], *rest])
+        shown = digits(known.value, known.std)
+        interval = f"{number(known.value, shown)} +- {number(QUANTILE_95 * known.std, 2)}"
+        unit = terms[names[0]].unit_at(joint.slides)
+        advice = next((text for of, least, text in SEPARATING if len({*of} & {*names}) >= least), "another motion")
+        text = (
+            f"{sentence} = {interval} {unit} (95 %) is identified, its members only with stds of "
+            f"{', '.join(f'{x:.0%}' for x in relative)}. To separate them, record {advice.format(hz=hz)}"
+        )
+        yield Note("friction/combination", text, f"joint {joint.name}", severity="information")
 
 
 def _commanded(robot: Robot, measured: FrictionRecords) -> dict[str, CommandedJoint]:
@@ -119,7 +165,7 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
 
 
 def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Torque (n, m) of the robot model's rigid body along positions (n, m), less that of its mean inertia (m,).
+    """Torque (n, m) of the robot model's rigid body along positions (n, m), without its mean inertia (m,).
 
     Returns both, zeros if the robot model couples none of these joints: each has its own inertia and gravity then.
     """

@@ -214,7 +214,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     explained = np.hstack([basis, _basis(free_X)]).reshape(n, m, -1)
     shrinkage, dof = _expected(np.split(of_errors, ends), np.split(explained, ends), terms)
     covariance = bread @ meat @ bread / np.sqrt(np.outer(shrinkage, shrinkage))
-    widening = _widening(bread, scores, states, np.diag(covariance) * _student(dof), dof)
+    widening = state_widening(bread, scores, states, np.diag(covariance) * _student(dof), dof)
     # Of hardly any degree of freedom it is without bound, and its square would overflow.
     wider = np.minimum(widening * np.sqrt(_student(dof)) / size, 1e100)
     covariance *= np.outer(wider, wider)
@@ -280,7 +280,7 @@ def _student(dof: FloatArray) -> FloatArray:
     return np.asarray((stdtrit(dof, 0.975) / QUANTILE_95) ** 2)
 
 
-def _widening(
+def state_widening(
     bread: FloatArray, scores: FloatArray, states: FloatArray, variance: FloatArray, dof: FloatArray
 ) -> FloatArray:
     """Factors (n_x,) of the std by the covariances over states (n, n_s), 1 where chance explains them."""

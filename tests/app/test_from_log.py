@@ -16,6 +16,7 @@ from elastid.app.console import Console
 from elastid.app.from_log import texts_from_logs
 from elastid.app.run import Run, run_all
 from elastid.app.stages.estimate import imported_responses
+from elastid.base.errors import StudyError
 from elastid.store.measured import read_responses
 from elastid.study import Study, load, load_with_logs
 from tests.app.test_scaffold import ARM
@@ -263,3 +264,24 @@ def test_logs_of_makes_have_references_and_runs_of_their_names(make: str, tmp_pa
         for role, word in zip(("u", "y", "reference"), MAKES[make], strict=True)
     ]
     assert study.experiment.configurations["p1"] == pytest.approx([0.9, 0.9], abs=1e-3)
+
+
+def test_commands_and_gains_without_torques_become_a_study_of_friction(tmp_path: Path) -> None:
+    """Gains of each joint are those of the log; the study is accepted as it is, but not as one of elasticity."""
+    t = np.arange(600) / 200
+    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    arrays = {"time_s": t, "position_rad": 0.9 * command, "velocity_rad_s": np.gradient(command, 0.005, axis=0)}
+    arrays |= {"command_rad": command, "command_velocity_rad_s": 0 * command}
+    np.savez(tmp_path / "log.npz", **arrays, kp=np.array([20.0, 40.0]), kd=np.array([1.0, 4.0]))
+    recorded = new(tmp_path, tmp_path / "log.npz").experiment.as_recorded()
+    assert {(c.role, c.at, c.channel, c.column) for c in recorded.channels} == {
+        (role, f"motor {i}", name, i)
+        for i in (1, 2)
+        for role, name in (("y", "position_rad"), ("reference", "command_rad"))
+    }
+    assert recorded.controller is not None
+    assert (recorded.controller.position_gain, recorded.controller.velocity_gain) == ((20.0, 10.0), (1.0, 4.0))
+    path = tmp_path / "new" / "study.yml"
+    path.write_text("\n".join(line for line in path.read_text().splitlines() if not line.startswith("friction:")))
+    with pytest.raises(StudyError):
+        load(path)

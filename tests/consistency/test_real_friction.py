@@ -15,7 +15,12 @@ from elastid.friction_study.extended_kalman_filter import JointSamples, KalmanFi
 from elastid.friction_study.filter_consistency import MAX_CORRELATION, NIS_BAND
 from elastid.friction_study.motion import regress_motion
 from elastid.friction_study.motion_signals import Motion
-from elastid.store.friction_study import read_filter, read_friction_records
+from elastid.store.friction_study import (
+    read_filter,
+    read_friction_records,
+    read_friction_result,
+    read_validation_logs,
+)
 from elastid.study import load_robot
 
 ROOT = Path(__file__).parents[2]
@@ -127,3 +132,25 @@ def test_two_records_of_the_axis_agree_within_their_intervals() -> None:
     assert first.names == second.names
     for name in first.names:
         assert abs(first[name] - second[name]) < 1.96 * np.hypot(first.std(name), second.std(name)), name
+
+
+@pytest.mark.slow
+def test_legs_of_a_quadruped_move_by_their_commands_alone(tmp_path: Path) -> None:
+    """Reserved logs at most at 0.004 rad rms over 12 joints; published 0.0056, and 0.079 where a joint is told to be.
+
+    The delay is between nothing and three samples, and inertias of equal joints of the four legs agree within 10 %.
+    """
+    summary = run("go2", tmp_path / "run")
+    assert summary["status"] == "identified"
+    found = read_friction_result(tmp_path / "run" / "friction.h5")
+    judged = read_validation_logs(tmp_path / "run" / "friction.h5")
+    assert [run.log for run in judged.runs] == ["log_6", "log_7"]
+    for log in judged.runs:
+        squares = [np.mean((signal.measured - signal.simulated) ** 2) for signal in log.signals]
+        assert len(squares) == 12
+        assert np.sqrt(np.mean(squares)) < 0.004
+    numbers = {number.name: number for number in found.numbers}
+    assert 0.0 < numbers["T_d_mFL_hip"].value < 0.015
+    for part in ("hip", "thigh", "calf"):
+        inertias = [numbers[f"J_m{leg}_{part}"].value for leg in ("FL", "FR", "RL", "RR")]
+        assert np.ptp(inertias) < 0.1 * np.mean(inertias)

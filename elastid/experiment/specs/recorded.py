@@ -128,7 +128,8 @@ class RecordedSpec:
         "then relative to it).", "an error scales all frequencies, and all stiffnesses by its square; `unknown` only "
         "for structures without a robot.", above=0)]
     channels: Annotated[tuple[ChannelSpec, ...], Key("Signals of the logs.", "at least one torque (u) and one "
-        "position, velocity or acceleration (y); add the injected torque (r) for closed-loop estimators.")]
+        "position, velocity or acceleration (y); add the injected torque (r) for closed-loop estimators. Friction "
+        "studies also take references of a known controller instead of torques.")]
     files: Annotated[tuple[FileSpec, ...], Key("Log files.", "one entry per experiment; realisations and experiments "
         "are numbered from 0 in each configuration.")]
     period: Annotated[Period | None, Key("Period of the excitation, `find` to estimate it from the torques, or `none` "
@@ -147,9 +148,9 @@ class RecordedSpec:
         "model then includes half a sample of delay, a sinc and aliases. `band-limited`: torques measured through a "
         "filter, or much faster than the update of the drive.", "`zero-order` for commands; a wrong choice shows as a "
         "misfit that grows towards half the sampling rate.")] = "band-limited"
-    controller: Annotated[CascadeSpec | None, Key("Controller of the robot, for `elastid loops` and for validation of "
-        "friction studies with reference channels (default: unknown controller).", "give it to validate friction in "
-        "closed loop, otherwise from torques alone.")] = None
+    controller: Annotated[CascadeSpec | None, Key("Controller of the robot, for `elastid loops` and for friction "
+        "studies with reference channels (default: unknown controller).", "give it to validate friction in closed "
+        "loop; needed to identify friction from references without torques.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

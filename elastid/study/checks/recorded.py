@@ -61,6 +61,11 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
             f"{', '.join(WITHOUT_PERIOD)}",
         )
     yield from check_controller(study, recorded)
+    if recorded.has_commands_alone:
+        message = (
+            "no channel has role u (an input). Add the torques; references alone identify friction: add friction: {}"
+        )
+        yield Problem((*path, "channels"), message)
     for i in range(len(recorded.files)):
         if refused := recorded.repeat_refusal(i):
             yield Problem((*path, "files", i), refused)

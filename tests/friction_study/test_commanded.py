@@ -1,0 +1,130 @@
+"""Inertia, friction and delay from commands alone: known numbers are recovered, and the rest is named."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.commanded_joints import (
+    GAINS,
+    ONE_ROBOT,
+    RATE_HZ,
+    TRUE,
+    TWO_ROBOT,
+    one_joint,
+    positions,
+    references,
+    two_joints,
+)
+
+from elastid.base.arrays import FloatArray
+from elastid.base.statistics import QUANTILE_95, known_combinations
+from elastid.friction_study.commanded import DELAY, CommandedJoint
+from elastid.friction_study.joint_levels import find_joint_levels, simulated_commands
+from elastid.friction_study.result import FrictionResult, identify_friction
+from elastid.friction_study.spec import FrictionSpec
+from elastid.record import Configuration, FrictionRecord, FrictionRecords
+from elastid.robot import Robot
+from elastid.study import load_robot
+
+
+def robot_of(text: str, folder: Path) -> Robot:
+    """The robot of a model's text."""
+    (folder / "robot.yml").write_text(text)
+    return load_robot(folder / "robot.yml")
+
+
+def log(q: FloatArray, r: FloatArray, gains: FloatArray, name: str = "log") -> tuple[FrictionRecord, ...]:
+    """Records of positions and references (n, m) under gains (m, 2)."""
+    unknown = np.full(len(q), np.nan)
+    return tuple(
+        FrictionRecord(
+            name, str(i + 1), "commands", RATE_HZ, q[:, i].copy(), unknown, reference=r[:, i].copy(),
+            command=gains[i, 0] * r[:, i], gains=(float(gains[i, 0]), float(gains[i, 1])), hold="zero-order",
+            configuration=Configuration(name, np.zeros(q.shape[1])),
+        )
+        for i in range(q.shape[1])
+    )  # fmt: skip
+
+
+def found(robot: Robot, *logs: tuple[FrictionRecord, ...]) -> FrictionResult:
+    """The result of a study of all joints."""
+    measured = FrictionRecords(tuple(record for records in logs for record in records))
+    return identify_friction(robot, find_joint_levels(robot, robot.driven, measured), measured, FrictionSpec())
+
+
+def commanded(result: FrictionResult) -> dict[str, CommandedJoint]:
+    """Fits of all joints."""
+    return {joint.joint: joint.commanded for joint in result.joints if joint.commanded is not None}
+
+
+def assert_recovered(fit: CommandedJoint, i: int, delay_s: float) -> None:
+    """Delay within 0.1 ms or its interval, J within 2 %, f and F_c within 5 %."""
+    std = np.sqrt(np.diag(fit.covariance))
+    assert abs(fit[DELAY] - delay_s) < max(1e-4, QUANTILE_95 * std[-1])
+    assert fit["inertia"] == pytest.approx(TRUE["inertia"][i], rel=0.02)
+    assert fit["viscous"] == pytest.approx(TRUE["viscous"][i], rel=0.05)
+    assert fit["coulomb"] == pytest.approx(TRUE["coulomb"][i], rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.010, 0.020])
+def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -> None:
+    """A regression on k_p (r - q) - k_d q' is off by +55 % in J and +171 % in f at 10 ms."""
+    r = references(3000, 1, 0.35, 4.0)
+    q = positions(one_joint, r, delay_s) + np.random.default_rng(3).normal(0, 1e-4, r.shape)
+    result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
+    assert result.status == "identified"
+    assert_recovered(commanded(result)["1"], 0, delay_s)
+    assert {"J_m1", "f_m1", "Fc_m1", "T_d_m1"} <= {number.name for number in result.numbers}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay_s", [0.0, 0.010])
+def test_armatures_of_two_coupled_joints_are_recovered_beside_the_rigid_body(delay_s: float, tmp_path: Path) -> None:
+    """The masses are those of the robot model; both joints share the delay, and move as measured by commands alone."""
+    r = references(3000, 2, 0.4, 2.0)
+    q = positions(two_joints, r, delay_s) + np.random.default_rng(1).normal(0, 1e-4, r.shape)
+    robot, records = robot_of(TWO_ROBOT, tmp_path), log(q, r, np.array(GAINS))
+    result = found(robot, records)
+    fits = commanded(result)
+    for i, fit in enumerate(fits.values()):
+        assert_recovered(fit, i, delay_s)
+    assert {"J_a_m1", "J_a_m2"} <= {number.name for number in result.numbers}
+    moved = simulated_commands(robot, {record.joint: record for record in records}, fits)
+    assert np.all(np.std(moved - q, axis=0) < 0.01 * np.std(q, axis=0))
+
+
+@pytest.mark.slow
+def test_wrong_gains_are_refused_or_named(tmp_path: Path) -> None:
+    """A velocity gain that is 20 % too large leaves viscous friction below 0; every result names its gains."""
+    r = references(2000, 1, 0.35, 4.0)
+    q = positions(one_joint, r, 0.005)
+    robot = robot_of(ONE_ROBOT, tmp_path)
+    result = found(robot, log(q, r, np.array(GAINS[:1]) * [1.0, 1.2]))
+    assert result.status == "failed"
+    assert "friction/law" in {note.code for joint in result.joints for note in joint.notes}
+    right = found(robot, log(q, r, np.array(GAINS[:1])))
+    assert "friction/gains" in {note.code for joint in right.joints for note in joint.notes}
+
+
+@pytest.mark.slow
+def test_wrong_position_gains_contradict_the_masses_of_the_robot_model(tmp_path: Path) -> None:
+    """A single joint cannot tell them; gravity and inertia of known masses do."""
+    r = references(2000, 2, 0.4, 2.0)
+    q = positions(two_joints, r, 0.005)
+    result = found(robot_of(TWO_ROBOT, tmp_path), log(q, r, np.array(GAINS) * [0.8, 1.0]))
+    assert result.status != "identified"
+
+
+@pytest.mark.slow
+def test_a_slow_chirp_gives_the_sum_of_delay_and_friction(tmp_path: Path) -> None:
+    """T_d + f / k_p is known, T_d and f are not: below k_p / (f + k_d) friction is a delay."""
+    r = references(3000, 1, 0.35, 0.6)
+    q = positions(one_joint, r, 0.010) + np.random.default_rng(3).normal(0, 1e-3, r.shape)
+    result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
+    fit, last = commanded(result)["1"], [4, 1]
+    (known,) = known_combinations(fit.values[last], fit.covariance[np.ix_(last, last)])
+    assert known.weights[1] == pytest.approx(1 / GAINS[0][0], rel=0.1)
+    assert known.value == pytest.approx(0.010 + 0.10 / GAINS[0][0], abs=2 * known.std)
+    assert known.std < 0.1 * known.member_std
+    assert "friction/combination" in {note.code for joint in result.joints for note in joint.notes}

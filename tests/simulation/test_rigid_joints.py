@@ -1,0 +1,69 @@
+"""Rigid joints under commands against closed forms and SciPy's integration."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from elastid.base.arrays import FloatArray
+from elastid.simulation.rigid_joints import CommandedJoints
+
+J, f, kp, kd = 0.02, 0.1, 20.0, 1.0
+
+
+def joints(reference: FloatArray, rate_hz: float = 200.0, held: bool = True) -> CommandedJoints:
+    """One joint at rest at 0 under references (n,)."""
+    one, zero = np.ones(1), np.zeros(1)
+    command = kp * reference[:, None]
+    return CommandedJoints(rate_hz, command, kp * one, kd * one, zero, zero, 0 * command, zero, held)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.0013, 0.0172])
+def test_delayed_step_response_agrees_with_closed_form(delay_s: float) -> None:
+    """A fraction of a sample counts as such: the poles of J s^2 + (f + k_d) s + k_p after the delay."""
+    reference = np.where(np.arange(200) >= 20, 1.0, 0.0)
+    moved = joints(reference).simulate(np.array([[[J, f, 0, 0, 0, 0]]]), np.array([delay_s]))[:, 0, 0]
+    t = np.maximum(np.arange(200) / 200 - 0.1 - delay_s, 0.0)
+    decay, beat = (f + kd) / (2 * J), math.sqrt(kp / J - ((f + kd) / (2 * J)) ** 2)
+    exact = 1 - np.exp(-decay * t) * (np.cos(beat * t) + decay / beat * np.sin(beat * t))
+    assert np.max(np.abs(moved - exact)) < 3e-3
+    assert moved[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_linear_commands_agree_with_integration_by_scipy() -> None:
+    """With gravity, an offset and a load, under a sine that is linear between its samples."""
+    t = np.arange(400) / 200
+    reference, load = 0.3 * np.sin(2 * np.pi * t), 0.2 * t
+    commanded = joints(reference, held=False)
+    object.__setattr__(commanded, "load", load[:, None])
+    moved = commanded.simulate(np.array([[[J, f, 0, 0.05, 0.4, 0.7]]]), np.array([0.004]))[:, 0, 0]
+
+    def rate(time: float, x: FloatArray) -> list[float]:
+        r = float(np.interp(time - 0.004, t, reference))
+        torque = kp * (r - x[0]) - kd * x[1] - 0.2 * time - 0.05 - 0.4 * math.cos(x[0]) - 0.7 * math.sin(x[0])
+        return [x[1], (torque - f * x[1]) / J]
+
+    exact = solve_ivp(rate, (0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.005).y[0]
+    assert np.max(np.abs(moved - exact)) < 2e-4
+
+
+def test_a_joint_sticks_where_its_command_is_below_coulomb_friction() -> None:
+    """Exactly, without creep; beyond it the joint ends where friction holds the rest of the command."""
+    reference = np.full(400, 0.02)
+    moved = joints(reference).simulate(np.array([[[J, f, 0.41, 0, 0, 0]], [[J, f, 0.1, 0, 0, 0]]]), np.zeros(2))
+    assert np.all(moved[:, 0] == 0)
+    assert 0.015 <= moved[-1, 1, 0] <= 0.025
+
+
+def test_candidates_move_as_each_alone() -> None:
+    """Together and alone they are the same to rounding; means over windows are means of samples."""
+    reference = 0.3 * np.sin(np.arange(300) / 15)
+    numbers = np.array([[[J, f, 0.1, 0, 0, 0]], [[J, 2 * f, 0.2, 0, 0.3, 0]]])
+    delays = np.array([0.0, 0.01])
+    together = joints(reference).simulate(numbers, delays)
+    for k in range(2):
+        alone = joints(reference).simulate(numbers[k : k + 1], delays[k : k + 1])
+        np.testing.assert_allclose(together[:, k], alone[:, 0], atol=1e-14)
+    means = joints(reference).simulate(numbers, delays, window=5)
+    np.testing.assert_allclose(means, together.reshape(60, 5, 2, 1).mean(axis=1), atol=1e-14)
