@@ -216,14 +216,14 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 @click.option("--kp", metavar="N[,N...]", callback=numbers_of,
     help="Position gains in N*m/rad, one or one per joint (default: MJCF servos, else the log).")  # fmt: skip
 @click.option("--kd", metavar="N[,N...]", callback=numbers_of, help="Velocity gains in N*m*s/rad, likewise.")
-@click.option("--delay", type=Finite(min=0, max=1), default=0.0, show_default=True, metavar="S",
-    help="Known delay of the commands in s.")  # fmt: skip
+@click.option("--delay", type=Finite(min=0, max=1), metavar="S",
+    help="Delay of the commands in s (default: the model's, else 0).")  # fmt: skip
 @click.option("--study", type=click.Path(path_type=Path), metavar="STUDY",
     help="Study with the channels of the logs and the controller (default: by the names in the logs).")  # fmt: skip
 @stage_options
 def predict(
     model: Path, source: Path | None, logs: tuple[Path, ...], rate_hz: float | None, kp: tuple[float, ...],
-    kd: tuple[float, ...], delay: float, study: Path | None, **options: Any,
+    kd: tuple[float, ...], delay: float | None, study: Path | None, **options: Any,
 ) -> None:  # fmt: skip
     """Judge a model on logs: prediction.json and prediction.png.
 

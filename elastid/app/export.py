@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from elastid.app.commanded_robot import command_delay, with_armatures
 from elastid.app.identified_robot import (
     robot_of_fit,
     robot_of_friction,
@@ -172,8 +173,8 @@ def _export_friction(run: Run, target: str, folder: Path) -> Iterable[Path]:
     if target == COMPENSATION:
         return write_compensation(folder, with_identified_friction(robot, result), name, ())
     if target == ACTUATORS:
-        identified = with_identified_friction(robot, result)
-        numbers = actuators_of(name, identified, friction_intervals(result), _gains(run.study))
+        delay_s, intervals = command_delay(result), friction_intervals(result)
+        numbers = actuators_of(name, with_armatures(robot, result), intervals, _gains(run.study), delay_s)
         return write_actuators(folder, numbers)
     return _written(folder, robot_of_friction(name, robot, result))
 

@@ -1,13 +1,14 @@
 """predict MODEL --log LOG: a model judged on logs by simulation from the commands alone: prediction.json and .png."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from elastid.app.commanded_robot import command_delay, commanded_robot, rigid_numbers
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings
 from elastid.app.run import logged_in
@@ -25,6 +26,7 @@ from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
 from elastid.simulation.spec import ControllerSpec
 from elastid.store.files import keep_checksums
+from elastid.store.friction_study import read_friction_result
 from elastid.store.measured import read_friction
 from elastid.store.results import read_fit, read_gears
 from elastid.store.values import SCHEMA, write_json
@@ -51,10 +53,15 @@ _NEAR = 0.08
 
 @dataclass(frozen=True)
 class Model:
-    """A robot with the gains of its actuators by joint, if the model has them."""
+    """A robot with the gains of its actuators by joint, if the model has them.
+
+    offsets: constant torques against the joints, link side.  delay_s: of the commands.
+    """
 
     robot: Robot
-    servos: dict[str, tuple[float, float]]
+    servos: dict[str, tuple[float, float]] = field(default_factory=dict)
+    offsets: tuple[float, ...] = ()
+    delay_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -67,34 +74,37 @@ class Given:
     rate_hz: float | None = None
     kp: tuple[float, ...] = ()
     kd: tuple[float, ...] = ()
-    delay_s: float = 0.0
+    delay_s: float | None = None
     recorded: RecordedSpec | None = None
 
 
 def read_model(path: Path) -> Model:
     """The robot of a run folder or fit.h5, a robot model of elastid, a URDF, or an MJCF file with its servos."""
     if path.is_dir() or path.suffix == ".h5":
-        return Model(_of_result(path), {})
+        return _of_result(path)
     if not path.is_file():
         raise StudyError("files/missing", "no such file; give a run folder, robot.yml, URDF or MJCF", path)
     if path.suffix.lower() in (".xml", ".mjcf"):
         return Model(*read_mjcf_servos(path))
-    return Model(read_urdf_model(path) if path.suffix.lower() == ".urdf" else load_robot(path), {})
+    return Model(read_urdf_model(path) if path.suffix.lower() == ".urdf" else load_robot(path))
 
 
-def _of_result(path: Path) -> Robot:
+def _of_result(path: Path) -> Model:
+    """The fitted robot of a run folder, with the friction and effects of gears that were found in its records."""
     folder = path if path.is_dir() else path.parent
-    exported = folder / "export" / "robot" / "robot.yml"
-    if (folder / "fit.h5").is_file():
-        frf, gears = folder / "frf.h5", folder / "gears.h5"
+    fit, frf, gears, law = (folder / f"{stage}.h5" for stage in ("fit", "frf", "gears", "friction"))
+    if fit.is_file():
         friction = read_friction(frf) if frf.is_file() else None
-        return with_findings(
-            estimated_robot(read_fit(folder / "fit.h5")), friction, read_gears(gears if gears.is_file() else None)
-        )
-    if exported.is_file():
-        return load_robot(exported)
-    advice = "Run `elastid export STUDY --to robot` for a friction study, then give the folder again"
-    raise StudyError("files/missing", f"neither fit.h5 nor export/robot/robot.yml is there. {advice}", folder)
+        found = read_gears(gears if gears.is_file() else None)
+        return Model(with_findings(estimated_robot(read_fit(fit)), friction, found))
+    if not law.is_file():
+        text = "neither fit.h5 nor friction.h5 is there. Run the study first, or give a robot model"
+        raise StudyError("files/missing", text, folder)
+    result, robot = read_friction_result(law), load_robot(folder / "identified_robot.yml")
+    values, delay_s = rigid_numbers(result), command_delay(result)
+    # An offset of a study by torques is that of a sensor.
+    offsets = [values.get((name, "offset"), 0.0) for name in robot.driven_names if delay_s is not None]
+    return Model(commanded_robot(robot, result), {}, tuple(offsets), delay_s or 0.0)
 
 
 def predict_from_commands(
@@ -146,7 +156,8 @@ def _motion(model: Model, path: Path, given: Given, console: Console) -> Command
         controller = given.recorded.controller.spec
         loop = replace(loop, ki=loop_of(given.recorded.controller, len(loop.kp)).ki)
     signals = log.command, log.velocity, log.position
-    return CommandedMotion(path.stem, log.rate_hz, *signals, loop, given.delay_s, controller)
+    delay_s = model.delay_s if given.delay_s is None else given.delay_s
+    return CommandedMotion(path.stem, log.rate_hz, *signals, loop, delay_s, controller, model.offsets)
 
 
 def _gains(model: Model, log: CommandLog, given: Given, path: Path, console: Console) -> JointLoop:
@@ -188,12 +199,14 @@ def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator
 
 def _words(test: Tested) -> str:
     """A test as a clause: the number, its best value, and the error with it and as given."""
-    error = f"rms error {number(test.rms, 3)} instead of {number(test.rms_as_given, 3)} ({test.removed:.0%} removed)"
+    rms, as_given = number(test.rms, 3), number(test.rms_as_given, 3)
+    error = f"rms error {rms} instead of {as_given} ({100 * test.removed:.3g} % removed)"
     match test.quantity:
         case "clock":
             return f"clock: the period of the log is {ratio_words(test.value)} times the given one; {error}"
         case "delay":
-            return f"delay: the commands act {1e3 * test.value:.3g} ms later than simulated; {error}"
+            side = "earlier" if test.value < 0 else "later"
+            return f"delay: the commands act {1e3 * abs(test.value):.3g} ms {side} than simulated; {error}"
         case "kp" | "kd":
             return f"gain {test.quantity}: {test.value:.3g} times the given one; {error}"
         case "position sign":

@@ -42,7 +42,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.execution import Execution
 from elastid.base.statistics import small_sample_factors
-from elastid.fit.gear_ratios import ratio_covariance
+from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
 from elastid.fit.line_sums import (
     LineSums,
     block_variance,
@@ -105,7 +105,8 @@ class Uncertainty:
     disagreement: T of the blocks, 1 for a true model (`blocks`).  shift (n_x,): the deviation by the blocks over that
     by measured noise, ratios of gears and declared floor alone.
     averaging_fraction (n_x,): of the variance: averages out over repeated measurements, 1 for an exact robot model.
-    persistent_fraction (n_x,): of the variance, by errors of the robot model that no data reduce, else 0.
+    persistent_fraction (n_x,): of the variance, by errors of the robot model that no data reduce, else 0.  ratios: of
+    the gears.
     """
 
     covariance: FloatArray
@@ -121,6 +122,7 @@ class Uncertainty:
     persistent_fraction: FloatArray
     costs: FloatArray
     power: tuple[FloatArray, ...]
+    ratios: RatioScatter
 
 
 # Times the data of a measurement that counts as one without end: noise a hundredth.
@@ -145,8 +147,9 @@ def estimate_uncertainty(
         residuals = np.maximum.reduce([residuals, blocks, jackknife_variance(parts, half)])
     floor = floor_covariance(sums, cost, expected_cost, cost_dof)
     together = max((response.correlated_lines for response in responses), default=1.0)
-    level = math.nan if is_forecast else together * max(cost / max(expected_cost, 1e-300), 1.0)
-    ratios, friction = ratio_covariance(parts, half, level), friction_variance(fit.parameters, responses, is_taken_out)
+    friction = friction_variance(fit.parameters, responses, is_taken_out)
+    scatter = scatter_of_ratios(parts, half, math.nan if is_forecast else cost, expected_cost, together)
+    ratios = scatter.covariance
     total = np.maximum(np.diag(noise + ratios) + friction, 1e-300)
     of_file, lasting = file_variance(sums, [i for i, p in enumerate(fit.parameters.free) if p.is_nuisance])
     repeated = np.maximum(np.diag(noise) - of_file, 0.0)
@@ -166,7 +169,7 @@ def estimate_uncertainty(
         shift=np.where(unreached, 0.0, np.sqrt(blocks / (total + np.diag(floor)))),
         averaging_fraction=repeated / total,
         persistent_fraction=(np.minimum(lasting, of_file) + np.diag(ratios)) / total,
-        costs=costs, power=power,
+        costs=costs, power=power, ratios=scatter,
     )  # fmt: skip
 
 

@@ -12,13 +12,13 @@ M_jq: the change of x by one standard deviation of the file's tolerance at angle
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.fit.line_sums import LineSums
 
 # rad; angles that transmission errors do not tell apart.
@@ -26,12 +26,32 @@ SAME_ANGLE = 1e-3
 # Standard deviations of ratios over the tolerance of the file, and mean and std of their logarithm beforehand, for rigs
 # with transmission errors of 0 to 2 % of the ratio in 2, 3 and 5 postures (scripts/studies/results.csv).
 RATIO_STD = np.exp(np.linspace(np.log(0.03), np.log(8.0), 21))
-RATIO_PRIOR = np.log(1.5), 1.5
+RATIO_PRIOR = 0.0, 2.0
 
 
-def ratio_covariance(parts: Sequence[LineSums], half: FloatArray, level: float) -> FloatArray:
-    """Covariance (n_x, n_x) of x = H^T z; half (n, n_x): H.  level: c, NaN for a forecast."""
+@frozen_value
+class RatioScatter:
+    """Covariance (n_x, n_x) of x by the ratios; std of each gear over its tolerance, by input, 1 of one angle.
+
+    drop: of V with the ratios at the mean of their posterior.
+    """
+
+    covariance: FloatArray
+    std: Mapping[str, float]
+    drop: float
+
+
+def scatter_of_ratios(
+    parts: Sequence[LineSums], half: FloatArray, cost: float, expected: float, together: float
+) -> RatioScatter:
+    """Find the variance of the ratios; half (n, n_x): H, x = H^T z.
+
+    cost, expected: V, NaN for a forecast, and V by the noise.  together: lines whose errors are correlated.  c is the
+    part of V over `expected` that the ratios do not explain, in three rounds.
+    """
     joints = [joint for part in parts for joint in part.ratios.joints]
+    if not joints:
+        return RatioScatter(np.zeros((half.shape[1], half.shape[1])), {}, 0.0)
     pull = np.reshape([row for part in parts for row in part.ratios.pull], (-1, len(half)))
     power = block_diag(*(part.ratios.power for part in parts)) - pull @ pull.T
     moved = np.concatenate([part.ratios.moved for part in parts])
@@ -39,8 +59,14 @@ def ratio_covariance(parts: Sequence[LineSums], half: FloatArray, level: float) 
     to_groups = np.array([[place == group for group in dict.fromkeys(groups)] for place in groups], float)
     names = [name for name, _ in dict.fromkeys(groups)]
     shifts = to_groups.T @ pull @ half
-    s = ratio_std(to_groups.T @ power @ to_groups, to_groups.T @ moved, names, level)
-    return np.asarray((s[:, None] * shifts).T @ (s[:, None] * shifts))
+    N, h, drop = to_groups.T @ power @ to_groups, to_groups.T @ moved, 0.0
+    for _ in range(3):
+        level = together * max((cost - drop) / max(expected, 1e-300), 1.0)
+        s = ratio_std(N, h, names, level)
+        e = s * np.linalg.solve((s * N.T).T * s + (1.0 if math.isnan(level) else level) * np.eye(len(s)), s * h)
+        drop = float(2 * h @ e - e @ N @ e)
+    covariance = (s[:, None] * shifts).T @ (s[:, None] * shifts)
+    return RatioScatter(covariance, dict(zip(names, s.tolist(), strict=True)), drop)
 
 
 def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:

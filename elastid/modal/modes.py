@@ -129,7 +129,7 @@ class Modes:
         return StateSpace(place, A, B, C, D, 0.0, self.inputs, self.outputs, self.quantity)
 
     def _residual(self) -> tuple[FloatArray, "list[_Section]"]:
-        """D (n_y, n_u) and three sections that follow what the modes leave of the synthesis."""
+        """Fit D (n_y, n_u) and three sections to the difference of synthesis and modes."""
         freq_hz, G = self.at_hz, self.synthesis
         s = 2j * np.pi * freq_hz
         ends = 2 * np.pi * np.array([freq_hz[0] * _OUTSIDE[0], *(freq_hz[-1] * x for x in _OUTSIDE[1:])])
@@ -175,7 +175,7 @@ class Modes:
 
     @property
     def state_space_error(self) -> float:
-        """Rms of what `state_space` differs by from the synthesis, over the synthesis, both at the lines."""
+        """Rms difference of `state_space` and synthesis at the lines, relative to the rms of the synthesis."""
         difference = self.state_space().response(self.at_hz) - self.synthesis
         return float(np.linalg.norm(difference) / np.linalg.norm(self.synthesis))
 

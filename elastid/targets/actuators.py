@@ -18,7 +18,8 @@ from xml.etree import ElementTree as ET
 from elastid.base.escape import comment_lines, docstring, one_line, xml_comment
 from elastid.base.files import from_template
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.friction_study.result import FrictionResult
+from elastid.friction_study.commanded import DELAY
+from elastid.friction_study.result import RIGID_TERMS, FrictionResult
 from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.robot import Friction, Joint, Robot
 from elastid.robot.friction_numbers import TERMS, law_of
@@ -37,7 +38,7 @@ UNITS: Final = {
 
 @dataclass(frozen=True)
 class Actuator:
-    """Numbers of a driven joint, link side, SI; stiffness and damping of its gear are None for a rigid gear.
+    """Numbers of a driven joint, link side, SI; stiffness and damping of its gear, None if it is rigid.
 
     rotor_inertia: motor side.  kp, kd, delay: of the joint controller, None if unknown.  lost: parts of the model that
     no snippet has.
@@ -144,15 +145,21 @@ def fit_intervals(model: FittedRobot, friction: FrictionTakenOut | None) -> Inte
 
 
 def friction_intervals(result: FrictionResult) -> Intervals:
-    """Intervals of the numbers of a friction study; none of a number that differs by direction."""
-    terms = {quantity: TERMS[quantity] for quantity in UNITS if quantity in TERMS}
-    return {
+    """Intervals of the numbers of a friction study; none of a number that differs by direction.
+
+    All joints share the delay, which is among the numbers of the first.
+    """
+    every = {**TERMS, "armature": RIGID_TERMS["armature"], "delay": RIGID_TERMS[DELAY]}
+    terms = {quantity: every[quantity] for quantity in UNITS if quantity in every}
+    intervals = {
         (joint.joint, quantity): (number.low, number.high)
         for joint in result.joints
         for quantity, term in terms.items()
         for number in joint.numbers
         if number.name == term.name(joint.joint)
     }
+    late = [ends for (_, quantity), ends in intervals.items() if quantity == "delay"]
+    return intervals | {(joint.joint, "delay"): late[0] for joint in result.joints if late}
 
 
 def write_actuators(folder: Path, actuators: Actuators) -> tuple[Path, ...]:

@@ -49,7 +49,8 @@ Quantity: TypeAlias = Literal["clock", "delay", "kp", "kd", "position sign", "jo
 class CommandedMotion:
     """Commands, commanded velocities and positions (n, n_u) of a log at rate_hz, and the gains of its controllers.
 
-    delay_s: known delay of the commands.  controller: with filters behind the feedback, if any are known.
+    delay_s: known delay of the commands.  controller: with filters behind the feedback, if any are known.  offsets:
+    constant torques against the joints, link side; none if empty.
     """
 
     name: str
@@ -60,6 +61,7 @@ class CommandedMotion:
     gains: JointLoop
     delay_s: float = 0.0
     controller: ControllerSpec = ControllerSpec()
+    offsets: tuple[float, ...] = ()
 
     def first(self, seconds: float) -> "CommandedMotion":
         """The motion up to a duration."""
@@ -167,7 +169,7 @@ def predict(plant: Plant, motion: CommandedMotion, change: Change | None = None)
     velocity = _held(motion.velocity / change.clock, edges, period_s)
     still = np.zeros_like(command)
     gains = JointLoop(motion.gains.kp * change.kp, motion.gains.kd * change.kd, motion.gains.ki)
-    commands = Commands(command, velocity, still, still, still)
+    commands = Commands(command, velocity, still - np.array(motion.offsets or 0.0), still, still)
     moved = follow(plant, commands, np.ones(n_u, bool), gains, motion.position[0], np.zeros(n_u))
     samples = np.arange(n) * period_s / drive_s
     return np.stack([np.interp(samples, np.arange(ticks), reading) for reading in moved.reading.T], axis=1)

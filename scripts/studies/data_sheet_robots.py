@@ -11,7 +11,7 @@ the share of 95 % intervals of k and d that hold the truth, misfits, and the wor
 
 With --transmission the gears of the two-axis robot have transmission errors of up to this part of the ratio, a number
 for each draw, of random phase in each of some random postures: for each number of postures the share of intervals of k
-that hold, and the median stated std over the rms error.
+that hold, and the median stated std over that of the errors.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -112,7 +112,7 @@ def judged(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
 
 
 def with_transmission_errors(amplitude: float, postures: int, draws: int, seed: int) -> dict[str, Any]:
-    """Intervals of k that hold, and the stated std over the rms error, of the two-axis robot at low noise."""
+    """Intervals of k that hold, and the stated std over that of the errors, of the two-axis robot at low noise."""
     plant, errors, stds, inside = two_axes(), list[float](), list[float](), list[bool]()
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw, postures, int(1e6 * amplitude)])

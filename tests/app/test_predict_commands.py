@@ -8,6 +8,13 @@ import pytest
 from plants.commanded_joint import CommandedJoint
 
 from elastid.app import cli
+from elastid.app.commanded_robot import command_delay, commanded_robot, rigid_numbers
+from elastid.friction_study.commanded import DELAY
+from elastid.friction_study.result import RIGID_TERMS, FrictionNumber, FrictionResult, JointFriction
+from elastid.model.formulation import formulate
+from elastid.robot import Body, Friction, Joint, Motor, Robot
+from elastid.robot.simplified import without_friction
+from elastid.simulation.controller import feed_forward
 from elastid.study.robots import yaml_text
 
 URDF = """<robot name="leg"><link name="base"/><link name="shank"><inertial><mass value="1"/>
@@ -78,6 +85,62 @@ def test_mjcf_is_a_model_with_its_servo(log: Path, tmp_path: Path) -> None:
         assert code == expected
     assert content["tests"][0]["quantity"] == "kp"
     assert content["tests"][0]["value"] == pytest.approx(20 / 26, rel=0.02)
+
+
+STUDY = """
+name: leg
+robot: robot.yml
+friction: {{constant_velocity: detect}}
+experiment:
+  recorded:
+    rate_hz: 200
+    channels:
+      - {{role: u, at: motor knee, channel: kp, unit: N*m}}
+      - {{role: reference, at: motor knee, channel: command, quantity: position}}
+      - {{role: y, at: motor knee, channel: turned, quantity: position, unit: deg, sign: -1}}
+    files: [{{path: log.npz}}]
+    controller: {{position_gain: {gain}, velocity_gain: 1}}
+"""
+
+
+@pytest.mark.slow
+def test_channels_and_controller_of_a_study_are_used(log: Path, tmp_path: Path) -> None:
+    """Positions in degrees and of the other sign; the gains of the study, not of the log."""
+    with np.load(log) as content:
+        signals = {name: content[name] for name in ("command", "position")}
+    np.savez(tmp_path / "log.npz", command=signals["command"], turned=-np.rad2deg(signals["position"]), kp=[99.0])
+    (model := tmp_path / "robot.yml").write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
+    study = tmp_path / "study.yml"
+    for gain, expected in ((20, 0), (26, 3)):
+        study.write_text(STUDY.format(gain=gain), encoding="utf-8")
+        words = (model, "--log", tmp_path / "log.npz", "--study", study)
+        code, content = predicted(tmp_path / f"run {gain}", *words)
+        assert code == expected
+    assert content["tests"][0]["quantity"] == "kp"
+
+
+def test_numbers_of_a_study_by_commands_make_pendulums() -> None:
+    """J q'' + f q' + G cos q + H sin q of each joint, whatever the file has; a delay, and offsets apart."""
+    file = Robot("leg", (Body("shank", joints=(Joint("knee", motor=Motor(9.0, -3.0)),), mass=5.0),))
+    values = {"inertia": 0.02, "gravity.cos": 1.1, "gravity.sin": -0.7, "offset": 0.3, DELAY: 0.005}
+    numbers = [
+        FrictionNumber(term.name("knee"), term.symbol, "", "", value, 0.1, 0.0, 1.0, "")
+        for path, value in values.items()
+        if (term := RIGID_TERMS[path])
+    ]
+    joint = JointFriction("knee", False, friction=Friction(0.15), viscous=0.25, numbers=tuple(numbers))
+    result = FrictionResult((joint,), (), "identified", "")
+    assert command_delay(result) == 0.005
+    assert rigid_numbers(result)["knee", "offset"] == 0.3
+    robot = commanded_robot(file, result)
+    assert robot.driven[0].motor is not None
+    assert robot.driven[0].motor.friction == Friction(0.15)
+    model = formulate(without_friction(robot))
+    q = np.linspace(-2, 2, 5)[:, None]
+    still = np.zeros_like(q)
+    rest = feed_forward(model, np.zeros(1), q, still, still)
+    np.testing.assert_allclose(rest, 1.1 * np.cos(q) - 0.7 * np.sin(q), atol=1e-12)
+    np.testing.assert_allclose(feed_forward(model, np.zeros(1), q, still, still + 1) - rest, 0.02, atol=1e-12)
 
 
 def test_missing_gains_and_models_are_refused(tmp_path: Path) -> None:

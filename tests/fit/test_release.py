@@ -64,18 +64,22 @@ def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None
 
 @pytest.mark.parametrize("error", [0.0, 0.01])
 def test_ratios_that_differ_from_posture_to_posture_are_seen_in_the_residuals(error: float) -> None:
-    """Transmission errors of 0 and 1 % of the ratio: k within 3 std, which is below 0.45 % and above 0.5 %."""
-    rng = np.random.default_rng(5)
-    factors = 1 + error * rng.choice([-1, 1], (len(POSTURES), 2))
-    responses = [
-        replace(G, G=e[:, None] * G.G * e, ratio_std=np.full(2, 0.003))
-        for e, G in zip(factors, measure(arm(), rng), strict=True)
-    ]
+    """Transmission errors of 0 and 1 % of the ratio, named: k within 3 std, which is below 0.3 % and above 0.5 %."""
+    rng, responses = np.random.default_rng(5), []
+    for i, signs in enumerate(rng.choice([-1, 1], (len(POSTURES), 2))):
+        e = 1 + error * signs
+        # Inertia and friction of a motor are known on its own side, its angle and torque referred by the file's ratio.
+        numbers = {f"{name}_{j}": e[j - 1] ** 2 for name in ("Jm", "fm") for j in (1, 2)}
+        robot = arm().with_parameters({name: arm().parameters()[name][0] * by for name, by in numbers.items()})
+        G = measure(robot, rng)[i]
+        responses.append(replace(G, G=e[:, None] * G.G * e, ratio_std=np.full(2, 0.003)))
     result = identify(responses, arm(Tolerances()), SPEC)
+    assert ("fit/ratio-varies" in {note.code for note in result.notes}) == bool(error)
+    assert result.status == "converged"
     for name, truth in (("k_1", 3e4), ("k_2", 2e4)):
         std = result.std[name]
         assert abs(result.values[name] - truth) < 3 * std
-        assert (std < 0.0045 * truth) if error == 0 else (std > 0.005 * truth)
+        assert (std < 0.003 * truth) if error == 0 else (std > 0.005 * truth)
 
 
 @pytest.mark.slow

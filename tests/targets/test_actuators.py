@@ -12,7 +12,8 @@ import pytest
 from ruamel.yaml import YAML
 
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
+from elastid.friction_study.commanded import DELAY
+from elastid.friction_study.result import RIGID_TERMS, FrictionNumber, FrictionResult, JointFriction
 from elastid.robot import Body, Friction, Joint, Limits, Motor, Robot, Spring
 from elastid.robot.friction import Directions
 from elastid.robot.friction_numbers import TERMS
@@ -125,12 +126,15 @@ def test_intervals_of_a_fit_are_on_the_link_side(serial_model: FittedRobot) -> N
 
 
 def test_intervals_of_a_friction_study_are_assigned_by_name() -> None:
-    """Coulomb and viscous friction; no interval of a number that has one for each direction."""
+    """Coulomb and viscous friction; no interval of a number for each direction. The delay is of all joints."""
 
     def number(path: str, mark: str = "") -> FrictionNumber:
-        term = TERMS[path]
+        term = (TERMS | RIGID_TERMS)[path]
         return FrictionNumber(f"{term.name('rail')}{mark}", term.symbol, term.meaning, "N", 4.0, 0.1, 3.8, 4.2, "log")
 
-    joint = JointFriction("rail", True, numbers=(number("coulomb", "+"), number("viscous"), number("stiction")))
-    result = FrictionResult((joint,), (), "converged", "")
-    assert friction_intervals(result) == {("rail", "viscous"): (3.8, 4.2), ("rail", "stiction"): (3.8, 4.2)}
+    joint = JointFriction("rail", True, numbers=(number("coulomb", "+"), number("viscous"), number(DELAY)))
+    result = FrictionResult((joint, JointFriction("knee", False)), (), "identified", "")
+    ends = 3.8, 4.2
+    assert friction_intervals(result) == {
+        ("rail", "viscous"): ends, ("rail", "delay"): ends, ("knee", "delay"): ends,
+    }  # fmt: skip

@@ -1,6 +1,7 @@
 """Priors of the study and tolerances of the robot model against the data."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,7 +9,12 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.gear_ratios import RatioScatter
 from elastid.fit.result import ModificationIndex, Result
+from elastid.response import Response
+
+# Std of a gear ratio over its tolerance, from which on a note states it.
+SCATTERED = 1.5
 
 
 def exceeded_tolerance(index: ModificationIndex, result: Result) -> float:
@@ -68,6 +74,26 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
         f"change {p.name} by {change}. Check torque constants, angles and payload, which the tolerances may absorb"
     )
     return (Note("fit/tolerances", text, p.name),)
+
+
+def explained_by_ratios(result: Result, ratios: RatioScatter) -> float:
+    """Fraction of the excess of V that ratios explain which differ from angle to angle."""
+    return result.exceeds_noise * ratios.drop / max(result.cost - result.cost_expected, 1e-300)
+
+
+def scattered_ratios(result: Result, ratios: RatioScatter, responses: Sequence[Response]) -> tuple[Note, ...]:
+    """A note on gears whose ratio differs from angle to angle, where that explains most of the excess of V."""
+    first, notes = responses[0], list[Note]()
+    for name, std in ratios.std.items() if explained_by_ratios(result, ratios) > LIMITS.half else ():
+        scatter = std * float(first.ratio_std[first.inputs.index(name)])
+        text = (
+            f"{name}: the gear ratio differs between configurations by {100 * scatter:.2g} % (std; tolerance "
+            f"{100 * scatter / std:.2g} %), as with a transmission error. The intervals include it. To narrow them, "
+            "measure more configurations, or superimpose a movement over whole motor revolutions"
+        )
+        if std > SCATTERED:
+            notes.append(Note("fit/ratio-varies", text))
+    return tuple(notes)
 
 
 def relative(factor: float) -> str:

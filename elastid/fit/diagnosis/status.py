@@ -33,7 +33,12 @@ from elastid.base.names import matching, posture_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, fault, phrase
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances, prior_moves
+from elastid.fit.diagnosis.priors import (
+    contradicted_priors,
+    contradicted_tolerances,
+    explained_by_ratios,
+    prior_moves,
+)
 from elastid.fit.result import (
     AT_BOUND,
     BIASED,
@@ -107,7 +112,13 @@ def with_status(evidence: Evidence) -> Result:
     if by_blocks and cause is not None and cause.explained_fraction >= LIMITS.reason_share:
         by_blocks = f"{fault(cause, evidence)}. {capital(by_blocks)}"
     misfit = by_blocks or _by_held_number(evidence) or _beyond_declared(evidence)
-    if misfit := misfit or _by_prior(evidence) or next((note.text for note in contradictions(result)), ""):
+    # The intervals include ratios that differ from angle to angle.
+    is_covered = explained_by_ratios(result, evidence.uncertainty.ratios) > LIMITS.explained_share
+    if (
+        misfit := ""
+        if is_covered
+        else misfit or _by_prior(evidence) or next((note.text for note in contradictions(result)), "")
+    ):
         return ended("misfit", f"{misfit}{held and f'. The fit ended{held}'}")
     biased = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(BIASED)]
     but = f", but {', '.join(biased)} biased" if biased else ""

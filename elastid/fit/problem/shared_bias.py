@@ -22,6 +22,8 @@ from scipy.linalg import block_diag
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, mixed
 from elastid.fit.problem.least_squares import as_real
+from elastid.linear.linear_model import LinearModel
+from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
 Factor: TypeAlias = tuple[str, int, str]  # input, index and configuration, "" for all configurations
@@ -39,22 +41,45 @@ def find_factors(responses: Sequence[Response]) -> tuple[Factor, ...]:
     return tuple(factors)
 
 
-def ratio_errors(part: Part, response: Response, mixing: ComplexArray | None) -> dict[str, ComplexArray]:
+def ratio_errors(
+    part: Part, response: Response, theta: FloatArray, mixing: ComplexArray | None
+) -> dict[str, ComplexArray]:
     r"""Whitened errors (F, n_y, n_u) of a response by the ratio of each gear, by its input, of one standard deviation.
 
-    .. math:: \delta G = \epsilon_j (e_j e_j^T G + G\, e_j e_j^T)
+    .. math:: \delta G = \epsilon_j (e_j e_j^T G + G\, e_j e_j^T - 2\, G\, e_j\, s^{-o} (J_j s^2 + f_j s)\, e_j^T G)
 
-    They widen intervals and are not estimated: a factor of a whole row and column, which the model hardly tells from
-    its numbers, would follow what noise and weights share.
+    J_j, f_j: of the motor at theta (n_theta,), which the ratio of the file refers to the link side as the angles; o: of
+    the derivative of the motion.  They widen intervals and are not estimated (`fit.gear_ratios`).
     """
-    errors = dict[str, ComplexArray]()
+    errors, s = dict[str, ComplexArray](), np.asarray(2j * np.pi * response.freq_hz)
+    late = np.exp(s * sum(of_name(part.kernel.model, theta, name) for name in ("delay", "delay_u")))
     for j, std in enumerate(response.ratio_std.tolist()):
         if std > 0 and response.inputs[j] in response.outputs:
             i, error = response.outputs.index(response.inputs[j]), np.zeros_like(response.G)
             error[:, i] += std * response.G[:, i]
             error[:, :, j] += std * response.G[:, :, j]
+            impedance = _of_motor(part.kernel.model, theta, j, s) * late * s ** -MOTION_ORDER[response.quantity]
+            error -= 2 * std * impedance[:, None, None] * response.G[:, :, j, None] * response.G[:, i, None, :]
             errors[response.inputs[j]] = mixed(mixing, error * part.error_gain)
     return errors
+
+
+def of_name(model: LinearModel, theta: FloatArray, name: str) -> float:
+    """Value of a parameter of a model at theta (n_theta,), 0 without it."""
+    return float(theta[model.parameters.index(name)]) if name in model.parameters else 0.0
+
+
+def _of_motor(model: LinearModel, theta: FloatArray, j: int, s: ComplexArray) -> ComplexArray:
+    """Torque over angle (F,) of a motor by its inertia and viscous friction; its inertia is that of its coordinate."""
+    joint, b = model.inputs[j].removeprefix("motor "), model.B[:, j]
+    inertia, friction = (model.slopes.get(f"{name}_{joint}") for name in ("Jm", "fm"))
+    at = int(np.argmax(np.abs(b)))
+    J = 0.0 if np.any(np.delete(model.M[at], at)) else float(b @ model.M @ b)
+    if inertia is not None and inertia.M is not None:
+        J = of_name(model, theta, f"Jm_{joint}") * float(b @ inertia.M @ b)
+    is_free = friction is not None and friction.D is not None
+    f = of_name(model, theta, f"fm_{joint}") * float(b @ friction.D @ b) if is_free else 0.0  # type: ignore[union-attr,operator]
+    return np.asarray(J * s**2 + f * s)
 
 
 def errors_of(response: Response) -> ComplexArray:

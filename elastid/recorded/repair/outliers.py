@@ -10,7 +10,9 @@ times as large as at 90 % of the samples of most parts of the log: drift, transi
 are no spikes, nor are the pulses of a controller at the counts of an encoder.  A value that repeats the previous one
 exactly, or is exactly 0, is a lost message where the channel hardly has such values by chance, or where one e differs.
 A sample is replaced only if its distance from the interpolation is more than four times the error of the interpolation
-beside it.  Interpolated samples are references and are never judged.
+beside it.  Interpolated samples are references and are never judged, nor is the only measured sample of a phase.
+Spikes at one phase of two of three periods are told by their roughness: below the roughness of the signal equal ones
+outvote the third period.
 """
 
 from __future__ import annotations
@@ -132,7 +134,7 @@ def _replaced(
 
 
 def _with_other_period(judged: BoolArray, L: int) -> BoolArray:
-    """Judged samples (P L,) that are not the only ones of their phase, nor beside these: others are interpolated."""
+    """Drop judged samples (P L,) with no other measured period at their phase, and samples beside them."""
     from scipy.ndimage import maximum_filter
 
     is_sole = maximum_filter(judged.reshape(-1, L).sum(axis=0) < 2, 2 * MAX_RUN + 1, mode="wrap")
