@@ -72,7 +72,6 @@ class CommandedFit:
     """Numbers of all joints from their commands: names and values (n_x,), covariance (n_x, n_x).
 
     names: joint and number, the last ("", "command_delay").  rms (m,): of measured minus simulated positions, by joint.
-    between (n_x,): std between logs over that within them, 1 within chance.
     """
 
     names: tuple[tuple[str, str], ...]
@@ -80,7 +79,6 @@ class CommandedFit:
     values: FloatArray
     covariance: FloatArray
     rms: FloatArray
-    between: FloatArray
 
     def of_joint(self, joint: str) -> "CommandedJoint":
         """The numbers of a joint, with the delay as the last."""
@@ -88,16 +86,6 @@ class CommandedFit:
         names, block = tuple(self.names[i][1] for i in places), np.ix_(places, places)
         rms = float(self.rms[self.joints.index(joint)])
         return CommandedJoint(joint, names, self.values[places], self.covariance[block], rms, self.joints[0] == joint)
-
-    def table(self) -> FloatArray:
-        """Numbers (m, 6) of the joints as the simulation takes them."""
-        known = dict(zip(self.names, self.values.tolist(), strict=True))
-        return np.array([[known.get((joint, name), 0.0) for name in NUMBERS] for joint in self.joints])
-
-    @property
-    def delay_s(self) -> float:
-        """T_d."""
-        return float(self.values[-1])
 
 
 # Largest rms of measured minus simulated positions over that of the position about its mean: above, it is a misfit.
@@ -383,14 +371,14 @@ def _fit(
         text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
         raise DataError("friction/motion", text, problem.logs[0].name)
     names = (*((problem.joints[i], NUMBERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
-    covariance, between = _covariance(end, problem, measured, names)
-    return CommandedFit(names, problem.joints, np.append(numbers[is_free], delay_s), covariance, rms, between)
+    covariance = _covariance(end, problem, measured, names)
+    return CommandedFit(names, problem.joints, np.append(numbers[is_free], delay_s), covariance, rms)
 
 
 def _covariance(
     end: _Linearised, problem: _Problem, measured: Sequence[FloatArray], names: Sequence[tuple[str, str]]
-) -> tuple[FloatArray, FloatArray]:
-    """Covariance (n_x, n_x) of the numbers, and the factor (n_x,) of their stds by the scatter between logs."""
+) -> FloatArray:
+    """Covariance (n_x, n_x) of the numbers, over time, in the order of the angle, and between logs."""
     m, rate_hz = len(end.scores), problem.commanded.rate_hz / problem.window
     counts = [cosine_count(len(score) / rate_hz, m) for score in end.scores]
     meat = sum(long_run(score, count) for score, count in zip(end.scores, counts, strict=True))
@@ -407,11 +395,9 @@ def _covariance(
             ]
         )
         wider[places] = state_widening(end.inverse, every, angle[:, None], variance, dofs)[places]
-    between = np.ones(len(covariance))
     if m > 1:
         d = np.array([score.sum(axis=0) for score in end.scores]) @ end.inverse
         ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
         beyond = ratio > np.maximum(fdtri(m - 1, dof, 1 - CHANCE), wider**2)
-        between = np.where(beyond, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), wider), 1.0)
-        wider = np.maximum(wider, between)
-    return covariance * np.outer(wider, wider), between
+        wider = np.where(beyond, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), wider), wider)
+    return np.asarray(covariance * np.outer(wider, wider))
