@@ -259,8 +259,11 @@ class _LogReader:
         controller, reference = self.recorded.controller, _signal(signals, "reference", joint.name)
         if controller is None or reference is None or ("u", f"motor {joint.name}", "") in signals:
             return {}
-        if controller.integral_time is not None or controller.notches or controller.low_pass_hz is not None:
-            text = "integral_time, notches and low_pass_hz need a torque channel. Log role u, or give the gains of a PD"
+        path = controller.reference
+        is_filtered = path is not None and (path.filter_hz is not None or path.moving_average > 0)
+        has_states = controller.integral_time is not None or controller.notches or controller.low_pass_hz is not None
+        if has_states or is_filtered:
+            text = "integral_time, notches and filters need a torque channel. Log role u, or give the gains of a PD"
             raise StudyError("study/recorded", text, "experiment.recorded.controller")
         loop, i = loop_of(controller, len(self.robot.driven)), self.robot.driven_names.index(joint.name)
         kp, kd, s = float(loop.kp[i]), float(loop.kd[i]), controller.velocity_feed_forward
