@@ -57,7 +57,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         gains = _gains(log.arrays)
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
-    if guess is None and (pairs := guess_commands([signal for signal, _ in signals])):
+    if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
         return _of_commands(logs, folder, pairs, gains, clock, robot, text)
     if guess is None:

@@ -115,6 +115,9 @@ def predict_from_commands(
     Raises MisfitError, once all is written, if a trivial predictor is as good for a joint, or if another clock, delay,
     gain or sign explains most of the error.
     """
+    for path in logs:
+        if not path.is_file():
+            raise StudyError("files/missing", "no such file; give the path of a log", path)
     model = read_model(model_path)
     with logged_in(folder, jobs, console):
         motions = [_motion(model, path, given, console) for path in logs]

@@ -94,8 +94,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     given, slides = motions[0].quantity, all(g.quantity == "force" for g in drives)
     speeds = {g.parts[1]: g for g in _best_family([g for g in guesses if g.quantity == "velocity"], MOTIONS)}
     motions = [_with_unit(m, speeds.get(m.parts[1]), values, rate_hz, slides) for m in motions]
-    if in_deg := next((m.name for m in motions if m.unit == "deg"), ""):  # one unit for all
-        motions = [replace(m, unit="deg", why=f"deg as {in_deg}") if "assumed" in m.why else m for m in motions]
+    motions = _in_one_unit(motions)
     by_label = {m.parts[1]: m for m in motions}
     paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
     joints = [_joint(*pair, values, rate_hz) for pair in zip(drives, paired, strict=True)]
@@ -111,17 +110,31 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints))
 
 
-def guess_commands(guesses: Sequence[ChannelGuess]) -> tuple[tuple[ChannelGuess, ChannelGuess], ...]:
+def guess_commands(
+    signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
+) -> tuple[tuple[ChannelGuess, ChannelGuess], ...]:
     """Measured and commanded position of each joint, by their names; empty unless every measured one has a command."""
+    values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
     measured = _best_family([g for g in guesses if g.rank >= 0], ("position",))
-    commanded = {g.parts[1]: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}
+    measured = _in_one_unit([_with_unit(g, None, values, rate_hz, False) for g in measured])
+    commanded = _commanded_positions(guesses)
     pairs = [(g, commanded[g.parts[1]]) for g in measured if g.parts[1] in commanded]
     return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(measured) else ()
 
 
+def _in_one_unit(motions: list[ChannelGuess]) -> list[ChannelGuess]:
+    if in_deg := next((m.name for m in motions if m.unit == "deg"), ""):
+        return [replace(m, unit="deg", why=f"deg as {in_deg}") if "assumed" in m.why else m for m in motions]
+    return motions
+
+
+def _commanded_positions(guesses: Sequence[ChannelGuess]) -> dict[str, ChannelGuess]:
+    return {g.parts[1]: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}
+
+
 def _references(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -> tuple[ChannelGuess, ...]:
     """Commanded positions by their names, one for each joint whose position is known; else none."""
-    commanded = {g.parts[1]: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}
+    commanded = _commanded_positions(guesses)
     members = [commanded.get(joint.motion.parts[1]) for joint in joints if joint.motion.quantity == "position"]
     if len(members) < len(joints) or None in members:
         return ()
