@@ -315,9 +315,11 @@ class Result:
             return "no residual test, because the noise is unknown"
         limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), self.residual_ratio
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
-            error = f"noise with the declared model error of {percent(self.model_error)} {self.error_ratio:.3g}"
+            error = f"(noise and declared model error of {percent(self.model_error)}) {self.error_ratio:.3g}"
             verdict = "passed" if self.is_within_declared else "failed"
-            return f"residual test {verdict}: rms residual / {error} (limit {LARGE:g}), without it {ratio:.3g}"
+            return (
+                f"residual test {verdict}: rms residual / {error} (limit {LARGE:g}); rms residual / noise {ratio:.3g}"
+            )
         verdict = "failed" if self.exceeds_noise else "passed"
         return f"residual test {verdict}: rms residual / noise {ratio:.3g} (limit {limit:.3g}, false-alarm rate 0.14 %)"
 

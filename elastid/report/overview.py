@@ -144,7 +144,7 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
     if result.cause[0]:
         return f"{capital(result.cause[0])}. {capital(result.residual_test)}."
     if "error" in (noise := _noise_and_error(result, agreements)):
-        return f"Residuals larger than noise, but not larger than {noise}."
+        return f"The residuals exceed the noise, but not the combination of {noise}."
     if DISTORTED in result.verdicts:
         return "Not in the residuals, but motor friction does not explain the nonlinear distortion (see the warning)."
     return f"No model error detected. {capital(result.residual_test)}."
