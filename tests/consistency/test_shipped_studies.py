@@ -149,7 +149,7 @@ def test_every_shipped_robot_has_a_linear_model(robot: Path, tmp_path: Path) -> 
     study = tmp_path / "study.yml"
     study.write_text(
         f"name: x\nrobot: {robot}\nexcitation: {{rate_hz: 500, period: 2, band_hz: [2, 50], torque_rms: 1}}\n"
-        "experiment: {configurations: {}, simulated: {}}\n"
+        "experiment: {configurations: {}, simulated: {}}\nfit: {parameters: {Jm_*: {}}}\n"
     )
     n_a = robot.read_text().count("motor:")
     study.write_text(study.read_text().replace("{}, simulated", f"{{c: {[0.0] * n_a}}}, simulated"))
