@@ -151,7 +151,7 @@ def _lines(title: str) -> Progress:
         if now - last >= 10.0 and 0 < done < total:
             last = now
             left = (now - started) / done * (total - done)
-            print(f"{printable(title)}: {done} of {total}, about {left:.0f} s left", file=sys.stderr, flush=True)
+            print(f"{printable(title)}: {done} of {total} done, about {left:.0f} s to go", file=sys.stderr, flush=True)
 
     return progress
 

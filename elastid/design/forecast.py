@@ -194,7 +194,7 @@ class LimitUse:
             return "no limits are given"
         q, kind, i = np.unravel_index(np.argmax(self.used), self.used.shape)
         return (
-            f"closest limit: {QUANTITIES[kind]} of {self.inputs[i]} in {self.configurations[q]}, "
+            f"closest limit: {QUANTITIES[kind]} of {self.inputs[i]} in configuration {self.configurations[q]}, "
             f"{self.peak[q, kind, i]:.4g} of {self.limit[q, kind, i]:.4g} "
             f"{unit_of(int(kind), self.inputs[i] in self.sliding)} ({100 * self.used[q, kind, i]:.0f} %)"
         )

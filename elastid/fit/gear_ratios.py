@@ -1,4 +1,4 @@
-r"""Ratios of gears that differ from angle to angle by their transmission error, and what they leave in the parameters.
+r"""Scatter of gear ratios between angles, due to transmission error, and its contribution to the parameters' variance.
 
 .. math:: \delta G_q = e_{jq} (e_j e_j^T G + G\, e_j e_j^T), \qquad e_{jq} \sim N(0, s_j^2)
 
@@ -70,7 +70,7 @@ def scatter_of_ratios(
 
 
 def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:
-    """Gear and number of the angle of each (gear, angle); of neighbours closer than SAME_ANGLE it is the same."""
+    """Return gear and angle number of each (gear, angle); neighbours closer than SAME_ANGLE have the same number."""
     order = sorted(range(len(joints)), key=joints.__getitem__)
     steps = [
         joints[i][0] != joints[j][0] or not abs(joints[j][1] - joints[i][1]) < SAME_ANGLE for i, j in pairwise(order)

@@ -105,13 +105,13 @@ LARGE = 1.5
 
 # The meaning for the parameters; after the full stop the next action.
 MEANING: dict[Status, str] = {
-    "converged": "all parameters identified. The intervals do not cover errors that all responses share",
+    "converged": "all parameters identified. The intervals do not cover errors that are equal in all responses",
     "noise_unknown": "no residual test, because the responses have no covariance; the intervals are computed from the "
     "residuals. To test the model, measure two periods or more, or give the covariance",
     "at_bound": "a parameter ended at its bound, and the others are estimated with this value. Widen the bound; if the "
     "estimate then ends at the new bound, the model may lack an effect",
-    "misfit": "significant model error: the parameters may be biased, do not use them. Correct or free the cause "
-    "that is named first, and fit again",
+    "misfit": "significant model error: the parameters may be biased, do not use them. Correct the first named cause, "
+    "or free its parameter, and fit again",
     "not_converged": "the search stopped before an optimum. Give it more starts, or start values nearer to the robot",
     "ill_conditioned": "the data do not determine all parameters. Fix or tie those that are named, or give a prior",
     "model_error": "the model does not describe these responses, do not use its parameters. Check channels, "
@@ -130,7 +130,8 @@ OTHER_JOINTS = (
     "Add the joints that may be elastic to the robot model, and search among them: `elastid compare STUDY --search`"
 )
 OTHER_AMPLITUDE = (
-    "Measure again at half the torque: if the residuals change, the cause is nonlinear; if not, a joint is missing"
+    "Measure again at half the torque: if the residuals change, the cause is nonlinear; "
+    "otherwise the model lacks a joint"
 )
 
 
@@ -312,13 +313,15 @@ class Result:
         """Verdict of the residual test, the residuals over the noise, and the limit."""
         if not self.noise_is_known:
             return "no residual test, because the noise is unknown"
-        limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), f"rms residual / noise {self.residual_ratio:.3g}"
+        limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), self.residual_ratio
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
-            error = f"with the declared model error of {percent(self.model_error)}: {self.error_ratio:.3g}"
+            error = f"(noise and declared model error of {percent(self.model_error)}) {self.error_ratio:.3g}"
             verdict = "passed" if self.is_within_declared else "failed"
-            return f"residual test {verdict}: {ratio}; {error} (limit {LARGE:g})"
+            return (
+                f"residual test {verdict}: rms residual / {error} (limit {LARGE:g}); rms residual / noise {ratio:.3g}"
+            )
         verdict = "failed" if self.exceeds_noise else "passed"
-        return f"residual test {verdict}: {ratio} (limit {limit:.3g}, false-alarm rate 0.14 %)"
+        return f"residual test {verdict}: rms residual / noise {ratio:.3g} (limit {limit:.3g}, false-alarm rate 0.14 %)"
 
     @property
     def base_remarks(self) -> dict[str, str]:
@@ -329,8 +332,8 @@ class Result:
                 if p.name.startswith("k") and -change > limit:
                     remarks[p.name] = (
                         f"{percent(-math.expm1(change))} below the stiffness of the gear alone if the {part.name} has "
-                        f"the typical stiffness of {part.stiffness:.2g} N*m/rad; negligible above "
-                        f"{-part.stiffness * change / limit:.2g} N*m/rad"
+                        f"the typical stiffness of {part.stiffness:.2g} N*m/rad; effect within the interval "
+                        f"if that stiffness is above {-part.stiffness * change / limit:.2g} N*m/rad"
                     )
         return remarks
 

@@ -124,8 +124,8 @@ def _gathered(
         )
     if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
         raise _Unsuited(
-            f"friction is not identifiable from {len(records)} experiments with {len(inputs)} inputs, because all "
-            "lines are excited. Measure a second realisation"
+            f"friction is not identifiable, because there are no more experiments ({len(records)}) than inputs "
+            f"({len(inputs)}) and all lines are excited. Measure a second realisation"
         )
     return data
 

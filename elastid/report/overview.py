@@ -144,7 +144,7 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
     if result.cause[0]:
         return f"{capital(result.cause[0])}. {capital(result.residual_test)}."
     if "error" in (noise := _noise_and_error(result, agreements)):
-        return f"No residual beyond {noise}; the noise alone does not explain the residuals."
+        return f"The residuals exceed the noise, but not the combination of {noise}."
     if DISTORTED in result.verdicts:
         return "Not in the residuals, but motor friction does not explain the nonlinear distortion (see the warning)."
     return f"No model error detected. {capital(result.residual_test)}."
@@ -291,13 +291,13 @@ def _of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     if 2 * fractions[most] < 1:
         return None
     what = f"{TOLERANCES[most]} ({', '.join(name for name in names[n:] if name.startswith(most))})."
-    return _narrower(what, poor, fractions[most], "variance of", math.sqrt(max(1 - fractions[most], 0.0)))
+    reason = f"{percent(fractions[most])} of the variance of {poor.name} is due to these values"
+    return _narrower(what, poor, reason, math.sqrt(max(1 - fractions[most], 0.0)))
 
 
-def _narrower(what: str, poor: ParameterRow, share: float, of: str, factor: float) -> Action | None:
+def _narrower(what: str, poor: ParameterRow, reason: str, factor: float) -> Action | None:
     before, after = percent(half_width(poor)), percent(factor * half_width(poor))
-    gain = f"{percent(share)} of the {of} {poor.name} is from there; its ±{before} becomes ±{after}."
-    return None if before == after else Action(what, gain)
+    return None if before == after else Action(what, f"{reason}: ±{before} becomes ±{after}.")
 
 
 def _of_experiments(result: Result, poor: ParameterRow) -> Action | None:
@@ -308,7 +308,8 @@ def _of_experiments(result: Result, poor: ParameterRow) -> Action | None:
     # The robot's file errs in the next measurement as in this one.
     of_data = float(result.averaging_fraction[column]) if len(result.averaging_fraction) else 1.0
     share, name = of_data * float(result.information_fraction[q, column]), result.configurations[q]
-    return _narrower(f"Measure twice as long in “{name}”.", poor, share, "information on", 1 / math.sqrt(1 + share))
+    reason = f"The interval of {poor.name} is then narrower"
+    return _narrower(f"Measure twice as long in “{name}”.", poor, reason, 1 / math.sqrt(1 + share))
 
 
 # Configurations whose modes the first screen names.

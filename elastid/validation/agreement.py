@@ -188,7 +188,7 @@ class Validation:
         """The verdict, and the agreement of each configuration."""
         rows = [
             (
-                a.configuration, "left out" if a.is_validation else "fitted", f"{a.overall_rms_log_db:.2g}",
+                a.configuration, "validation" if a.is_validation else "fitted", f"{a.overall_rms_log_db:.2g}",
                 f"{a.overall_phase_rms_deg:.2g}", f"{a.overall_rms_sigma:.3g}",
             )
             for a in self.configurations
@@ -285,14 +285,16 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
         residuals = "" if math.isnan(p) else f"; residuals {color}"
         advice = "To test the prediction, exclude a configuration from the fit: validation.configurations"
         return f"Fitted configurations: {error}{residuals}. {advice}."
-    compared, is_larger = f"{error} in the validation of {', '.join(a.configuration for a in left_out)}", False
+    names = ", ".join(a.configuration for a in left_out)
+    compared, is_larger = f"{error} in the validation ({names})", False
     if fitted:
         fitted_db, fitted_deg = _over(fitted)
         compared += f", {fitted_db:.2g} dB and {fitted_deg:.2g} deg in the fitted configurations"
         # A configuration with more noise than the fitted ones has an error that is not the model's.
         is_larger = db > 1.5 * fitted_db + 0.1 and not p >= FALSE_ALARM
     verdict = "failed" if is_larger or p < FALSE_ALARM or not white else "passed"
-    test = f"rms residual / noise {math.sqrt(ratio):.3g}, {color} (false-alarm rate {100 * FALSE_ALARM:g} % per test)"
+    false_alarms = f"false-alarm rate {100 * FALSE_ALARM:g} % per test"
+    test = f"rms residual / noise {math.sqrt(ratio):.3g}, residuals {color} ({false_alarms})"
     return f"Validation {verdict}: {compared}; {'noise unknown' if math.isnan(p) else test}."
 
 

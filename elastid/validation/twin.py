@@ -88,7 +88,7 @@ class TwinRun:
     @property
     def words(self) -> str:
         """Simulation errors along the log, in one sentence."""
-        driven = f"driven by its {_DRIVES[self.drive]}"
+        driven = f"driven by the logged {_DRIVES[self.drive]}"
         if self.lost:
             return f"Simulation on {self.log}, {driven}: diverged, {self.lost}."
         held_hz = self.tracking_bandwidth_hz

@@ -51,10 +51,12 @@ def design(study: Study, work: Work) -> Artefacts:
         played = "one trajectory per experiment, one row per cycle"
         if plan.inject == "torque":
             played = (
-                "one period of injected torque per experiment. Add it to the controller's torque and repeat it "
-                f"{plan.periods + plan.transient_periods} times without a gap"
+                "one period of injected torque per experiment. Add it to the controller's torque and play "
+                f"{plan.periods + plan.transient_periods} periods without a gap"
             )
-        console.say(f"design: references/*.csv: {played}. Peaks in percent of the limits: {limit_use.by_quantity}")
+        console.say(
+            f"design: references/*.csv: {played}. Largest peaks in percent of the limits: {limit_use.by_quantity}"
+        )
         if forecast.choice:
             console.say(f"design: {forecast.choice}")
         # Relative standard deviations below 1e-9 are those of rounding.

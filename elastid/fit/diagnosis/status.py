@@ -222,8 +222,8 @@ def _by_blocks(evidence: Evidence) -> str:
     worst = moved[np.argsort(-uncertainty.shift[moved])]
     names = ", ".join(result.parameters.free_names[i] for i in worst[: LIMITS.named])
     return (
-        f"{len(worst)} of {len(shift)} parameters are biased by up to {shift[worst[0]]:.3g} std (first {names}), as "
-        "configurations and bands disagree"
+        f"{len(worst)} of {len(shift)} parameters are biased by up to {shift[worst[0]]:.3g} std (largest: {names}), "
+        "because configurations and frequency bands give different estimates"
     )
 
 

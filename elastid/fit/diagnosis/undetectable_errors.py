@@ -90,9 +90,9 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     free = result.parameters.free_names
     moves = "; ".join(f"{error.amount(error.per_std)} ({free[error.parameter]})" for error in named)
     text = (
-        f"an error of {named[0].amount(named[0].error)} is not detectable from the residuals. The intervals assume "
-        f"exact fixed values. Errors that move an estimate by one std: {moves}. Measure these values, or free them "
-        "with a prior"
+        f"an error of {named[0].amount(named[0].error)} is not detectable from the residuals, and the intervals do "
+        f"not cover it: fixed values are taken as exact. Errors that change an estimate by one std: {moves}. Measure "
+        "these values, or free them with a prior"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 

@@ -70,7 +70,7 @@ def of_name(model: LinearModel, theta: FloatArray, name: str) -> float:
 
 
 def _of_motor(model: LinearModel, theta: FloatArray, j: int, s: ComplexArray) -> ComplexArray:
-    """Torque over angle (F,) of a motor by its inertia and viscous friction; its inertia is that of its coordinate."""
+    """Return torque over angle (F,) of a motor with its viscous friction and the inertia of its coordinate."""
     joint, b = model.inputs[j].removeprefix("motor "), model.B[:, j]
     inertia, friction = (model.slopes.get(f"{name}_{joint}") for name in ("Jm", "fm"))
     at = int(np.argmax(np.abs(b)))

@@ -137,8 +137,8 @@ def test_the_section_has_the_numbers_of_the_file(written: Callable[[FrictionTake
     section = text[text.index('<h2 id="friction">') :]
     section = section[: section.index("<h2", 10)]
     cells = re.findall(r"<td[^>]*>(.*?)</td>", section)
-    assert cells[:7] == ["motor 1", "4.50", "0.22", "4.06 … 4.94", "N*m", "3.2 %", "taken out"]
-    assert cells[7:14] == ["motor 2", "–", "–", "–", "N", "98 %", "not taken out"]
+    assert cells[:7] == ["motor 1", "4.50", "0.22", "4.06 … 4.94", "N*m", "3.2 %", "compensated"]
+    assert cells[7:14] == ["motor 2", "–", "–", "–", "N", "98 %", "not compensated"]
     assert cells[14:19] == ["c1", "0.410", "0.110", "0.620", "0.620"]
     assert text.count(LEFT) == 1
     assert "friction was taken out<" not in text
