@@ -285,3 +285,16 @@ def test_commands_and_gains_without_torques_become_a_study_of_friction(tmp_path:
     path.write_text("\n".join(line for line in path.read_text().splitlines() if not line.startswith("friction:")))
     with pytest.raises(StudyError):
         load(path)
+
+
+@pytest.mark.parametrize(("size", "unit"), [(1.0, "rad"), (180 / np.pi, "deg")])
+def test_commanded_positions_without_units_have_the_unit_of_their_range(size: float, unit: str, tmp_path: Path) -> None:
+    """Text without gains: a study that is accepted, in degrees if a joint covers more than four turns in rad."""
+    t = np.arange(600) / 200
+    command = size * np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    head = "time_s,q_cmd_1,q_cmd_2,q_1,q_2"
+    np.savetxt(
+        tmp_path / "log.csv", np.column_stack([t, command, 0.9 * command]), delimiter=",", header=head, comments=""
+    )
+    recorded = new(tmp_path, tmp_path / "log.csv").experiment.as_recorded()
+    assert {(c.role, c.unit) for c in recorded.channels} == {("y", unit), ("reference", unit)}
