@@ -55,8 +55,9 @@ MAX_ROUNDING = 0.8
 MIN_GAP = 1.9
 # Knots per sample at rate_hz, at least; fewer leave too little of the band that the rate promises.
 MIN_RATE_FRACTION = 0.75
-# Residuals on an even grid over those at the stamps, from which on the stamps are those of the samples.
-SMOOTHER = 0.8
+# Residuals at the stamps over those on an even grid, below which the stamps are those of the samples, and the knots per
+# sample there: fewer leave out more of a signal than the jitter moves.
+SMOOTHER, JUDGED_FRACTION = 0.8, 0.9
 # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
 MAX_RATE_RATIO = 20.0
 
@@ -340,7 +341,7 @@ def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, floa
     if not jitter_s < step:
         return None
     some = slice(0, _KNOTS // 4)  # each channel takes seconds
-    knot_hz = MIN_RATE_FRACTION / step
+    knot_hz = JUDGED_FRACTION / step
     at_stamps, on_rows = (_fitted(t[some], signals[some], t[:1], knot_hz)[1] for t in (time_s, step * rows))
     # By all channels: a torque with more than the band in it is as rough at both.
     ratio = np.exp(np.mean(np.log(np.maximum(at_stamps, 1e-12) / np.maximum(on_rows, 1e-12))))
