@@ -64,7 +64,7 @@ def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None
 
 @pytest.mark.parametrize("error", [0.0, 0.01])
 def test_ratios_that_differ_from_posture_to_posture_are_seen_in_the_residuals(error: float) -> None:
-    """Transmission errors of 0 and 1 % of the ratio, named: k within 3 std, which is below 0.4 % (0.6 % of one) and above 0.5 %."""
+    """Transmission errors of 0 and 1 % of the ratio, named: k within 3 std, below 0.4 % and above 0.5 %."""
     rng, responses = np.random.default_rng(5), []
     for i, signs in enumerate(rng.choice([-1, 1], (len(POSTURES), 2))):
         e = 1 + error * signs
