@@ -137,8 +137,7 @@ def test_twice_the_time_narrows_the_widest_by_the_share_of_its_configuration(rep
     low, high = rows[2].interval
     half = 50 * (high - low) / rows[2].estimate
     (action,) = next_steps(result, rows)
-    known = 75 * of_data, half, half / np.sqrt(1 + 0.75 * of_data)
-    assert numbers_of(action.gain) == pytest.approx(known, abs=0.5)
+    assert numbers_of(action.gain) == pytest.approx((half, half / np.sqrt(1 + 0.75 * of_data)), abs=0.5)
 
 
 def test_a_base_is_named_where_it_lowers_a_stiffness_by_more_than_its_interval() -> None:
