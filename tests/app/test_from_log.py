@@ -298,3 +298,29 @@ def test_commanded_positions_without_units_have_the_unit_of_their_range(size: fl
     )
     recorded = new(tmp_path, tmp_path / "log.csv").experiment.as_recorded()
     assert {(c.role, c.unit) for c in recorded.channels} == {("y", unit), ("reference", unit)}
+
+
+def test_columns_named_command_near_a_position_are_commands_and_no_torques(tmp_path: Path) -> None:
+    """By the names of the joints in any order, without a quantity or a unit in the name."""
+    t = np.arange(600) / 200
+    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    columns = np.column_stack([t, command[:, ::-1], 0.9 * command])
+    heads = "time,knee_command,hip_command,hip_position,knee_position"
+    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header=heads, comments="")
+    recorded = new(tmp_path, tmp_path / "log.csv").experiment.as_recorded()
+    assert {(c.role, c.at, c.channel) for c in recorded.channels} == {
+        (role, f"motor {i}", f"{joint}_{name}")
+        for i, joint in ((1, "hip"), (2, "knee"))
+        for role, name in (("y", "position"), ("reference", "command"))
+    }
+
+
+@pytest.mark.parametrize("kp", [[20.0, 40.0, 60.0], [0.0, 40.0], [[20.0, 40.0]] * 600])
+def test_gains_of_another_number_or_zero_are_not_those_of_the_log(kp: list, tmp_path: Path) -> None:
+    """The study is accepted, with gains to enter."""
+    t = np.arange(600) / 200
+    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    np.savez(tmp_path / "log.npz", time_s=t, command_rad=command, position_rad=0.9 * command, kp=np.array(kp), kd=1.0)
+    controller = new(tmp_path, tmp_path / "log.npz").experiment.as_recorded().controller
+    assert controller is not None
+    assert (controller.position_gain, controller.velocity_gain) == ((1.0, 1.0), (1.0, 1.0))
