@@ -26,7 +26,13 @@ from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears
 from elastid.study import Study
-from elastid.targets.actuators import actuators_of, fit_intervals, friction_intervals, write_actuators
+from elastid.targets.actuators import (
+    actuators_of,
+    fit_intervals,
+    friction_intervals,
+    with_total_inertias,
+    write_actuators,
+)
 from elastid.targets.code import write_c, write_casadi
 from elastid.targets.control import write_control, write_responses_control
 from elastid.targets.csv import write_csv, write_friction_csv, write_responses_csv
@@ -175,7 +181,7 @@ def _export_friction(run: Run, target: str, folder: Path) -> Iterable[Path]:
     if target == ACTUATORS:
         delay_s, intervals = command_delay(result), friction_intervals(result)
         numbers = actuators_of(name, with_armatures(robot, result), intervals, _gains(run.study), delay_s)
-        return write_actuators(folder, numbers)
+        return write_actuators(folder, with_total_inertias(numbers, result))
     return _written(folder, robot_of_friction(name, robot, result))
 
 

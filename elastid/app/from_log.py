@@ -122,10 +122,19 @@ def _of_commands(
         listed = ", ".join(y.place for y, _ in pairs)
         problem = f"the logs have {len(pairs)} positions with commands ({listed}), the robot model {len(names)} motors"
         raise DataError("records/channels", f"{problem}. Log all of them, or remove the other motors", logs[0])
-    kp, kd = (
-        (np.broadcast_to(gains[name].ravel(), len(pairs)) for name in GAINS) if gains else (np.ones(len(pairs)),) * 2
-    )
-    why = "kp / kd and kd of the log" if gains else "guessed: enter the gains of the joint controller, link side"
+    by_joint = {y.parts[1]: (y, reference) for y, reference in pairs}
+    pairs = [by_joint[name] for name in names] if set(names) == by_joint.keys() else pairs  # else in the log's order
+    for path in logs[1:] if gains else ():
+        with opened_log(path, TextFormatSpec() if path.is_dir() else guess_format(path)) as log:
+            others = _gains(log.arrays)
+        for name in others:
+            if not np.array_equal(others[name], gains[name]):
+                numbers = [", ".join(f"{x:.6g}" for x in values.ravel()[:12]) for values in (others[name], gains[name])]
+                problem = f"{name} is {numbers[0]}, but {numbers[1]} in {logs[0]}; a study has one controller"
+                raise DataError("records/channels", f"{problem}. Write a study for each", path)
+    is_known = bool(gains) and all(x.size in (1, len(pairs)) and np.all((x > 0) & (x < np.inf)) for x in gains.values())
+    kp, kd = (np.broadcast_to(gains[name].ravel() if is_known else 1.0, len(pairs)) for name in GAINS)
+    why = "kp / kd and kd of the log" if is_known else "guessed: enter the gains of the joint controller, link side"
     numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
     lines = [*_head("friction", logs[0]), "robot: robot.yml # guessed: geometry and ratios are not in the logs"]
     lines += ["friction: {} # inertia, friction and command delay from commands and positions, without torque"]

@@ -213,9 +213,9 @@ def _words(test: Tested) -> str:
         case "kp" | "kd":
             return f"gain {test.quantity}: {test.value:.3g} times the given one; {error}"
         case "position sign":
-            return f"sign of the position of joint {test.joint} is opposite to its command; {error}"
+            return f"sign: the position of joint {test.joint} is opposite to its command; {error}"
         case _:
-            return f"joint {test.joint} turns the other way than in the model; {error}"
+            return f"axis: joint {test.joint} turns the other way than in the model; {error}"
 
 
 def ratio_words(value: float) -> str:
@@ -226,7 +226,7 @@ def ratio_words(value: float) -> str:
     """
     above = max(value, 1 / value)
     nearest = round(2 * above) / 2
-    if nearest == 1 or abs(above / nearest - 1) > _NEAR:
+    if nearest in (1, above) or abs(above / nearest - 1) > _NEAR:
         return f"{value:.3g}"
     return f"{'1/' * (value < 1)}{nearest:g} (fitted: {value:.3g})"
 

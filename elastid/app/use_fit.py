@@ -235,9 +235,10 @@ def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> di
     """
     if not logs:
         return dict(options)
-    data = read_source(study, str(study)).data or {}
-    recorded = (data.get("experiment") or {}).get("recorded") or {}
-    if not recorded:
+    data = read_source(study, str(study)).data
+    experiment = data.get("experiment") if isinstance(data, Mapping) else None
+    recorded = experiment.get("recorded") if isinstance(experiment, Mapping) else None
+    if not isinstance(recorded, Mapping) or not recorded:
         raise StudyError(
             "predict/mismatch", "--log takes the channels of experiment.recorded, which the study has not", study
         )

@@ -80,7 +80,21 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
             is_known = np.isfinite(x).sum() > _MIN_KNOWN_FRACTION * len(x)
             if is_known and (np.ptp(whole := bridged(x)) > 0 or with_constant):
                 result.append((guess_by_name(name, number, units), whole))
-    return result
+    return _with_commands(result)
+
+
+def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Signals named as commands of no quantity are positions if they are near the position of their joint."""
+    positions = {g.parts[1]: (g.name, x) for g, x in signals if g.quantity == "position" and g.rank >= 0}
+
+    def of(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
+        name, y = positions.get(guess.parts[1], ("", x))
+        is_near = 0 < np.std(x - y) < np.std(y) / 2
+        if guess.quantity or guess.rank >= 0 or not is_near:
+            return guess
+        return replace(guess, quantity="position", why=f"by its name, and since it is near {name}")
+
+    return [(of(guess, x), x) for guess, x in signals]
 
 
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:

@@ -10,7 +10,7 @@ parts of the identified model that it loses.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, TypeAlias
 from xml.etree import ElementTree as ET
@@ -142,6 +142,23 @@ def fit_intervals(model: FittedRobot, friction: FrictionTakenOut | None) -> Inte
         if ends := places.get(f"motor {name}"):
             intervals[name, "coulomb"] = ends
     return intervals
+
+
+def with_total_inertias(actuators: Actuators, result: FrictionResult) -> Actuators:
+    """The same numbers, with the total inertia (with links), gravity and offset of each joint listed as lost."""
+
+    def row_of(row: Actuator) -> Actuator:
+        values = {n.name: n.value for joint in result.joints if joint.joint == row.joint for n in joint.numbers}
+        total = values.get(RIGID_TERMS["inertia"].name(row.joint))
+        if total is None:
+            return row
+        unit = UNITS["armature"][row.slides]
+        words = (
+            f"total inertia {total:.6g} {unit} with the links (the armature is from the robot model and not identified)"
+        )
+        return replace(row, lost=(*row.lost, words, "identified gravity and offset of the torque"))
+
+    return replace(actuators, rows=tuple(row_of(row) for row in actuators.rows))
 
 
 def friction_intervals(result: FrictionResult) -> Intervals:

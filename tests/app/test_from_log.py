@@ -16,9 +16,11 @@ from elastid.app.console import Console
 from elastid.app.from_log import texts_from_logs
 from elastid.app.run import Run, run_all
 from elastid.app.stages.estimate import imported_responses
-from elastid.base.errors import StudyError
+from elastid.base.errors import DataError, StudyError
+from elastid.robot import Body, Joint, Motor, Robot
 from elastid.store.measured import read_responses
 from elastid.study import Study, load, load_with_logs
+from elastid.study.robots import yaml_text
 from tests.app.test_scaffold import ARM
 
 REAL = {
@@ -298,3 +300,61 @@ def test_commanded_positions_without_units_have_the_unit_of_their_range(size: fl
     )
     recorded = new(tmp_path, tmp_path / "log.csv").experiment.as_recorded()
     assert {(c.role, c.unit) for c in recorded.channels} == {("y", unit), ("reference", unit)}
+
+
+def test_columns_named_command_near_a_position_are_commands_and_no_torques(tmp_path: Path) -> None:
+    """By the names of the joints in any order, without a quantity or a unit in the name."""
+    t = np.arange(600) / 200
+    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    columns = np.column_stack([t, command[:, ::-1], 0.9 * command])
+    heads = "time,knee_command,hip_command,hip_position,knee_position"
+    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header=heads, comments="")
+    recorded = new(tmp_path, tmp_path / "log.csv").experiment.as_recorded()
+    assert {(c.role, c.at, c.channel) for c in recorded.channels} == {
+        (role, f"motor {i}", f"{joint}_{name}")
+        for i, joint in ((1, "hip"), (2, "knee"))
+        for role, name in (("y", "position"), ("reference", "command"))
+    }
+
+
+@pytest.mark.parametrize("kp", [[20.0, 40.0, 60.0], [0.0, 40.0], [[20.0, 40.0]] * 600])
+def test_gains_of_another_number_or_zero_are_not_those_of_the_log(kp: list, tmp_path: Path) -> None:
+    """The study is accepted, with gains to enter."""
+    t = np.arange(600) / 200
+    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    np.savez(tmp_path / "log.npz", time_s=t, command_rad=command, position_rad=0.9 * command, kp=np.array(kp), kd=1.0)
+    controller = new(tmp_path, tmp_path / "log.npz").experiment.as_recorded().controller
+    assert controller is not None
+    assert (controller.position_gain, controller.velocity_gain) == ((1.0, 1.0), (1.0, 1.0))
+
+
+def test_commanded_joints_of_a_robot_are_found_by_their_names(tmp_path: Path) -> None:
+    """Not by the order of the columns."""
+    robot = Robot(
+        "leg", tuple(Body(f"{n} link", joints=(Joint(n, motor=Motor(1.0)),), mass=1) for n in ("hip", "knee"))
+    )
+    (tmp_path / "robot.yml").write_text(yaml_text(robot), encoding="utf-8")
+    t = np.arange(600) / 200
+    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    heads = "time,pos_knee,pos_hip,cmd_pos_knee,cmd_pos_hip"
+    np.savetxt(
+        tmp_path / "log.csv", np.column_stack([t, 0.9 * command, command]), delimiter=",", header=heads, comments=""
+    )
+    recorded = new(tmp_path, tmp_path / "robot.yml", tmp_path / "log.csv").experiment.as_recorded()
+    assert {(c.at, c.channel.rpartition("_")[2]) for c in recorded.channels} == {
+        ("motor hip", "hip"),
+        ("motor knee", "knee"),
+    }
+
+
+def test_logs_of_two_controllers_are_refused(tmp_path: Path) -> None:
+    """Where the log is, and the gains of both."""
+    t = np.arange(600) / 200
+    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    for name, kp in (("a", 20.0), ("b", 25.0)):
+        np.savez(tmp_path / f"{name}.npz", time_s=t, command_rad=command, position_rad=0.9 * command, kp=kp, kd=1.0)
+    with pytest.raises(DataError) as refusal:
+        texts_from_logs(tmp_path / "new", [tmp_path / "a.npz", tmp_path / "b.npz"])
+    assert refusal.value.code == "records/channels"
+    assert "b.npz" in str(refusal.value)
+    assert "25" in str(refusal.value)

@@ -156,3 +156,10 @@ def test_missing_gains_and_models_are_refused(tmp_path: Path) -> None:
     assert predicted(tmp_path / "d", model)[0] == 2
     two = ["--kp", "1,2", "--kd", "1"]
     assert predicted(tmp_path / "e", model, "--log", tmp_path / "log.npz", *two)[0] == 2
+
+
+def test_robot_in_place_of_the_study_of_with_is_refused(tmp_path: Path) -> None:
+    """The text of a URDF has no section of logs: exit code 2, and no internal error."""
+    model = tmp_path / "leg.urdf"
+    model.write_text(URDF.format(x=0.1, I=0.03), encoding="utf-8")
+    assert cli.run_command(["predict", str(model), "--with", str(tmp_path), "--log", str(model)]) == 2

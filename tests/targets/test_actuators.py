@@ -17,7 +17,13 @@ from elastid.friction_study.result import RIGID_TERMS, FrictionNumber, FrictionR
 from elastid.robot import Body, Friction, Joint, Limits, Motor, Robot, Spring
 from elastid.robot.friction import Directions
 from elastid.robot.friction_numbers import TERMS
-from elastid.targets.actuators import actuators_of, fit_intervals, friction_intervals, write_actuators
+from elastid.targets.actuators import (
+    actuators_of,
+    fit_intervals,
+    friction_intervals,
+    with_total_inertias,
+    write_actuators,
+)
 
 LAW = Friction(0.5, stiction=0.8, stribeck_velocity=2.0, directions=Directions(0.1))
 KNEE = Joint(
@@ -138,3 +144,16 @@ def test_intervals_of_a_friction_study_are_assigned_by_name() -> None:
     assert friction_intervals(result) == {
         ("rail", "viscous"): ends, ("rail", "delay"): ends, ("knee", "delay"): ends,
     }  # fmt: skip
+
+
+def test_total_inertia_of_a_joint_is_listed_as_lost(tmp_path: Path) -> None:
+    """It contains the links, so it is no armature; a joint of the result without it has no such line."""
+    term = RIGID_TERMS["inertia"]
+    number = FrictionNumber(term.name("rail"), term.symbol, term.meaning, "kg", 12.5, 0.1, 12.3, 12.7, "log")
+    result = FrictionResult((JointFriction("rail", True, numbers=(number,)),), (), "identified", "")
+    actuators = with_total_inertias(actuators_of("bench", ROBOT, {}), result)
+    assert [row.armature for row in actuators.rows] == [8.0, pytest.approx(0.1)]
+    write_actuators(tmp_path, actuators)
+    lines = [x for x in (tmp_path / "README.md").read_text().splitlines() if "total inertia" in x]
+    assert len(lines) == 1
+    assert "12.5 kg" in lines[0]
