@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from elastid.app.stage_table import stages_of_study
 from elastid.excitation.spec import MultisineSpec, planned_lines
 from elastid.fit.parameter_choice import choose, with_tolerances
@@ -55,8 +57,12 @@ def _experiments(study: Study) -> Iterator[str]:
 
 
 def _questions(study: Study) -> Iterator[str]:
-    """Questions on channels: unknown units, and torque constants of exactly 1."""
-    channels = () if study.experiment.recorded is None else study.experiment.recorded.channels
+    """Questions on channels: unknown units, and torque constants or all gains of exactly 1."""
+    recorded = study.experiment.recorded
+    channels = () if recorded is None else recorded.channels
+    gains = None if recorded is None else recorded.controller
+    if gains is not None and {*np.ravel(gains.position_gain), *np.ravel(gains.velocity_gain)} == {1.0}:
+        yield "question: experiment.recorded.controller: are all gains 1? Inertia and friction are proportional to them"
     for i, channel in enumerate(channels):
         heading, place = unit_of_heading(channel.channel), f"question: experiment.recorded.channels[{i}]"
         if heading.unknown and channel.scale == 1 and channel.unit_factor(study.places.slides(channel.at)) == 1:

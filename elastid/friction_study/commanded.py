@@ -90,6 +90,7 @@ class CommandedFit:
 
 # Largest rms of measured minus simulated positions over that of the position about its mean: above, it is a misfit.
 MAX_ERROR = 0.1
+LEAST_VISCOUS = -2.0  # standard deviations of a viscous friction, which supplies no power
 
 
 @frozen_value
@@ -124,7 +125,13 @@ class CommandedJoint:
 
     @property
     def misfit(self) -> str:
-        """Why the simulated positions refute the model; empty if they do not."""
+        """Why positions or numbers refute the model; empty if they do not."""
+        stds = self["viscous"] / max(float(np.sqrt(self.covariance[1, 1])), 1e-300)
+        if stds < LEAST_VISCOUS:
+            return (
+                f"viscous friction is {self['viscous']:.3g}, {stds:.2g} std; the limit is {LEAST_VISCOUS:g}. Check "
+                "rate_hz and velocity_gain"
+            )
         if self.relative_error <= MAX_ERROR:
             return ""
         return (
@@ -140,7 +147,7 @@ class CommandedJoint:
     def to_friction(self) -> Friction:
         """Friction law for a robot model."""
         numbers = dict(zip(self.names, self.values.tolist(), strict=True))
-        if self["viscous"] < -2 * float(np.sqrt(self.covariance[1, 1])):
+        if self["viscous"] < LEAST_VISCOUS * float(np.sqrt(self.covariance[1, 1])):
             raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")
         return friction_of(numbers, 20.0, MeasuredRange(self.speeds, None, None))
 
