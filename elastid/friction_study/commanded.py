@@ -163,6 +163,7 @@ class _Problem:
 
     @classmethod
     def of(cls, logs: Sequence[CommandedLog]) -> "_Problem":
+        """Put logs side by side; window: samples of a mean."""
         n, joints = max(len(log.position) for log in logs), tuple(dict.fromkeys(j for log in logs for j in log.joints))
 
         def side_by_side(name: str) -> FloatArray:

@@ -112,7 +112,7 @@ def judged(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
 
 
 def with_transmission_errors(amplitude: float, postures: int, draws: int, seed: int) -> dict[str, Any]:
-    """Intervals of k that hold, and the stated std over that of the errors, of the two-axis robot at low noise."""
+    """Share of intervals of k that hold the truth, and stated std over std of the errors; two axes, low noise."""
     plant, errors, stds, inside = two_axes(), list[float](), list[float](), list[bool]()
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw, postures, int(1e6 * amplitude)])

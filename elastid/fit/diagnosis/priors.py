@@ -13,9 +13,6 @@ from elastid.fit.gear_ratios import RatioScatter
 from elastid.fit.result import ModificationIndex, Result
 from elastid.response import Response
 
-# Std of a gear ratio over its tolerance, from which on a note states it.
-SCATTERED = 1.5
-
 
 def exceeded_tolerance(index: ModificationIndex, result: Result) -> float:
     """Tolerances by which the data move a value of the robot model, the most of a cause; 0 if not significant."""
@@ -91,8 +88,7 @@ def scattered_ratios(result: Result, ratios: RatioScatter, responses: Sequence[R
             f"{100 * scatter / std:.2g} %), as with a transmission error. The intervals include it. To narrow them, "
             "measure more configurations, or superimpose a movement over whole motor revolutions"
         )
-        if std > SCATTERED:
-            notes.append(Note("fit/ratio-varies", text))
+        notes.append(Note("fit/ratio-varies", text))
     return tuple(notes)
 
 

@@ -111,14 +111,12 @@ def with_status(evidence: Evidence) -> Result:
     by_blocks, cause = _by_blocks(evidence), evidence.cause
     if by_blocks and cause is not None and cause.explained_fraction >= LIMITS.reason_share:
         by_blocks = f"{fault(cause, evidence)}. {capital(by_blocks)}"
-    misfit = by_blocks or _by_held_number(evidence) or _beyond_declared(evidence)
+    misfit = _by_held_number(evidence) or _beyond_declared(evidence)
     # The intervals include ratios that differ from angle to angle.
-    is_covered = explained_by_ratios(result, evidence.uncertainty.ratios) > LIMITS.explained_share
-    if (
-        misfit := ""
-        if is_covered
-        else misfit or _by_prior(evidence) or next((note.text for note in contradictions(result)), "")
-    ):
+    if explained_by_ratios(result, evidence.uncertainty.ratios) <= LIMITS.explained_share:
+        contradicted = _by_prior(evidence) or next((note.text for note in contradictions(result)), "")
+        misfit = by_blocks or misfit or contradicted
+    if misfit:
         return ended("misfit", f"{misfit}{held and f'. The fit ended{held}'}")
     biased = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(BIASED)]
     but = f", but {', '.join(biased)} biased" if biased else ""
