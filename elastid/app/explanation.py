@@ -22,7 +22,7 @@ def explained(asked: str, study: Path | None = None, folder: Path | None = None)
         verdict = dict(zip(result, result.verdicts, strict=False)).get(asked, "nuisance parameter")
         fixed = f"fixed at {result.values[asked]:g}"
         rows.append(f"In this run: {f'{result[asked]} ({verdict})' if asked in result else fixed}.")
-        rows.append(f"{asked} is {remark}." if (remark := result.base_remarks.get(asked)) else "")
+        rows.append(f"{capital(remark)}." if (remark := result.base_remarks.get(asked)) else "")
     if result is not None and gears.is_file():
         found = read_gears(gears)
         rows += [f"Stage gears: {row.words}." for row in found.numbers if row.name == asked] if found else []

@@ -24,11 +24,9 @@ if TYPE_CHECKING:
 
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 VISCOUS = "viscous friction alone"
-SLOPE = "viscous friction at the velocities of the records, with Coulomb friction compensated"
+SLOPE = "viscous friction at the speeds of the records, without Coulomb friction"
 # Of sgn(v) the best linear approximation is 2 p_v(0) v, p_v the density of the velocity.
-WITH_COULOMB = (
-    "includes Coulomb friction, which is not compensated and adds 2 F_c p_v(0) (p_v: density of the velocity)"
-)
+WITH_COULOMB = "viscous friction, too large by Coulomb friction that is not compensated"
 
 
 def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut | None) -> frozenset[str]:

@@ -19,7 +19,7 @@ def overview(study: Study) -> str:
     if study.robot is not None and study.friction is None:
         parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
         more = len(with_tolerances(parameters, study.robot, study.fit).free) - len(parameters.free)
-        may_move = f"\n  {_plural(more, 'number')} of the robot's file may move within tolerances (robot.tolerances)"
+        may_move = f"\n  {_plural(more, 'value')} of the robot model vary within tolerances (robot.tolerances)"
         parts.append(parameters.display.text + may_move * bool(more))
     parts += ["\n".join(_experiments(study)), "\n".join(_questions(study))]
     parts.append(f"stages: {', '.join(stages_of_study(study))}")
@@ -31,7 +31,7 @@ def _experiments(study: Study) -> Iterator[str]:
     Q, names = len(experiment.configurations), ", ".join(experiment.configurations)
     measured = experiment.recorded or experiment.responses
     if measured is not None:
-        yield f"{_plural(len(measured.files), 'file')} of {_plural(Q, 'configuration')} ({names})"
+        yield _plural(len(measured.files), "file") + (f" of {_plural(Q, 'configuration')} ({names})" if Q else "")
     if measured is not None or study.friction is not None:
         return
     E, M = experiment.runs(len(study.as_robot().driven)), experiment.realisations

@@ -105,7 +105,7 @@ LARGE = 1.5
 
 # The meaning for the parameters; after the full stop the next action.
 MEANING: dict[Status, str] = {
-    "converged": "all parameters identified. The intervals do not cover errors that are equal in all responses",
+    "converged": "all parameters identified. The intervals do not cover systematic errors common to all responses",
     "noise_unknown": "no residual test, because the responses have no covariance; the intervals are computed from the "
     "residuals. To test the model, measure two periods or more, or give the covariance",
     "at_bound": "a parameter ended at its bound, and the others are estimated with this value. Widen the bound; if the "
@@ -118,6 +118,8 @@ MEANING: dict[Status, str] = {
     "configurations and robot model",
 }
 
+# Code of the note on a parameter whose interval is very wide.
+WEAK = "fit/weakly-identifiable"
 # Code of the note on errors of held numbers that no residual shows.
 HELD_AS_EXACT = "fit/fixed-values"
 # Codes of notes on causes of model errors: two sentences each, the cause and its remedy.
@@ -130,8 +132,8 @@ OTHER_JOINTS = (
     "Add the joints that may be elastic to the robot model, and search among them: `elastid compare STUDY --search`"
 )
 OTHER_AMPLITUDE = (
-    "Measure again at half the torque: if the residuals change, the cause is nonlinear; "
-    "otherwise the model lacks a joint"
+    "Measure again at half the torque. If the residuals change, the cause is nonlinear; if not, the robot model lacks "
+    "an elastic joint"
 )
 
 
@@ -171,10 +173,7 @@ def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
 # Verdicts on a parameter; one on a biased parameter begins so, and its reason follows.
 GOOD, BY_PRIOR, UNCERTAIN, AT_BOUND = "good", "dominated by the prior", "uncertain: std above 50 %", "at its bound"
 BIASED = "biased"
-DISTORTED = (
-    f"{BIASED}: nonlinear distortion that motor friction does not explain (inconsistent records, gear hysteresis or a "
-    "nonlinear spring)"
-)
+DISTORTED = f"{BIASED}: inconsistent records, gear hysteresis or a nonlinear spring"
 # Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
 # it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
 DOUBT, LONE_CAUSE = 0.6, 0.95
@@ -305,23 +304,31 @@ class Result:
         meaning, _, action = MEANING[self.status].partition(". ")
         if self.status != "converged":
             return f"{meaning}. {action}"
-        but = ", but some are biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
-        return f"{meaning}{but}; {self.residual_test}. {capital(self.cause[0]) or action}"
+        if self.weak:
+            n = len(self.parameters.asked)
+            meaning = f"{n - len(self.weak)} of {n} parameters identified, {len(self.weak)} weakly identifiable"
+        but = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
+        return f"{meaning}{but}; {self.residual_test.partition(':')[0]}. {capital(self.cause[0]) or action}"
+
+    @property
+    def weak(self) -> tuple[str, ...]:
+        """Names of the weakly identifiable parameters."""
+        return tuple(note.place for note in self.notes if note.code == WEAK)
 
     @property
     def residual_test(self) -> str:
-        """Verdict of the residual test, the residuals over the noise, and the limit."""
+        """Verdict of the residual test, ratio and limit; no verdict for a misfit that passes the test."""
         if not self.noise_is_known:
             return "no residual test, because the noise is unknown"
         limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), self.residual_ratio
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
-            error = f"(noise and declared model error of {percent(self.model_error)}) {self.error_ratio:.3g}"
             verdict = "passed" if self.is_within_declared else "failed"
-            return (
-                f"residual test {verdict}: rms residual / {error} (limit {LARGE:g}); rms residual / noise {ratio:.3g}"
-            )
-        verdict = "failed" if self.exceeds_noise else "passed"
-        return f"residual test {verdict}: rms residual / noise {ratio:.3g} (limit {limit:.3g}, false-alarm rate 0.14 %)"
+            error = f"(noise + declared error of {percent(self.model_error)}) {self.error_ratio:.3g}"
+            return f"residual test {verdict}: rms residual / {error} (limit {LARGE:g})"
+        numbers = f"rms residual / noise {ratio:.3g} (limit {limit:.3g}, false-alarm rate 0.14 %)"
+        if not self.exceeds_noise and self.status == "misfit":
+            return numbers
+        return f"residual test {'failed' if self.exceeds_noise else 'passed'}: {numbers}"
 
     @property
     def base_remarks(self) -> dict[str, str]:
@@ -331,9 +338,9 @@ class Result:
             for p, change, limit in zip(self.parameters.asked, part.changes.tolist(), limits.tolist(), strict=False):
                 if p.name.startswith("k") and -change > limit:
                     remarks[p.name] = (
-                        f"{percent(-math.expm1(change))} below the stiffness of the gear alone if the {part.name} has "
-                        f"the typical stiffness of {part.stiffness:.2g} N*m/rad; effect within the interval "
-                        f"if that stiffness is above {-part.stiffness * change / limit:.2g} N*m/rad"
+                        f"a base of typical stiffness ({part.name}: {part.stiffness:.2g} N*m/rad) lowers the estimate "
+                        f"of {p.name} by {percent(-math.expm1(change))}; above "
+                        f"{-part.stiffness * change / limit:.2g} N*m/rad the effect is within the interval"
                     )
         return remarks
 

@@ -56,7 +56,7 @@ LIMITS = AutomaticLimits()
 
 def chosen(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
     """A method and the note on it."""
-    text = f"estimator.method auto selects {method}: {reason}"
+    text = f"method {method} selected: {reason}"
     return method, (Note("frf/method", text, severity="information"),)
 
 
@@ -84,11 +84,11 @@ def choose_by_error(
         return chosen("local_rational", f"{method} has {response.n_lines} lines")
     error, error_l, resolution = stated_errors(response, local, has_bias=method == "h1")
     unit = "Hz" if local.rate_is_known else "of the sampling rate"
-    scale = f"of |G| (mean over lines, resolution {resolution:.2g} {unit})"
+    scale = f"of |G| at a resolution of {resolution:.2g} {unit}"
     if error_l * margin < error:
-        return chosen("local_rational", f"stated error {100 * error_l:.2g} % {scale}; {method}: {100 * error:.2g} %")
+        return chosen("local_rational", f"error {100 * error_l:.2g} % {scale}; {method}: {100 * error:.2g} %")
     missed = f", not {margin:g} times less" if error_l < error else ""
-    return chosen(method, f"stated error {100 * error:.2g} % {scale}; local_rational: {100 * error_l:.2g} %{missed}")
+    return chosen(method, f"error {100 * error:.2g} % {scale}; local_rational: {100 * error_l:.2g} %{missed}")
 
 
 def stated_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:

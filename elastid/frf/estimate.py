@@ -156,10 +156,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     error = total_error(data, fitted)
     notes = [*(note for group in groups for record in group for note in record.notes), *data.notes]
     if not usable.all():
-        why = (
-            "a combination of the inputs is less than 6 dB above its noise there, so that the columns of G are not "
-            "identifiable"
-        )
+        why = "the inputs, or a combination of them, are less than 6 dB above the noise"
         notes.append(left_out_note(lines[~usable], first, why))
     notes += [*same_phases_notes(data.blocks, groups), *unlike_notes(data.blocks, groups)]
     lines = lines[usable]

@@ -141,7 +141,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     if len(settled) >= MIN_PERIODS and not compared.agree:
         measured = distances(compared, settled)
         far = settled[measured.far[settled]]
-        more = (_note(spectra, far, measured, "different from the others"),) if len(far) else ()
+        more = (_note(spectra, far, measured, ""),) if len(far) else ()
     used = spectra.only(np.setdiff1d(settled, far) if len(far) else settled)
     return replace(used, notes=(*spectra.notes, *notes, *more))
 
@@ -250,7 +250,7 @@ def _leading(
     leading = _flags(P, [half[:n] for half, n in zip(halves, lengths, strict=True)])
     if not leading.any():
         return leading, ()
-    note = _note(spectra, np.flatnonzero(leading), measured, "a transient")
+    note = _note(spectra, np.flatnonzero(leading), measured, " as a transient")
     note = replace(note, code=TRANSIENT_LEFT_OUT, severity="information")
     return leading, (note,)
 
@@ -263,7 +263,7 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
     numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
         "frf/periods-discarded",
-        f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded as {reason}: deviation up to "
-        f"{100 * measured.D[left_out, worst].max():.2g} % in {channels[worst]}",
+        f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}: "
+        f"{100 * measured.D[left_out, worst].max():.2g} % deviation from the other periods in {channels[worst]}",
         f"record {record.name}",
     )

@@ -319,7 +319,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     quality = _quality(data, G, C_V)
     notes = [note for record in records for note in record.notes]
     if not usable.all():
-        text = f"{np.sum(~usable)} lines are discarded, since an input has no power there or two are proportional"
+        text = f"DFT lines discarded ({np.sum(~usable)}): an input has no power there, or two are proportional"
         notes.append(Note("frf/lines-discarded", text))
     length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
     text = (

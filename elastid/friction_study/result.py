@@ -366,7 +366,7 @@ def _numbers(
         yield from _table(levels.joint, levels.slides, learnt, known, fit.names, fit.values, fit.covariance, truth)
     if levels.commanded is not None:
         found = levels.commanded
-        learnt, names = f"{found.logs} logs of commands, {found.seconds:.3g} s", found.names
+        learnt, names = f"commands, {found.seconds:.3g} s", found.names
         names = ("armature", *names[1:]) if found.carried else names
         known = names if found.is_first else names[:-1]
         yield from _table(levels.joint, levels.slides, learnt, known, names, found.values, found.covariance, truth)

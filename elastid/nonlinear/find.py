@@ -124,8 +124,7 @@ def _gathered(
         )
     if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
         raise _Unsuited(
-            f"friction is not identifiable, because there are no more experiments ({len(records)}) than inputs "
-            f"({len(inputs)}) and all lines are excited. Measure a second realisation"
+            "it is not identifiable from one realisation without detection lines. Measure a second realisation"
         )
     return data
 
@@ -230,7 +229,7 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
             level, std = result.sliding_level(place)
             text = (
                 f"{place}: Coulomb friction {level:.4g} +- {std:.2g} {unit} (link side) estimated and compensated; "
-                f"power of distortion and noise reduced to {share:.2g} %"
+                f"residual power reduced to {share:.2g} % of its initial value"
             )
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
         else:

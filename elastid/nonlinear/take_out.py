@@ -23,6 +23,7 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.display import number
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.statistics import interpolated
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
@@ -100,10 +101,9 @@ def _unexplained(
     if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[known]) < MIN_UNEXPLAINED:
         return ()
     text = (
-        f"nonlinear distortion is {np.sqrt(ratio):.2g} times the noise, and friction of {', '.join(friction.places)} "
-        "does not explain it. Damping is biased if gears have hysteresis or link-side friction; if a spring is "
-        "nonlinear, stiffness applies to this amplitude only. Check that unit, load and time of all records agree, "
-        "then add `gears: {}` to the study"
+        f"nonlinear distortion is {number(ratio**0.5, 2)} times the noise, and motor friction does not explain "
+        "it. Damping may be biased, and stiffness applies to this amplitude only. Check that channels, units, time and "
+        "load are the same in all records. If they are, add `gears: {}` to the study"
     )
     return (Note(UNEXPLAINED, text, f"configuration {response.configuration.name}"),)
 

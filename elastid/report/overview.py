@@ -111,21 +111,26 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     if most is None:
         return "No parameter was identified."
     if result.exceeds_noise:
-        return "With caution: the residuals exceed the noise, and the intervals include the model error."
+        weak = f" Weakly identifiable: {', '.join(result.weak)}." if result.weak else ""
+        return f"With caution: the intervals include the model error.{weak}"
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
         return f"With caution: gears and springs leave {percent(gears.after)} of the position signal unexplained."
-    reasons = {row.name: row.verdict for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))}
+    reasons: dict[str, list[str]] = {}
+    for row in rows:
+        if row.verdict.startswith((BIASED, UNCERTAIN)):
+            reasons.setdefault(row.verdict, []).append(row.name)
     if reasons:
-        return f"Not all of them: {', '.join(reasons)} ({'; '.join(sorted({*reasons.values()}))})."
+        named = "; ".join(f"{', '.join(names)} {verdict.replace(': ', ' (')})" for verdict, names in reasons.items())
+        return f"{'No' if sum(map(len, reasons.values())) == len(rows) else 'Not all of them'}: {named}."
     if half_width(most) > WIDTH_CLASSES[-1]:
         return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
-    held = next((note.text for note in result.notes if note.code == HELD_AS_EXACT), "")
+    held = next((note.text.partition(". ")[0] for note in result.notes if note.code == HELD_AS_EXACT), "")
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
         return "Yes."
-    base = next((f", for a rigid base ({row.name} is {row.base})" for row in rows if row.base), "")
-    exact = f", if the fixed values are exact ({held.partition('. ')[0]})" if held else ""
+    base = next((f", for a rigid base ({row.base})" for row in rows if row.base), "")
+    exact = f", if the fixed values are exact ({held})" if held else ""
     return f"Yes{base}{exact}."
 
 
@@ -141,13 +146,14 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
     """The residual test and the first cause of a model error, in sentences."""
     if not result.noise_is_known:
         return "Unknown: without a measured noise no residual test is possible."
+    test = f" {capital(result.residual_test)}."
     if result.cause[0]:
-        return f"{capital(result.cause[0])}. {capital(result.residual_test)}."
+        return f"{capital(result.cause[0])}.{test if result.exceeds_noise else ''}"
     if "error" in (noise := _noise_and_error(result, agreements)):
-        return f"The residuals exceed the noise, but not the combination of {noise}."
+        return f"No error beyond {noise}.{test}"
     if DISTORTED in result.verdicts:
-        return "Not in the residuals, but motor friction does not explain the nonlinear distortion (see the warning)."
-    return f"No model error detected. {capital(result.residual_test)}."
+        return "Residuals consistent with noise, but motor friction does not explain the nonlinear distortion."
+    return f"No model error detected.{test}"
 
 
 def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
@@ -222,8 +228,8 @@ class Action:
 
 USE = Action("Use the numbers.", "No interval or residual requires another measurement.")
 OPEN_GEARS = Action(
-    "Estimate the nonlinear effects of the gears, if time, unit and load are the same in all records.",
-    "The result is the stiffness at zero torque and its dependence on torque.",
+    "Check that channels, units, time and load are the same in all records.",
+    "If they are, estimate the nonlinear effects of the gears.",
     "--set 'gears={}'",
 )
 

@@ -92,7 +92,7 @@ class TwinRun:
         if self.lost:
             return f"Simulation on {self.log}, {driven}: diverged, {self.lost}."
         held_hz = self.tracking_bandwidth_hz
-        held = f" and a tracking loop of {held_hz:.2g} Hz" if held_hz else ""
+        held = f" and a position loop of {held_hz:.2g} Hz bandwidth" if held_hz else ""
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
         parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
         return (

@@ -153,5 +153,5 @@ def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: Gear
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
     if step is OPEN_GEARS and "gears" in run.stages:
-        step = replace(step, what="Run the stage gears.", text=f"elastid run {run.loaded.path} gears")
+        step = replace(step, what="Run the stage gears.", gain="", text=f"elastid run {run.loaded.path} gears")
     yield " ".join(filter(None, ("What next?", step.what, step.gain, step.text and f"`{step.text}`")))

@@ -47,6 +47,7 @@ from elastid.fit.result import (
     GOOD,
     LARGE,
     UNCERTAIN,
+    WEAK,
     ModificationIndex,
     Result,
     Status,
@@ -94,7 +95,8 @@ def with_status(evidence: Evidence) -> Result:
     explained = f"the model explains {percent(max(evidence.explained, 0.0))} of the measured responses"
 
     def ended(status: Status, message: str) -> Result:
-        return replace(result, status=status, message=f"{message}. {capital(result.residual_test)}; {starts}")
+        ended = replace(result, status=status)
+        return replace(ended, message=f"{message}. {capital(ended.residual_test)}; {starts}")
 
     misread = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
     readings = [index for index in result.indices if index.place and index.group in misread]
@@ -326,8 +328,7 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
         low, high = result.interval(parameter.name)
         if not high < LIMITS.interval_factor * low:
             # Without the interval: that of the table may be found later, by profile likelihood.
-            text = f"{parameter.name} is weakly identifiable. Fix it, or measure a posture that excites it"
-            yield Note("fit/weakly-identifiable", text)
+            yield Note(WEAK, "weakly identifiable. Fix it, or measure in another posture or band", parameter.name)
     # A file that is off moves all alike.
     yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.display import capital
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import Scores
@@ -90,9 +91,8 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     free = result.parameters.free_names
     moves = "; ".join(f"{error.amount(error.per_std)} ({free[error.parameter]})" for error in named)
     text = (
-        f"an error of {named[0].amount(named[0].error)} is not detectable from the residuals, and the intervals do "
-        f"not cover it: fixed values are taken as exact. Errors that change an estimate by one std: {moves}. Measure "
-        "these values, or free them with a prior"
+        f"an error of {named[0].amount(named[0].error)} does not show in the residuals. Intervals assume exact fixed "
+        f"values. Errors that change an estimate by one std: {moves}. Measure these values, or free them with a prior"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 
@@ -145,6 +145,6 @@ def find_elastic_base(result: Result) -> tuple[Note, ...]:
     remarks = result.base_remarks
     if not remarks:
         return ()
-    text = "; ".join(f"{name}: {remark}" for name, remark in remarks.items())
+    text = ". ".join(map(capital, remarks.values()))
     text = f"the base stiffness is not identifiable. {text}. Add a measured base stiffness to the robot model"
     return (Note("fit/assumed-rigid", text, severity="information"),)

@@ -137,14 +137,14 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
     used = (factor > 0) & _within(response.freq_hz, spec.band_hz or (-np.inf, np.inf))[:, None, None]
     texts: list[tuple[str, str]] = []
     if response.uncertainty is None:
-        texts.append(("fit/weights", f"no variance is known; the floor of {floor:g} alone weighs its lines"))
+        texts.append(("fit/weights", f"no variance is known; the model error of {floor:g} determines the weights"))
     mute = _no_more_than_noise(response, variance, used)
     if mute.any():
         names = ", ".join(f"{response.outputs[i]} from {response.inputs[j]}" for i, j in np.argwhere(mute))
-        texts.append(("fit/weights", f"left out, no more than noise: {names}"))
+        texts.append(("fit/weights", f"FRF elements without a significant response are not fitted: {names}"))
     used &= ~mute
     if silent := int((used & (sigma == 0)).sum()):
-        texts.append(("fit/weights", f"left out, {silent} elements of zero variance and no floor"))
+        texts.append(("fit/weights", f"{silent} elements are not fitted: their variance and the model error are zero"))
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
     is_joint = spec.criterion == "complex" and weighs_correlations(response, noise, sigma, spec.weights)
     if noise is not None:

@@ -78,7 +78,7 @@ def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log
             log.report("spikes left", at.size, f"{text}: too many for spikes, left unchanged")
             continue
         result[at, c] = np.nan
-        log.report(MASKED, at.size, f"{text}, the first is {log.time_of(at[0])}: spikes, declared missing")
+        log.report(MASKED, at.size, f"{text} and are treated as missing; the first is {log.time_of(at[0])}")
     return result
 
 
