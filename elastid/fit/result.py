@@ -118,8 +118,6 @@ MEANING: dict[Status, str] = {
     "configurations and robot model",
 }
 
-# Code of the note on a parameter whose interval is very wide.
-WEAK = "fit/weakly-identifiable"
 # Code of the note on errors of held numbers that no residual shows.
 HELD_AS_EXACT = "fit/fixed-values"
 # Codes of notes on causes of model errors: two sentences each, the cause and its remedy.
@@ -304,20 +302,14 @@ class Result:
         meaning, _, action = MEANING[self.status].partition(". ")
         if self.status != "converged":
             return f"{meaning}. {action}"
-        if self.weak:
-            n = len(self.parameters.asked)
-            meaning = f"{n - len(self.weak)} of {n} parameters identified, {len(self.weak)} weakly identifiable"
+        if weak := sum(note.code == "fit/weakly-identifiable" for note in self.notes):
+            meaning = f"{weak} of {len(self.parameters.asked)} parameters weakly identifiable, the others identified"
         but = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
         return f"{meaning}{but}; {self.residual_test.partition(':')[0]}. {capital(self.cause[0]) or action}"
 
     @property
-    def weak(self) -> tuple[str, ...]:
-        """Names of the weakly identifiable parameters."""
-        return tuple(note.place for note in self.notes if note.code == WEAK)
-
-    @property
     def residual_test(self) -> str:
-        """Verdict of the residual test, ratio and limit; no verdict for a misfit that passes the test."""
+        """Verdict of the residual test, the ratio of the residuals, and its limit."""
         if not self.noise_is_known:
             return "no residual test, because the noise is unknown"
         limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), self.residual_ratio
@@ -325,10 +317,8 @@ class Result:
             verdict = "passed" if self.is_within_declared else "failed"
             error = f"(noise + declared error of {percent(self.model_error)}) {self.error_ratio:.3g}"
             return f"residual test {verdict}: rms residual / {error} (limit {LARGE:g})"
-        numbers = f"rms residual / noise {ratio:.3g} (limit {limit:.3g}, false-alarm rate 0.14 %)"
-        if not self.exceeds_noise and self.status == "misfit":
-            return numbers
-        return f"residual test {'failed' if self.exceeds_noise else 'passed'}: {numbers}"
+        verdict = "failed" if self.exceeds_noise else "passed"
+        return f"residual test {verdict}: rms residual / noise {ratio:.3g} (limit {limit:.3g}, false-alarm rate 0.14 %)"
 
     @property
     def base_remarks(self) -> dict[str, str]:

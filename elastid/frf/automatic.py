@@ -56,7 +56,7 @@ LIMITS = AutomaticLimits()
 
 def chosen(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
     """A method and the note on it."""
-    text = f"method {method} selected: {reason}"
+    text = f"estimator.method auto selects {method}: {reason}"
     return method, (Note("frf/method", text, severity="information"),)
 
 
@@ -86,9 +86,9 @@ def choose_by_error(
     unit = "Hz" if local.rate_is_known else "of the sampling rate"
     scale = f"of |G| at a resolution of {resolution:.2g} {unit}"
     if error_l * margin < error:
-        return chosen("local_rational", f"error {100 * error_l:.2g} % {scale}; {method}: {100 * error:.2g} %")
+        return chosen("local_rational", f"stated error {100 * error_l:.2g} % {scale}; {method}: {100 * error:.2g} %")
     missed = f", not {margin:g} times less" if error_l < error else ""
-    return chosen(method, f"error {100 * error:.2g} % {scale}; local_rational: {100 * error_l:.2g} %{missed}")
+    return chosen(method, f"stated error {100 * error:.2g} % {scale}; local_rational: {100 * error_l:.2g} %{missed}")
 
 
 def stated_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:

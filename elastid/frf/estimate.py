@@ -183,7 +183,7 @@ def _fitted(
     if not usable.any():
         raise DataError(
             "frf/inputs-not-separable",
-            f"no line has independent inputs in every realisation: lines {described_lines(lines, first)} are lost in "
+            f"no line has independent inputs in every realisation: {described_lines(lines, first)} lost in "
             "at least one. Measure the weak realisations again",
             f"configuration {first.configuration.name}",
         )

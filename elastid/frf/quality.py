@@ -98,17 +98,16 @@ def coherences_of_powers(
 
 
 def described_lines(lines: IntArray, record: Record) -> str:
-    """Lines as messages name them: one frequency, or their range and number."""
+    """Lines as messages name them: their number and their range."""
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     unit = "Hz" if record.rate_is_known else "of the sampling rate"
-    first, last = f"{freq_hz[0]:.5g}", f"{freq_hz[-1]:.5g} {unit}"
-    return f"{first} to {last} ({len(lines)})" if len(lines) > 1 else last
+    end = f" to {freq_hz[-1]:.5g}" if len(lines) > 1 else ""
+    return f"{len(lines)} DFT line{'s' * (len(lines) > 1)} ({freq_hz[0]:.5g}{end} {unit})"
 
 
 def left_out_note(lines: IntArray, first: Record, why: str) -> Note:
     """A note on lines of records like the first at which G is not estimated."""
-    counted = f"DFT line{'s' * (len(lines) > 1)} {described_lines(lines, first)}"
-    return Note("frf/lines-discarded", f"{counted} discarded: {why}")
+    return Note("frf/lines-discarded", f"{described_lines(lines, first)} discarded: {why}")
 
 
 def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:

@@ -124,7 +124,8 @@ def _gathered(
         )
     if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
         raise _Unsuited(
-            "it is not identifiable from one realisation without detection lines. Measure a second realisation"
+            f"not identifiable without detection lines (experiments: {len(records)}, inputs: {len(inputs)}). Measure a "
+            "second realisation"
         )
     return data
 

@@ -23,7 +23,6 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.base.display import number
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.statistics import interpolated
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
@@ -101,7 +100,7 @@ def _unexplained(
     if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[known]) < MIN_UNEXPLAINED:
         return ()
     text = (
-        f"nonlinear distortion is {number(ratio**0.5, 2)} times the noise, and motor friction does not explain "
+        f"nonlinear distortion is {np.sqrt(ratio):.0f} times the noise, and motor friction does not explain "
         "it. Damping may be biased, and stiffness applies to this amplitude only. Check that channels, units, time and "
         "load are the same in all records. If they are, add `gears: {}` to the study"
     )

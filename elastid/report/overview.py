@@ -110,20 +110,17 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
         return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning)}."
     if most is None:
         return "No parameter was identified."
+    poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
+    reasons = "; ".join(sorted({row.verdict for row in poor}))
+    named = f"{', '.join(row.name for row in poor)} ({reasons})"
     if result.exceeds_noise:
-        weak = f" Weakly identifiable: {', '.join(result.weak)}." if result.weak else ""
-        return f"With caution: the intervals include the model error.{weak}"
+        return f"With caution: the intervals include the model error{f'; {named}' * bool(poor)}."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
         return f"With caution: gears and springs leave {percent(gears.after)} of the position signal unexplained."
-    reasons: dict[str, list[str]] = {}
-    for row in rows:
-        if row.verdict.startswith((BIASED, UNCERTAIN)):
-            reasons.setdefault(row.verdict, []).append(row.name)
-    if reasons:
-        named = "; ".join(f"{', '.join(names)} {verdict.replace(': ', ' (')})" for verdict, names in reasons.items())
-        return f"{'No' if sum(map(len, reasons.values())) == len(rows) else 'Not all of them'}: {named}."
+    if poor:
+        return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {named}."
     if half_width(most) > WIDTH_CLASSES[-1]:
         return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
     held = next((note.text.partition(". ")[0] for note in result.notes if note.code == HELD_AS_EXACT), "")
@@ -327,7 +324,7 @@ def questions_of_responses(content: ResponsesContent) -> Questions:
     warnings = sum(note.first.severity == "warning" for note in content.notes)
     stated = [float(np.nanmedian(modes.stated)) for modes in content.modes if np.isfinite(modes.stated).any()]
     good = [f"Noise is {percent(max(stated))} of the response at a line." if stated else "The noise is unknown."]
-    good += [f"{warnings} warning{'s' if warnings > 1 else ''} below."] if warnings else []
+    good += [f"Warnings below: {warnings}."] if warnings else []
     known = [modes for modes in content.modes if modes.n_modes]
     modes = []
     for of_state in known[:MODES_SHOWN]:

@@ -223,8 +223,7 @@ def explain(asked: str) -> str:
     if not matches:
         names = {".".join(parts[-n:]): ".".join(parts) for parts in reversed(steps.values()) for n in (len(parts), 1)}
         close = get_close_matches(".".join(wanted), names, n=1)
-        same = next((code for code in codes() if code.partition("/")[2] == asked), names[close[0]] if close else "")
-        nearest = f"did you mean '{same}'?" if same else f"there are {', '.join(names_in(Study))}"
+        nearest = f"did you mean '{names[close[0]]}'?" if close else f"there are {', '.join(names_in(Study))}"
         owner = "a fleet" if asked.startswith("fleet.") else "a study"
         raise StudyError("study/unknown-key", renamed_key(wanted) or f"{owner} has no key {asked}; {nearest}")
     return "\n\n".join(map(_explanation, matches))
@@ -252,7 +251,7 @@ def _explanation(key: StudyKey) -> str:
     text, *rule = re.split(r" \(default: ([^)]+)\)", key.text, maxsplit=1)
     default = rule[0] if rule else _default(key.default)
     paragraphs = [text + "".join(rule[1:]), f"Value: {describe(key.annotation)}."]
-    paragraphs += [] if "Default: " in text else [f"Default: {default}."]
+    paragraphs += [f"Default: {default}."] * ("Default: " not in text)
     paragraphs += [key.full_advice] if key.advice else []
     paragraphs += [f"Keys below it: {', '.join(below)}."] if below else []
     paragraphs += [f"Keys of each: {', '.join(of_each)}."] if of_each else []

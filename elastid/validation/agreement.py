@@ -286,15 +286,15 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
         advice = "To test the prediction, exclude a configuration from the fit: validation.configurations"
         return f"Fit {error}{residuals}. {advice}."
     names = ", ".join(a.configuration for a in left_out)
-    compared, is_larger = error, False
+    is_larger = False
     if fitted:
         fitted_db, fitted_deg = _over(fitted)
-        compared += f" (fitted configurations: {fitted_db:.2g} dB and {fitted_deg:.2g} deg)"
+        error += f" (fitted configurations: {fitted_db:.2g} dB and {fitted_deg:.2g} deg)"
         # A configuration with more noise than the fitted ones has an error that is not the model's.
         is_larger = db > 1.5 * fitted_db + 0.1 and not p >= FALSE_ALARM
     verdict = "failed" if is_larger or p < FALSE_ALARM or not white else "passed"
     test = f"rms residual / noise {math.sqrt(ratio):.3g}, residuals {color}"
-    return f"Validation {verdict} in {names}: {compared}; {'noise unknown' if math.isnan(p) else test}."
+    return f"Validation {verdict} in {names}: {error}; {'noise unknown' if math.isnan(p) else test}."
 
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:

@@ -194,8 +194,8 @@ def _level_words(joint: JointLevels) -> str:
     if joint.commanded is not None:
         fit, distance = joint.commanded, "m" if joint.slides else "rad"
         parts.append(
-            f"{fit.seconds:.3g} s of commands ({fit.logs} log{'s' * (fit.logs != 1)}), error of simulated position "
-            f"{number(fit.rms, 2)} {distance} rms ({fit.relative_error:.1%})"
+            f"{fit.seconds:.3g} s of commands, error of simulated position {number(fit.rms, 2)} {distance} rms "
+            f"({fit.relative_error:.1%})"
         )
     return ", ".join(parts) or "no log with sliding"
 

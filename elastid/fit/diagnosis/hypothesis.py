@@ -231,7 +231,7 @@ def fault(index: ModificationIndex, evidence: Evidence) -> str:
     effect = f"changes {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""
     named = f"{phrase(index, evidence)}{same}{of_tolerance}"
     if not evidence.is_unexplained:
-        return f"the data contradict the robot model: {named}{effect and f' ({effect})'}"
+        return f"the data contradict the robot model and require {named}{effect and f' ({effect})'}"
     certainty = "likely" if index.explained_fraction >= LIMITS.certain_share else "possible"
     facts = f"explains {_percent(index.explained_fraction)} of the excess residuals{effect and f', {effect}'}"
     return f"{'further' if index.place > 1 else certainty} cause: {named} ({facts})"

@@ -67,8 +67,8 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     change = relative(math.exp(-moved[worst])) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (
-        f"the robot model is off by {ratio:.2g} tolerances (rms; limit {most:.2g}); exact nominal values would "
-        f"change {p.name} by {change}. Check the value that another warning names, else torque constants, angles and payload"
+        f"the robot model deviates by {ratio:.2g} tolerances (rms; limit {most:.2g}); exact nominal values would "
+        f"change {p.name} by {change}. Check the value of the first warning, else torque constants, angles and payload"
     )
     return (Note("fit/tolerances", text, p.name),)
 

@@ -47,7 +47,6 @@ from elastid.fit.result import (
     GOOD,
     LARGE,
     UNCERTAIN,
-    WEAK,
     ModificationIndex,
     Result,
     Status,
@@ -95,8 +94,7 @@ def with_status(evidence: Evidence) -> Result:
     explained = f"the model explains {percent(max(evidence.explained, 0.0))} of the measured responses"
 
     def ended(status: Status, message: str) -> Result:
-        ended = replace(result, status=status)
-        return replace(ended, message=f"{message}. {capital(ended.residual_test)}; {starts}")
+        return replace(result, status=status, message=f"{message}. {capital(result.residual_test)}; {starts}")
 
     misread = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
     readings = [index for index in result.indices if index.place and index.group in misread]
@@ -328,7 +326,8 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
         low, high = result.interval(parameter.name)
         if not high < LIMITS.interval_factor * low:
             # Without the interval: that of the table may be found later, by profile likelihood.
-            yield Note(WEAK, "weakly identifiable. Fix it, or measure in another posture or band", parameter.name)
+            text = "weakly identifiable. Fix it, or measure in another posture or band"
+            yield Note("fit/weakly-identifiable", text, parameter.name)
     # A file that is off moves all alike.
     yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))
 

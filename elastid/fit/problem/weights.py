@@ -135,22 +135,22 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
     used = (factor > 0) & _within(response.freq_hz, spec.band_hz or (-np.inf, np.inf))[:, None, None]
-    texts: list[tuple[str, str]] = []
+    texts = list[str]()
     if response.uncertainty is None:
-        texts.append(("fit/weights", f"no variance is known; the model error of {floor:g} determines the weights"))
+        texts.append(f"no variance is known; the model error of {floor:g} determines the weights")
     mute = _no_more_than_noise(response, variance, used)
     if mute.any():
         names = ", ".join(f"{response.outputs[i]} from {response.inputs[j]}" for i, j in np.argwhere(mute))
-        texts.append(("fit/weights", f"FRF elements without a significant response are not fitted: {names}"))
+        texts.append(f"FRF elements without a significant response are not fitted: {names}")
     used &= ~mute
     if silent := int((used & (sigma == 0)).sum()):
-        texts.append(("fit/weights", f"{silent} elements are not fitted: their variance and the model error are zero"))
+        texts.append(f"{silent} elements are not fitted: their variance and the model error are zero")
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
     is_joint = spec.criterion == "complex" and weighs_correlations(response, noise, sigma, spec.weights)
     if noise is not None:
         noise.measured.release()
     scale = _scale(noise, np.square(floor * np.abs(response.G)), is_joint)
-    notes = tuple(Note(code, text, f"configuration {where}") for code, text in texts)
+    notes = tuple(Note("fit/weights", text, f"configuration {where}") for text in texts)
     return Weights(sigma, noise, scale, floor, notes, factor, noise.smooth if noise is not None and is_joint else None)
 
 
