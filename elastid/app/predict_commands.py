@@ -195,9 +195,10 @@ def _numbers(values: FloatArray) -> str:
 def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator[str]:
     """Sentences on the most likely wrong number, and on joints that a trivial predictor predicts as well."""
     if doubts := [test for test in tests if test.is_in_doubt]:
-        yield f"Most likely wrong: {_words(doubts[0])}."
+        yield f"Most likely wrong: {_words(doubts[0])}. Correct this value, and predict again."
     if worse := [row.joint for row in joints if row.is_worse]:
-        yield f"A trivial predictor is at least as good for {len(worse)} of {len(joints)} joints: {', '.join(worse)}."
+        joint_names = f"{len(worse)} of {len(joints)} joints: {', '.join(worse)}"
+        yield f"A trivial predictor is at least as good for {joint_names}. Identify these joints again."
 
 
 def _words(test: Tested) -> str:
