@@ -137,7 +137,7 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
         if result.at_bound[i]:
             verdicts.append(AT_BOUND)
         elif index is not None and by_index[i] > LIMITS.shift:
-            verdicts.append(f"{BIASED}: {phrase(index, evidence)} would move it by {by_index[i]:.1f} std")
+            verdicts.append(f"{BIASED}: {phrase(index, evidence)} would change it by {by_index[i]:.1f} std")
         elif is_distorted and parameter.name.startswith("d_"):
             verdicts.append(DISTORTED)
         elif by_blocks[i] > LIMITS.shift:
@@ -234,7 +234,7 @@ def _by_held_number(evidence: Evidence) -> str:
     worst = int(np.argmax(moved))
     if moved[worst] <= LIMITS.shift:
         return ""
-    return f"{fault(index, evidence)}. It biases {result.parameters.free_names[worst]} by {moved[worst]:.1f} std"
+    return f"{fault(index, evidence)}. Bias of {result.parameters.free_names[worst]}: {moved[worst]:.1f} std"
 
 
 def _beyond_declared(evidence: Evidence) -> str:
