@@ -107,7 +107,7 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     """One sentence on the quality of the estimates, consistent with status, verdicts, causes and intervals."""
     most = widest(rows)
     if result.status != "converged":
-        return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning)}."
+        return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(MEANING[result.status].partition('. ')[0])}."
     if most is None:
         return "No parameter was identified."
     poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]

@@ -234,7 +234,7 @@ def fault(index: ModificationIndex, evidence: Evidence) -> str:
         return f"the data contradict the robot model and require {named}{effect and f' ({effect})'}"
     certainty = "likely" if index.explained_fraction >= LIMITS.certain_share else "possible"
     facts = f"explains {_percent(index.explained_fraction)} of the excess residuals{effect and f', {effect}'}"
-    return f"{'further' if index.place > 1 else certainty} cause: {named} ({facts})"
+    return f"{'further' if index.place > 1 else certainty} cause: {named}; {facts}"
 
 
 def phrase(index: ModificationIndex, evidence: Evidence) -> str:
