@@ -4,8 +4,10 @@ Everything that is not in the logs is guessed, and marked so with its reason.
 """
 
 import json
+import math
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -23,14 +25,15 @@ from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import JointGuess, LogGuess, guess_commands, guess_log, signals_of
 from elastid.recorded.channel_names import ChannelGuess
 from elastid.recorded.clocks import MAX_SAMPLES, Clock, clock_of
+from elastid.recorded.command_log import gains_in
 from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.log import StoredArray
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.files.universal import is_universal_file, time_histories
 from elastid.recorded.repair.periodicity import find_period, repetition
 from elastid.recorded.responses.table import responses_in, uff_places
 from elastid.robot import Joint, Robot
 
+_SAME_RATE = 0.01  # relative difference of the rates of logs of one study
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
 # Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
 Positions: TypeAlias = Mapping[tuple[str, int | None], FloatArray]
@@ -54,19 +57,20 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         is_text = isinstance(log, TextLog)
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
         responses = responses_in(log.arrays)
-        gains = _gains(log.arrays)
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
-        return _of_commands(logs, folder, pairs, gains, clock, robot, text)
+        return _of_commands(logs, folder, pairs, clock, robot, text)
     if guess is None:
-        named = ", ".join(f"{signal.name} ({signal.quantity or 'unknown'})" for signal, _ in signals[:8]) or "none"
+        counts = Counter((signal.name, signal.quantity or "unknown") for signal, _ in signals)
+        named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
         raise DataError(
             "records/channels",
-            "names and units of the channels show no torques (motor, hammer, shaker) or no positions. Name them tau_1, "
-            "q_1, ..., or list the second file under `also` in experiment.recorded.files. Varying channels: "
-            f"{named}. Frequency responses, for experiment.responses.files: {', '.join(responses) or 'none'}",
+            "names and units show no torque (motor, hammer, shaker) with a motion, and no command for each position. "
+            "Name them tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files. "
+            f"Varying channels: {named}. Frequency responses, for experiment.responses.files: "
+            f"{', '.join(responses) or 'none'}",
             first,
         )
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
@@ -99,19 +103,36 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     return {"study.yml": _joined([*content, *unused])}
 
 
-def _gains(arrays: Mapping[str, StoredArray]) -> Mapping[str, FloatArray]:
-    """Arrays kp and kd of a log; empty unless both are there."""
-    named = {
-        name.lower(): np.atleast_1d(np.asarray(array, float)) for name, array in arrays.items() if name.lower() in GAINS
-    }
-    return named if len(named) == len(GAINS) else {}
+def _controller(path: Path, n_u: int) -> FloatArray | None:
+    """Gains kp and kd (2, n_u) of a log; None unless both are there and positive."""
+    with opened_log(path, TextFormatSpec() if path.is_dir() else guess_format(path)) as log:
+        gains = [values for name in GAINS if (values := gains_in(log, name, n_u)) is not None]
+    is_known = len(gains) == len(GAINS) and bool(np.all((np.array(gains) > 0) & np.isfinite(gains)))
+    return np.array(gains) if is_known else None
+
+
+def _unlike(
+    path: Path, first: Path, clock: Clock, pairs: Sequence[tuple[ChannelGuess, ChannelGuess]], gains: FloatArray | None
+) -> str:
+    """In what a log differs from the first one that a study has only once: channels, rate, gains; empty if in none."""
+    form = TextFormatSpec() if path.is_dir() else guess_format(path)
+    with opened_log(path, form) as log:
+        rate_hz, signals = clock_of(log).rate_hz or math.nan, signals_of(log, MAX_SAMPLES)
+    if [g.key for pair in guess_commands(signals, rate_hz) for g in pair] != [g.key for pair in pairs for g in pair]:
+        return f"its commands and positions are other channels than in {first}"
+    if not abs(rate_hz / (clock.rate_hz or math.nan) - 1) < _SAME_RATE:
+        return f"its rate is {rate_hz:.6g} Hz, but {clock.rate_hz:.6g} Hz in {first}; a study has one rate"
+    other = _controller(path, len(pairs))
+    if gains is None or other is None or np.array_equal(gains, other):
+        return ""
+    numbers = ["; ".join(", ".join(f"{x:.6g}" for x in row) for row in each) for each in (other, gains)]
+    return f"kp; kd are {numbers[0]}, but {numbers[1]} in {first}; a study has one controller"
 
 
 def _of_commands(
     logs: Sequence[Path],
     folder: Path,
     pairs: Sequence[tuple[ChannelGuess, ChannelGuess]],
-    gains: Mapping[str, FloatArray],
     clock: Clock,
     robot: Robot | None,
     text: str,
@@ -124,16 +145,15 @@ def _of_commands(
         raise DataError("records/channels", f"{problem}. Log all of them, or remove the other motors", logs[0])
     by_joint = {y.parts[1]: (y, reference) for y, reference in pairs}
     pairs = [by_joint[name] for name in names] if set(names) == by_joint.keys() else pairs  # else in the log's order
-    for path in logs[1:] if gains else ():
-        with opened_log(path, TextFormatSpec() if path.is_dir() else guess_format(path)) as log:
-            others = _gains(log.arrays)
-        for name in others:
-            if not np.array_equal(others[name], gains[name]):
-                numbers = [", ".join(f"{x:.6g}" for x in values.ravel()[:12]) for values in (others[name], gains[name])]
-                problem = f"{name} is {numbers[0]}, but {numbers[1]} in {logs[0]}; a study has one controller"
-                raise DataError("records/channels", f"{problem}. Write a study for each", path)
-    is_known = bool(gains) and all(x.size in (1, len(pairs)) and np.all((x > 0) & (x < np.inf)) for x in gains.values())
-    kp, kd = (np.broadcast_to(gains[name].ravel() if is_known else 1.0, len(pairs)) for name in GAINS)
+    if clock.rate_hz is None:
+        text = "the log has no time stamps, to which inertia and delay refer. Add a channel time in s, or rate_hz"
+        raise DataError("records/clock", text, logs[0])
+    gains = _controller(logs[0], len(pairs))
+    for path in logs[1:]:
+        if other := _unlike(path, logs[0], clock, pairs, gains):
+            raise DataError("records/channels", f"{other}. Write a study for each", path)
+    kp, kd = np.ones((2, len(pairs))) if gains is None else gains
+    is_known = gains is not None
     why = "kp / kd and kd of the log" if is_known else "guessed: enter the gains of the joint controller, link side"
     numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
     lines = [*_head("friction", logs[0]), "robot: robot.yml # guessed: geometry and ratios are not in the logs"]
@@ -141,7 +161,7 @@ def _of_commands(
     lines += [
         "experiment:",
         "  recorded:",
-        f"    rate_hz: {clock.rate_hz or 1000:.6g} # guessed: {clock.why}",
+        f"    rate_hz: {clock.rate_hz:.6g} # guessed: {clock.why}",
         "    channels:",
     ]
     for name, (y, reference) in zip(names, pairs, strict=True):
