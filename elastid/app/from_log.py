@@ -30,7 +30,6 @@ from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.files.universal import is_universal_file, time_histories
 from elastid.recorded.repair.periodicity import find_period, repetition
-from elastid.recorded.responses.table import responses_in
 from elastid.robot import Joint, Robot
 
 _SAME_RATE = 0.01  # relative difference of the rates of logs of one study
@@ -55,14 +54,13 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
-        responses = responses_in(log.arrays)
+    if texts := texts_from_responses(logs, folder, robot):
+        return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
         return _of_commands(logs, folder, pairs, clock, robot, text)
-    if guess is None and (texts := texts_from_responses(logs, folder, robot)):
-        return texts
     if guess is None:
         counts = Counter((signal.name, signal.quantity or "unknown") for signal, _ in signals)
         named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
@@ -70,8 +68,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
             "records/channels",
             "names and units show no torque (motor, hammer, shaker) with a motion, and no command for each position. "
             "Name them tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files. "
-            f"Varying channels: {named}. Frequency responses, for experiment.responses.files: "
-            f"{', '.join(responses) or 'none'}",
+            f"Varying channels: {named}",
             first,
         )
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed

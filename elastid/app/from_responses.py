@@ -66,6 +66,8 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
 
     Raises DataError if the robot has another number of motors than the response has inputs.
     """
+    if paths[0].is_dir():
+        return {}
     form = guess_format(paths[0])
     with opened_log(paths[0], form) as log:
         table = _text_table(log) if isinstance(log, TextLog) else _array_table(paths[0], log.arrays)

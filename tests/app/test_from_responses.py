@@ -37,8 +37,9 @@ def idfrd(path: Path) -> Path:
 
 
 def arrays(path: Path) -> Path:
-    """Complex array with the frequencies last, in rad/s by the name of theirs."""
-    savemat(path.with_suffix(".mat"), {"FRF": accelerations(2).transpose(1, 2, 0), "w": 2 * np.pi * FREQ})
+    """Complex array with the frequencies last, in rad/s by the name of theirs, beside a coherence."""
+    content = {"FRF": accelerations(2).transpose(1, 2, 0), "w": 2 * np.pi * FREQ}
+    savemat(path.with_suffix(".mat"), content | {"coherence": np.linspace(0.9, 1.0, len(FREQ))})
     return path.with_suffix(".mat")
 
 
