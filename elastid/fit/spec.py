@@ -55,9 +55,9 @@ class WeightSpec:
     """Weights are inverse variances: var = smoothed variance of G + (model_error |G|)^2, times the factors."""
 
     # fmt: off
-    model_error: Annotated[float | None, Key("Expected model error relative to |G|, included in weights and intervals. "
-        "Default: estimated from the residuals, at most 0.01. Without measured noise, or with uncompensated friction, "
-        "it is 0.01.", "0.03 with strong friction, 0.1 for a rough model; with 0 the noise alone determines the "
+    model_error: Annotated[float | None, Key("Expected model error relative to |G|, included in weights and intervals "
+        "(default: estimated from the residuals, at most 0.01; without measured noise, or with uncompensated friction, "
+        "0.01).", "0.03 with strong friction, 0.1 for a rough model; with 0 the noise alone determines the "
         "weights, and resonances dominate.", least=0)] = None
     covariance: Annotated[Literal["auto", "diagonal"], Key("Correlations in the weights: `auto` uses the inverse "
         "smoothed covariance of all elements if it was measured and is regular; `diagonal` uses variances only, as "

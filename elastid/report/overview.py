@@ -114,7 +114,7 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     reasons = "; ".join(sorted({row.verdict for row in poor}))
     named = f"{', '.join(row.name for row in poor)} ({reasons})"
     if result.exceeds_noise:
-        return f"With caution: the intervals include the model error{f'; {named}' * bool(poor)}."
+        return f"With caution: the intervals include the model error{f'; {named}' if poor else ''}."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
@@ -123,11 +123,11 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
         return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {named}."
     if half_width(most) > WIDTH_CLASSES[-1]:
         return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
-    held = next((note.text.partition(". ")[0] for note in result.notes if note.code == HELD_AS_EXACT), "")
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
         return "Yes."
     base = next((f", for a rigid base ({row.base})" for row in rows if row.base), "")
-    exact = f", if the fixed values are exact ({held})" if held else ""
+    held = (note.text.partition(". ")[0] for note in result.notes if note.code == HELD_AS_EXACT)
+    exact = next((f", if the fixed values are exact ({error})" for error in held), "")
     return f"Yes{base}{exact}."
 
 

@@ -141,8 +141,8 @@ class Robot:
     chain: Annotated[Chain, Key("Measurement chain: lags and gains of drives, sensors and filters.", "if the phase "
         "falls faster with frequency than the delay explains.")] = Chain()
     tolerances: Annotated[FileTolerances, Key("Prior standard deviations of the values in this file: `{}` for typical "
-        "ones, or `exact`. Default: typical for measured data, exact for a simulated robot unless `truth` changes such "
-        "a value.", "`exact` only if all numbers were identified or calibrated; otherwise the intervals include the "
+        "ones, or `exact` (default: typical for measured data, exact for a simulated robot unless `truth` changes such "
+        "a value).", "`exact` only if all numbers were identified or calibrated; otherwise the intervals include the "
         "tolerances.")] = None
     # fmt: on
 

@@ -250,8 +250,7 @@ def _explanation(key: StudyKey) -> str:
     of_each = [name for entry in entries for name in names_in(entry)]
     text, *rule = re.split(r" \(default: ([^)]+)\)", key.text, maxsplit=1)
     default = rule[0] if rule else _default(key.default)
-    paragraphs = [text + "".join(rule[1:]), f"Value: {describe(key.annotation)}."]
-    paragraphs += [f"Default: {default}."] * ("Default: " not in text)
+    paragraphs = [text + "".join(rule[1:]), f"Value: {describe(key.annotation)}.", f"Default: {default}."]
     paragraphs += [key.full_advice] if key.advice else []
     paragraphs += [f"Keys below it: {', '.join(below)}."] if below else []
     paragraphs += [f"Keys of each: {', '.join(of_each)}."] if of_each else []

@@ -283,8 +283,7 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
     error = f"error {db:.2g} dB and {deg:.2g} deg rms"
     if not left_out:  # the residual test of the fit has the ratio of these residuals to the noise
         residuals = "" if math.isnan(p) else f"; residuals {color}"
-        advice = "To test the prediction, exclude a configuration from the fit: validation.configurations"
-        return f"Fit {error}{residuals}. {advice}."
+        return f"Fit {error}{residuals}. To test the prediction, set validation.configurations."
     names = ", ".join(a.configuration for a in left_out)
     is_larger = False
     if fitted:
@@ -294,7 +293,7 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
         is_larger = db > 1.5 * fitted_db + 0.1 and not p >= FALSE_ALARM
     verdict = "failed" if is_larger or p < FALSE_ALARM or not white else "passed"
     test = f"rms residual / noise {math.sqrt(ratio):.3g}, residuals {color}"
-    return f"Validation {verdict} in {names}: {error}; {'noise unknown' if math.isnan(p) else test}."
+    return f"Validation {verdict} in configuration {names}: {error}; {'noise unknown' if math.isnan(p) else test}."
 
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:

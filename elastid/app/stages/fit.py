@@ -74,8 +74,7 @@ def fit(study: Study, work: Work) -> Artefacts:
         console.notes(notes_before_gears(result.notes, study.gears is not None), on_page=True)
         seconds = (second.words for second in (result.static, result.tool) if second is not None)
         # The warning has the first cause.
-        without_cause = result.message.replace(result.cause[0] or result.status, result.status, 1)
-        for words in (without_cause, *seconds):
+        for words in (result.message.replace(result.cause[0] or result.status, result.status, 1), *seconds):
             console.say(f"fit: {'linear model: ' * (study.gears is not None)}{words}")
 
     files = robot_files(study.name, robot, result, friction, responses.names)
