@@ -303,7 +303,8 @@ class Result:
         if self.status != "converged":
             return f"{meaning}. {action}"
         if weak := sum(note.code == "fit/weakly-identifiable" for note in self.notes):
-            meaning = f"{weak} of {len(self.parameters.asked)} parameters weakly identifiable, the others identified"
+            n = len(self.parameters.asked)
+            meaning = f"{n - weak} of {n} parameters identified, {weak} weakly identifiable"
         but = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
         return f"{meaning}{but}; {self.residual_test.partition(':')[0]}. {capital(self.cause[0]) or action}"
 

@@ -325,7 +325,7 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
         low, high = result.interval(parameter.name)
         if not high < LIMITS.interval_factor * low:
             # Without the interval: that of the table may be found later, by profile likelihood.
-            text = "weakly identifiable. Fix it, or measure in another posture or band"
+            text = "weakly identifiable. Fix the value, or measure in another posture or band"
             yield Note("fit/weakly-identifiable", text, parameter.name)
     # A file that is off moves all alike.
     yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))
