@@ -160,7 +160,7 @@ class Assembly:
             groups.setdefault(tuple(self.parameters.expand(x, name)[:-1]), {})[name] = configuration
         notes: list[Note] = []
         for numbers, configurations in groups.items():
-            theta = np.array(numbers)
+            theta = np.array(numbers[: len(model.parameters)])
             notes += spring_notes(model, theta, (equilibrium(model, theta, c) for c in configurations.values()))
         return tuple(notes)
 
@@ -209,7 +209,8 @@ def _part_again(each: tuple[Response, Response, Weights, Part]) -> Part:
 def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray, response: Response) -> Response:
     if response.motion is None:
         return response
-    theta = parameters.expand(x, response.configuration.name)
+    theta, n = parameters.expand(x, response.configuration.name), len(linearisation.model.parameters)
+    linearisation, theta = replace(linearisation, presliding=()), np.append(theta[:n], theta[-1])
     linear = linear_model(linearisation, response, theta)
     effect = effect_of_motion(linearisation.model, linear, theta, response)
     return response if effect is None else replace(response, G=response.G - effect)

@@ -74,10 +74,10 @@ class HeldModel:
         channels += [channel_name("gain", "y", place) for place in sorted(outputs) if place in robot.locations]
         for extended, rigid in (_with_torsions(robot), (robot, {})):
             with suppress(ElastidError, ValueError):
-                held = cls(Linearisation.of_robot(extended, assembly.model, (*robot.geometry, *channels)), rigid)
+                plain = Linearisation.of_robot(extended, assembly.model, (*robot.geometry, *channels))
+                held = cls(replace(plain, presliding=assembly.linearisation.presliding), rigid)
                 theta = held.theta(assembly.parameters, assembly.parameters.x, fitted.configuration.name)
-                of_model = theta[: len(held.linearisation.model.parameters)]
-                held.linearisation.at(fitted.configuration, of_model, places_of(fitted), fitted.quantity)
+                held.linearisation.at(fitted.configuration, theta[:-1], places_of(fitted), fitted.quantity)
                 return replace(held, loads=_loads(assembly))
         free_names = (*assembly.parameters.names, *channels)
         return cls(Linearisation.of_robot(robot, assembly.model, free_names), {}, _loads(assembly))
@@ -85,7 +85,7 @@ class HeldModel:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of theta: parameters of the equations, and the delay."""
-        return (*self.linearisation.model.parameters, DELAY)
+        return (*self.linearisation.parameters, DELAY)
 
     def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
         """The numbers (n,) in SI where x (n_x,) is the estimate."""
