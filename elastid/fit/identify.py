@@ -41,6 +41,7 @@ from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.parameter_choice import choose, ratio_within, tolerances_of, with_tolerances
+from elastid.fit.presliding import find_presliding, without_presliding
 from elastid.fit.problem.elastic import ElasticFit, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
@@ -95,6 +96,9 @@ def identified(
             estimate = _with_found_floor(assembly, spec, ends, execution.quiet)
             assembly, optimum, uncertainty, result = _with_agreements(estimate, assembly, spec, ends)
             evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+            if (freed := find_presliding(evidence)) is not None:
+                assembly, optimum, uncertainty, result = _with_found_floor(*_from(*freed, spec, ends), execution.quiet)
+                evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         except StudyError as error:  # the robot finds no rest on the way
             raise NoRestError(error) from None
         if not (result.has_tolerances and evidence.result.status == "model_error"):
@@ -103,6 +107,7 @@ def identified(
             result = replace(
                 result, notes=(*result.notes, *contradicted_priors(result), *contradicted_tolerances(result))
             )
+            result = without_presliding(result, assembly.linearisation.presliding, assembly.responses)
             pairs = zip(assembly.responses, optimum.responses, strict=True)
             known = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
             return result, known
@@ -115,6 +120,11 @@ def identified(
             raise FitError("fit/loads", text) from None
     # A gross fault bends the numbers of the file, too, and is named less surely from there.
     return identified(responses, replace(robot, tolerances=None), spec, model, execution, hypotheses, parameters, loads)
+
+
+def _from(assembly: Assembly, x: FloatArray, spec: FitSpec, ends: "_Ends") -> "tuple[Assembly, FitSpec, _Ends]":
+    starts, hits = ends
+    return assembly, spec, ((replace(starts[0], x=x), *starts[1:]), hits)
 
 
 def fit_parameters(

@@ -48,6 +48,22 @@ class RigidPart:
 
 
 @frozen_value
+class Presliding:
+    """Presliding friction of a motor, estimated with the parameters of the fit: a spring that relaxes.
+
+    stiffness: negative of friction that was compensated too much.  amplitude: motion between two reversals over the
+    presliding distance, about; NaN where no motion is known.
+    """
+
+    place: str
+    stiffness: float = labelled("stiffness, link side", "N*m/rad")
+    stiffness_std: float = labelled("its standard deviation", "N*m/rad")
+    rate: float = labelled("relaxation rate", "1/s")
+    rate_std: float = labelled("its standard deviation", "1/s")
+    amplitude: float = labelled("motion between two reversals over the presliding distance", default=math.nan)
+
+
+@frozen_value
 class ModificationIndex:
     """Numbers that the fit held, freed together for one Gauss-Newton step with its parameters.
 
@@ -214,6 +230,7 @@ class Result:
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
     assumed_rigid: what is taken as rigid and shows in no response; empty where that was not judged.
+    presliding: friction of motors that was estimated, too; the covariance includes it.
     verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
     model_error: relative to abs(G) in weights and covariance, the largest of the responses.
     configurations, information_fraction (Q, n_x), information_band_hz (n_x, 2), averaging_fraction (n_x,),
@@ -264,6 +281,7 @@ class Result:
     model_error: float = 0.0
     indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
     assumed_rigid: tuple[RigidPart, ...] = labelled(rows=True, default=())
+    presliding: tuple[Presliding, ...] = labelled(rows=True, default=())
     verdicts: tuple[str, ...] = ()
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
     averaging_fraction: FloatArray = labelled(

@@ -183,9 +183,12 @@ class Linearisation:
         return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), point)
 
     @classmethod
-    def of_robot(cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = ()) -> "Linearisation":
+    def of_robot(
+        cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = (),
+        presliding: tuple[RelaxingSpring, ...] = (),
+    ) -> "Linearisation":  # fmt: skip
         """A robot's equations, differentiated, built once in a process; arguments and errors as `formulate`."""
-        return _linearised(robot, spec, tuple(name for name in robot.on_demand if name in geometry))
+        return _linearised(robot, spec, tuple(name for name in robot.on_demand if name in geometry), presliding)
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion

@@ -45,6 +45,7 @@ from elastid.fit.solve.solvers import ROUGH, trust_region
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
+from elastid.linear.presliding import element_names
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
@@ -218,6 +219,8 @@ def evaluate_held(
                 del numbers[name]
             for k in np.flatnonzero(row):
                 free[k] += row[k] * by_name[name]
+    for name in element_names(held.linearisation.presliding):
+        numbers.pop(name, None)
     for name in held.rigid:  # springs that the robot does not have are free of friction
         numbers.pop(name.replace("k_", "d_", 1), None)
         numbers.pop(name.replace("k_", "f_", 1), None)
