@@ -14,6 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note
+from elastid.base.statistics import chi_square_limit
 from elastid.fit.assembly import Assembly, is_friction_taken_out
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.judge import RESIDUALS, temper
@@ -35,6 +36,8 @@ STIFFNESS_STD, TIME_STD = 3.0, 1.5
 RATE_BOUNDS, STARTS = (1 / 30, 2.4), (0.25, 0.75)
 FIRST_SHARE = 0.1  # of a motor's median dynamic stiffness, at which a stiffness starts
 ROUNDS = 2  # over all motors
+# Probability of V, by the noise alone, below which springs are sought, and of a drop by one of all springs tried.
+SOUGHT, CHANCE = 0.1, 1e-3
 # Of the motion between two reversals over the presliding distance, between which a linear model is off.
 AMPLITUDE = (0.2, 4.0)
 
@@ -44,11 +47,13 @@ Springs = Mapping[RelaxingSpring, tuple[float, float]]  # s and a of each
 def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     """Assembly with the relaxing springs of motors, and its start x (n_x,); None where V shows none.
 
-    Motors whose friction was compensated, or all where V exceeds the noise.  None for responses by forces at the tool
+    Motors whose friction was compensated, or all where V is above the noise.  None for responses by forces at the tool
     and for load tests, and where another cause has better odds.
     """
     assembly, result = evidence.assembly, evidence.result
-    motors = _motors(assembly.responses, assembly.linearisation.model.robot, evidence.is_unexplained)
+    dof = max(result.cost_dof, 1.0)
+    is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
+    motors = _motors(assembly.responses, assembly.linearisation.model.robot, is_large)
     if assembly.loads is not None or not motors or not result.noise_is_known:
         return None
     bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_floor(None)
@@ -103,6 +108,7 @@ class _Search:
 
     def run(self, motors: Sequence[str]) -> bool:
         """Add springs as long as V falls by more than chance; True if there are any."""
+        self.limit = chi_square_limit(2, CHANCE / (len(motors) * 2 * len(STARTS)))
         for joint in list(motors) * ROUNDS:
             if joint not in {spring.joint for spring in self.springs}:
                 self._add(joint)
@@ -125,8 +131,7 @@ class _Search:
         if best is None:
             return
         end, parameters, spring = best
-        level = max(end.cost / self.dof, 1.0)
-        if self.cost - end.cost < LIMITS.drop * self.share * level or _is_at_bound(parameters, end.x, joint):
+        if self.cost - end.cost < self.limit * max(end.cost / self.dof, 1.0) or _is_at_bound(parameters, end.x, joint):
             return
         values = parameters.as_dict(end.x)
         every = (*self.springs, spring)
