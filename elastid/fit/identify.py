@@ -107,7 +107,7 @@ def identified(
             result = replace(
                 result, notes=(*result.notes, *contradicted_priors(result), *contradicted_tolerances(result))
             )
-            result = without_presliding(result, assembly.linearisation.presliding, assembly.responses)
+            result = without_presliding(result, assembly)
             pairs = zip(assembly.responses, optimum.responses, strict=True)
             known = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
             return result, known

@@ -1,165 +1,214 @@
 r"""Presliding friction in measured responses: relaxing springs of motors, freed where V falls by more than chance.
 
-V has many valleys in s and a, so that a solve starts from either sign of s and from rates in the band; rates stay near
-the band, where a spring that relaxes is neither a spring nor a damper.  Springs are added motor by motor, and count
-against the likeliest other cause by the odds of both, with the Bayesian information criterion for their numbers.
+A linear step first, with the columns of `rates` for each motor,
+
+.. math:: \frac{\partial G}{\partial s} = -G\, e_m\, \frac{j \omega}{j \omega + a}\, e_m^T G
+
+Motors of which it shows nothing cost no more. V has many valleys in s and a: of the others a solve starts from either
+sign of s and from several rates, which stay near the band, since a spring far from it is a mere spring or damper.
 """
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
+from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import FitError, Note
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.assembly import Assembly, is_friction_taken_out
 from elastid.fit.diagnosis.hypothesis import Evidence
-from elastid.fit.diagnosis.judge import RESIDUALS, temper
+from elastid.fit.diagnosis.judge import temper
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.sensitivities import thinning
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import Presliding, Result
 from elastid.fit.solve.solvers import ROUGH, solve
-from elastid.linear.linear_model import DELAY, LinearModel, is_load
+from elastid.linear.linear_model import DELAY, is_load
 from elastid.linear.presliding import RelaxingSpring, element_names, without_springs
 from elastid.parameters import Parameter, Parameters, Prior, Tie
+from elastid.record import MOTION_ORDER
 from elastid.response import Response
-from elastid.robot import Robot
 
+RESIDUALS = 6_000  # real ones of the search
 # Std of the logarithms of a stiffness and of a relaxation time about their starts.
 STIFFNESS_STD, TIME_STD = 3.0, 1.5
-# Bounds of a rate over the lowest and the highest angular frequency of the lines; where in the band (of its logarithm)
-# rates start.
+# Bounds of a rate over the lowest and the highest angular frequency, and where between these rates start.
 RATE_BOUNDS, STARTS = (1 / 30, 2.4), (0.25, 0.75)
-FIRST_SHARE = 0.1  # of a motor's median dynamic stiffness, at which a stiffness starts
-ROUNDS = 2  # over all motors
+FIRST_SHARE = 0.1  # of the median of torque over angle of a motor, at which its stiffness starts
 # Probability of V, by the noise alone, below which springs are sought, and of a drop by one of all springs tried.
 SOUGHT, CHANCE = 0.1, 1e-3
-# Of the motion between two reversals over the presliding distance, between which a linear model is off.
-AMPLITUDE = (0.2, 4.0)
+PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
+# Motion between two reversals over the presliding distance, between which no linear model without springs is right.
+AMPLITUDES = (0.2, 4.0)
 
-Springs = Mapping[RelaxingSpring, tuple[float, float]]  # s and a of each
+Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad, and a, 1/s
 
 
 def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
-    """Assembly with the relaxing springs of motors, and its start x (n_x,); None where V shows none.
+    """Find the springs of motors whose friction was compensated, or of all where V is above the noise.
 
-    Motors whose friction was compensated, or all where V is above the noise.  None for responses by forces at the tool
-    and for load tests, and where another cause has better odds.
+    Returns the assembly with springs and its start x (n_x,); None without any, for forces at the tool and load tests,
+    where no noise is known, and where another cause has better odds.
     """
-    assembly, result = evidence.assembly, evidence.result
-    dof = max(result.cost_dof, 1.0)
+    assembly, result, dof = evidence.assembly, evidence.result, max(evidence.result.cost_dof, 1.0)
     is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
-    motors = _motors(assembly.responses, assembly.linearisation.model.robot, is_large)
-    if assembly.loads is not None or not motors or not result.noise_is_known:
+    joints = _joints(assembly, is_large)
+    if assembly.loads is not None or not joints or not result.noise_is_known:
         return None
     bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_floor(None)
-    search = _Search(bare, evidence.optimum.end.x)
-    if not search.run(motors):
+    first = _State.of(bare, evidence.optimum.end.x)
+    last = _with_all(first, joints)
+    if not last.springs or _is_beaten(evidence, first, last):
         return None
-    drop, count = search.first - search.cost, len(search.springs)
-    excess = search.first - search.level * search.dof
-    if evidence.is_unexplained and drop < LIMITS.explained_share * excess:
-        return None
-    if evidence.scores is not None and (cause := evidence.cause) is not None:
-        scale = temper(evidence.scores)
-        odds = drop * evidence.scores.lines / scale - 2 * count * math.log(evidence.optimum.fit.n_residuals)
-        if odds < cause.drop * evidence.scores.lines / scale - cause.occam:
-            return None
-    freed = with_presliding(assembly, search.springs)
-    return freed, start_of(freed.parameters, search.parameters, search.x)
+    freed = with_presliding(assembly, last.springs)
+    return freed, _start(freed.parameters, last.parameters, last.x)
 
 
-def _motors(responses: Sequence[Response], robot: Robot, is_all: bool) -> list[str]:
-    """Joints of the motors that may have presliding friction."""
-    if any(map(is_load, (place for response in responses for place in response.inputs))):
-        return []
-    places = {
-        place
-        for response in responses
-        for j, place in enumerate(response.inputs)
-        if is_all
-        or (is_friction_taken_out(response) and response.bias is not None and np.any(response.bias[:-1, j]))
-    }
-    return [joint for joint in robot.driven_names if f"motor {joint}" in places]
+def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
+    """Joints whose motors may have presliding friction."""
+    places = set[str]()
+    for response in assembly.responses:
+        if any(map(is_load, response.inputs)):
+            return ()
+        is_taken_out = is_friction_taken_out(response) and response.bias is not None
+        errors = response.bias[:-1] if is_taken_out and response.bias is not None else np.zeros((1, 0))
+        places |= {place for j, place in enumerate(response.inputs) if is_large or (is_taken_out and errors[:, j].any())}
+    return tuple(name for name in assembly.linearisation.model.robot.driven_names if f"motor {name}" in places)
 
 
-class _Search:
-    """Springs found so far, the parameters with their numbers, x (n_x,) and V there, on thinned lines."""
+def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
+    """True where springs leave too much of the excess of V, or another cause has better odds.
 
-    def __init__(self, assembly: Assembly, x: FloatArray) -> None:
-        self.assembly, self.springs, self.parameters = assembly, dict[RelaxingSpring, tuple[float, float]](), assembly.parameters
-        whole = assembly.at(x, assembly.spec.criterion)
-        self.thin = thinning(whole, RESIDUALS // 10)
-        fit = replace(whole, parts=tuple(map(self.thin, whole.parts)))
-        self.dof = fit.problem.dof
-        self.share = fit.n_residuals / max(whole.n_residuals, 1)
+    Of the springs by the Bayesian information criterion.
+    """
+    drop, scores, cause = first.cost - last.cost, evidence.scores, evidence.cause
+    if evidence.is_unexplained and drop < LIMITS.explained_share * (first.cost - last.level * first.fit.problem.dof):
+        return True
+    if scores is None or cause is None:
+        return False
+    occam = 2 * len(last.springs) * math.log(last.fit.n_residuals)
+    return (drop / last.share - cause.drop) * scores.lines / temper(scores) < occam - cause.occam
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """x (n_x,) of the fit with some springs on thinned lines, and V; base: without springs."""
+
+    base: Assembly
+    springs: Springs
+    fit: ElasticFit
+    x: FloatArray
+    cost: float
+    share: float = 1.0
+
+    @classmethod
+    def of(cls, base: Assembly, x: FloatArray) -> "_State":
+        """The state without springs, from x (n_x,)."""
+        fit, share = _thinned(base, x)
         end = solve(fit.problem, x, ROUGH, LIMITS.iterations)
-        self.x, self.cost, self.first = end.x, end.cost, end.cost
-        self.stiffness = _dynamic_stiffness(assembly.responses)
+        return cls(base, {}, fit, end.x, end.cost, share)
+
+    @property
+    def parameters(self) -> Parameters:
+        """Parameters with those of the springs."""
+        return self.fit.parameters
 
     @property
     def level(self) -> float:
-        """V over its degrees of freedom, 1 at least: a drop by chance grows with it."""
-        return max(self.cost / self.dof, 1.0)
+        """V over its degrees of freedom, 1 at least."""
+        return max(self.cost / self.fit.problem.dof, 1.0)
 
-    def run(self, motors: Sequence[str]) -> bool:
-        """Add springs as long as V falls by more than chance; True if there are any."""
-        self.limit = chi_square_limit(2, CHANCE / (len(motors) * 2 * len(STARTS)))
-        for joint in list(motors) * ROUNDS:
-            if joint not in {spring.joint for spring in self.springs}:
-                self._add(joint)
-        return bool(self.springs)
+    def predicted(self, joint: str) -> float:
+        """The drop of V by a linear step in the parameters and in springs of a motor, infinite where it is not seen."""
+        if any(f"motor {joint}" not in part.kernel.model.outputs for part in self.fit.parts):
+            return math.inf
+        rows, of_springs, residual = self._rows
+        J, C, r = rows, np.concatenate([each[joint] for each in of_springs], axis=1), residual
+        C = np.pad(C, ((0, 0), (0, len(r) - C.shape[1])))
+        Q = np.linalg.qr(np.vstack([J, C]).T)[0]
+        free = np.linalg.qr(J.T)[0]
+        return float(np.sum((Q.T @ r) ** 2) - np.sum((free.T @ r) ** 2))
 
-    def _add(self, joint: str) -> None:
-        low, high = rate_band(self.assembly.responses)
-        best = None
-        for sign, part in product((1, -1), STARTS):
-            start = FIRST_SHARE * self.stiffness[joint], low * (high / low) ** part
-            trial = with_presliding(self.assembly, {**self.springs, RelaxingSpring(joint, sign): start})
-            fit = trial.at(start_of(trial.parameters, self.parameters, self.x), trial.spec.criterion)
-            fit = replace(fit, parts=tuple(map(self.thin, fit.parts)))
+    @cached_property
+    def _rows(self) -> tuple[FloatArray, list[dict[str, FloatArray]], FloatArray]:
+        """dr/dx (n_x, N) with priors, dr/ds (n_a, N_q) of each configuration by joint, and r (N,)."""
+        rows, columns, residuals = [], [], []
+        for part in self.fit.parts:
+            mixing = part.mixing
+            r, J = self.fit.block(part, self.x, mixing)
+            rows.append(as_real(J).reshape(len(J), -1))
+            residuals.append(as_real(r).ravel())
+            columns.append(dict(_columns(part, part.kernel.response(part.theta(self.parameters, self.x)), mixing)))
+        distance, slope = self.fit.priors(self.x)
+        return np.hstack([*rows, np.diag(slope)]), columns, np.concatenate([*residuals, distance])
+
+    def trials(self, joint: str) -> "Iterator[_State]":
+        """States with a spring of another motor, from all starts."""
+        low, high = rate_band(self.base.responses)
+        stiffness = FIRST_SHARE * _torque_per_angle(self.base.responses, f"motor {joint}")
+        for sign, where in product((1, -1), STARTS):
+            spring = RelaxingSpring(joint, sign)
+            every = {**self.springs, spring: (stiffness, low * (high / low) ** where)}
+            assembly = with_presliding(self.base, every)
+            start = _start(assembly.parameters, self.parameters, self.x)
+            fit, _ = _thinned(assembly, start)
             try:
-                end = solve(fit.problem, start_of(trial.parameters, self.parameters, self.x), ROUGH, 2 * LIMITS.iterations)
+                end = solve(fit.problem, start, ROUGH, 2 * LIMITS.iterations)
             except FitError:
                 continue
-            if best is None or end.cost < best[0].cost:
-                best = end, trial.parameters, RelaxingSpring(joint, sign)
-        if best is None:
-            return
-        end, parameters, spring = best
-        if self.cost - end.cost < self.limit * max(end.cost / self.dof, 1.0) or _is_at_bound(parameters, end.x, joint):
-            return
-        values = parameters.as_dict(end.x)
-        every = (*self.springs, spring)
-        self.springs = {s: (values[s.names[0]], 1 / values[relaxation(s.joint)]) for s in every}
-        self.parameters, self.x, self.cost = parameters, end.x, end.cost
+            values, place = fit.parameters.as_dict(end.x), fit.parameters.free_names.index(relaxation(joint))
+            margin = np.min(np.abs([ends[place] - end.x[place] for ends in fit.parameters.x_bounds]))
+            if margin > 1e-3:  # else it is a spring or a damper
+                found = {s: (values[s.names[0]], 1 / values[relaxation(s.joint)]) for s in every}
+                yield replace(self, springs=found, fit=fit, x=end.x, cost=end.cost)
 
 
-def _is_at_bound(parameters: Parameters, x: FloatArray, joint: str) -> bool:
-    i = parameters.free_names.index(relaxation(joint))
-    low, high = (ends[i] for ends in parameters.x_bounds)
-    return not low + 1e-3 < x[i] < high - 1e-3
+def _with_all(state: _State, joints: Sequence[str]) -> _State:
+    """Add the motor with the largest drop next, as long as it is more than chance."""
+    limit = chi_square_limit(2, CHANCE / (2 * len(STARTS) * len(joints)))
+    while left := [joint for joint in joints if joint not in {spring.joint for spring in state.springs}]:
+        promising = [joint for joint in left if state.predicted(joint) > PREDICTED * limit * state.level]
+        trials = [trial for joint in promising for trial in state.trials(joint)]
+        best = min(trials, key=lambda trial: trial.cost, default=state)
+        if state.cost - best.cost <= limit * best.level:
+            break
+        state = best
+    return state
 
 
-def _dynamic_stiffness(responses: Sequence[Response]) -> dict[str, float]:
-    """Median torque over angle of each motor, by its joint, N m/rad; those that measure other places alone have none."""
-    found: dict[str, list[FloatArray]] = {}
-    for G in responses:
-        s = 2 * np.pi * G.freq_hz
-        for j, place in enumerate(G.inputs):
-            i = G.outputs.index(place) if place in G.outputs else int(np.argmax(np.abs(G.G[:, :, j]).mean(axis=0)))
-            found.setdefault(place.removeprefix("motor "), []).append(s ** _ORDER(G) / np.abs(G.G[:, i, j]))
-    return {joint: float(np.median(np.concatenate(each))) for joint, each in found.items()}
+def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
+    """The fit linearised at x (n_x,) on some lines, and their share of all residuals."""
+    whole = assembly.at(x, assembly.spec.criterion)
+    fit = replace(whole, parts=tuple(map(thinning(whole, RESIDUALS), whole.parts)))
+    return fit, fit.n_residuals / max(whole.n_residuals, 1)
 
 
-def _ORDER(G: Response) -> int:
-    from elastid.record import MOTION_ORDER
+def _columns(part: Part, G: ComplexArray, mixing: ComplexArray | None) -> Iterator[tuple[str, FloatArray]]:
+    """dr/ds (n_a, N) of the springs of each motor whose motion is in a response G (F, n_y, n_u), by its joint."""
+    model, s = part.kernel.model, 2j * np.pi * part.kernel.freq_hz[:, None, None]
+    low, high = np.abs(s).min(), np.abs(s).max()
+    for j, place in enumerate(model.inputs):
+        if place in model.outputs:
+            by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(place)]] / s ** MOTION_ORDER[model.quantity])
+            rates = low * (high / low) ** np.array([0.0, 0.5, 1.0])
+            dG = np.stack([-by_angle * s / (s + a) for a in rates])
+            yield place.removeprefix("motor "), as_real(part.slopes(G, dG, mixing)).reshape(len(rates), -1)
 
-    return MOTION_ORDER[G.quantity]
+
+def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
+    """Median of torque over angle of a motor, N m/rad; of the motion that it moves most if its own is not measured."""
+    found = []
+    for G in (response for response in responses if place in response.inputs):
+        motions = np.abs(G.G[:, :, G.inputs.index(place)])
+        i = G.outputs.index(place) if place in G.outputs else int(np.argmax(motions.mean(axis=0)))
+        found.append((2 * np.pi * G.freq_hz) ** MOTION_ORDER[G.quantity] / np.maximum(motions[:, i], 1e-300))
+    return float(np.median(np.concatenate(found)))
 
 
 def rate_band(responses: Sequence[Response]) -> tuple[float, float]:
@@ -174,80 +223,72 @@ def relaxation(joint: str) -> str:
 
 
 def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
-    """Assembly with springs at motors that start at s, N m/rad, and a, 1/s."""
+    """Assembly with springs at motors, free from s and a."""
     low, high = rate_band(assembly.responses)
-    shortest, longest = 1 / (RATE_BOUNDS[1] * high), 1 / (RATE_BOUNDS[0] * low)
-    middle = Prior(1 / math.sqrt(low * high), TIME_STD)
+    times = 1 / (RATE_BOUNDS[1] * high), 1 / (RATE_BOUNDS[0] * low)
+    middle, free = Prior(1 / math.sqrt(low * high), TIME_STD), {"log": True, "is_nuisance": True}
     numbers: list[Parameter] = []
-    times: list[Parameter] = []
     for spring, (s, a) in springs.items():
         (stiffness, damping), time = spring.names, relaxation(spring.joint)
-        prior, ends = Prior(s, STIFFNESS_STD), (1e-4 * s, 1e4 * s)
-        numbers.append(Parameter(stiffness, s, "N*m/rad", *ends, log=True, prior=prior, is_nuisance=True))
-        numbers.append(Parameter(damping, s / a, "N*m*s/rad", log=True, tie=Tie(stiffness, 1.0, time)))
-        times.append(Parameter(time, 1 / a, "s", shortest, longest, log=True, prior=middle, ratio=True, is_nuisance=True))
+        prior = Prior(s, STIFFNESS_STD)
+        numbers += [
+            Parameter(stiffness, s, "N*m/rad", 1e-4 * s, 1e4 * s, True, prior=prior, is_nuisance=True),
+            Parameter(damping, s / a, "N*m*s/rad", log=True, tie=Tie(stiffness, 1.0, time)),
+            Parameter(time, 1 / a, "s", *times, True, prior=middle, ratio=True, is_nuisance=True),
+        ]
     every = assembly.parameters.parameters
     at = [p.name for p in every].index(DELAY)
     linearisation = replace(assembly.linearisation, presliding=tuple(springs))
-    parameters = Parameters((*every[:at], *numbers, *every[at:], *times))
-    return replace(assembly, parameters=parameters, linearisation=linearisation)
+    return replace(assembly, parameters=Parameters((*every[:at], *numbers, *every[at:])), linearisation=linearisation)
 
 
-def start_of(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArray:
+def _start(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArray:
     """x (n_x,) of parameters: as in x of `known`, else their start."""
     values = dict(zip(known.free_names, x.tolist(), strict=True))
     return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
 
 
-def without_presliding(result: Result, springs: Sequence[RelaxingSpring], responses: Sequence[Response]) -> Result:
-    """Result with the numbers of springs in `presliding` and as notes, and no longer among its parameters.
+def without_presliding(result: Result, assembly: Assembly) -> Result:
+    """Result with springs in `presliding` and as notes, and no longer among its parameters.
 
-    The covariance of the others includes theirs.
+    The covariance of the others includes them.
     """
-    if not springs:
-        return result
+    springs = assembly.linearisation.presliding
     names = {*element_names(springs), *(relaxation(spring.joint) for spring in springs)}
     kept = np.array([name not in names for name in result.parameters.free_names])
-    found = tuple(_presliding(result, spring, responses) for spring in springs)
 
     def rows(values: FloatArray) -> FloatArray:
         return values[kept] if len(values) == len(kept) else values
 
+    found = tuple(_presliding(result, spring, assembly) for spring in springs)
+    by_name = ("x", "profile95", "bootstrap95", "information_band_hz", "averaging_fraction", "persistent_fraction")
     return replace(
         result,
         parameters=Parameters(tuple(p for p in result.parameters if p.name not in names)),
-        x=result.x[kept],
         covariance=result.covariance[np.ix_(kept, kept)],
         at_bound=result.at_bound[kept],
-        profile95=rows(result.profile95),
-        bootstrap95=rows(result.bootstrap95),
         information_fraction=result.information_fraction[:, kept],
-        information_band_hz=rows(result.information_band_hz),
-        averaging_fraction=rows(result.averaging_fraction),
-        persistent_fraction=rows(result.persistent_fraction),
-        starts=tuple(replace(s, x=rows(s.x), x_start=rows(s.x_start)) for s in result.starts),
+        starts=tuple(replace(start, x=rows(start.x), x_start=rows(start.x_start)) for start in result.starts),
         indices=tuple(replace(index, effects=rows(index.effects)) for index in result.indices),
         linear=tuple(without_springs(linear, springs) for linear in result.linear),
         presliding=found,
-        notes=(*result.notes, *(_note(each) for each in found)),
+        notes=(*result.notes, *map(_note, found)),
+        **{name: rows(getattr(result, name)) for name in by_name},
     )
 
 
-def _presliding(result: Result, spring: RelaxingSpring, responses: Sequence[Response]) -> Presliding:
-    values, free = result.values, result.parameters.free_names
-    std = np.sqrt(np.diag(result.covariance))
-    stiffness, time = spring.names[0], relaxation(spring.joint)
-    s, a = values[stiffness], 1 / values[time]
-    place = f"motor {spring.joint}"
-    rests = [rest for response in responses for rest in _between_reversals(response, place)]
-    return Presliding(
-        place, spring.sign * s, float(std[free.index(stiffness)]) * s, a, float(std[free.index(time)]) * a,
-        a * float(np.median(rests)) if rests else math.nan,
-    )  # fmt: skip
+def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> Presliding:
+    values, free, place = result.values, result.parameters.free_names, f"motor {spring.joint}"
+    s, a = values[spring.names[0]], 1 / values[relaxation(spring.joint)]
+    std = dict(zip(free, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
+    times = [time for response in assembly.responses for time in _between_reversals(response, place)]
+    unit = "N/m" if assembly.linearisation.model.robot.sliding((place,)) else "N*m/rad"
+    stds = std[spring.names[0]] * s, std[relaxation(spring.joint)] * a
+    return Presliding(place, unit, spring.sign * s, stds[0], a, stds[1], a * float(np.median(times or [math.nan])))
 
 
 def _between_reversals(response: Response, place: str) -> Iterator[float]:
-    """Mean time between two reversals of a motor in Gaussian motion, s: pi sigma_v / sigma_a (Rice, 1945)."""
+    """Mean time between two reversals of a motor in Gaussian motion, pi sigma_v / sigma_a, s (Rice, 1945)."""
     motion = response.motion
     if motion is not None and place in motion.motors:
         j, omega = motion.motors.index(place), 2 * np.pi * motion.freq_hz
@@ -256,15 +297,14 @@ def _between_reversals(response: Response, place: str) -> Iterator[float]:
 
 
 def _note(found: Presliding) -> Note:
-    s, unit = abs(found.stiffness), "N*m/rad"
     text = (
-        f"{found.place}: presliding friction {'' if found.stiffness > 0 else 'compensated too much, by '}"
-        f"of {s:.3g} +- {found.stiffness_std:.2g} {unit} that relaxes at {found.rate:.3g} +- {found.rate_std:.2g} 1/s, "
-        "estimated with the other parameters"
+        f"{found.place}: presliding friction of {found.stiffness:.3g} +- {found.stiffness_std:.2g} {found.unit} (link "
+        f"side), relaxing at {found.rate:.3g} +- {found.rate_std:.2g} 1/s. The intervals include it"
     )
-    if AMPLITUDE[0] < found.amplitude < AMPLITUDE[1]:
+    if AMPLITUDES[0] < found.amplitude < AMPLITUDES[1]:
         text += (
-            f". The motion between two reversals is about {found.amplitude:.2g} of the presliding distance: increase "
-            "the amplitude to 4 of it or more, which narrows the intervals, and do not use this Coulomb torque"
+            f", but the Coulomb torque of this motor is biased: the motion between two reversals is about "
+            f"{found.amplitude:.2g} of the presliding distance (limit {AMPLITUDES[1]:g}). To narrow the intervals, "
+            "increase the amplitude of the excitation"
         )
-    return Note("fit/presliding", text, found.place)
+    return Note("fit/presliding", text, severity="information")

@@ -51,13 +51,14 @@ class RigidPart:
 class Presliding:
     """Presliding friction of a motor, estimated with the parameters of the fit: a spring that relaxes.
 
-    stiffness: negative of friction that was compensated too much.  amplitude: motion between two reversals over the
-    presliding distance, about; NaN where no motion is known.
+    stiffness: negative of bristles with much damping, and of friction that was compensated too much.  amplitude: motion
+    between two reversals over the presliding distance, about; NaN where no motion is known.
     """
 
     place: str
-    stiffness: float = labelled("stiffness, link side", "N*m/rad")
-    stiffness_std: float = labelled("its standard deviation", "N*m/rad")
+    unit: str
+    stiffness: float = labelled("stiffness, link side", "{unit}")
+    stiffness_std: float = labelled("its standard deviation", "{unit}")
     rate: float = labelled("relaxation rate", "1/s")
     rate_std: float = labelled("its standard deviation", "1/s")
     amplitude: float = labelled("motion between two reversals over the presliding distance", default=math.nan)
