@@ -76,9 +76,10 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
     for response in assembly.responses:
         if any(map(is_load, response.inputs)):
             return ()
-        is_taken_out = is_friction_taken_out(response) and response.bias is not None
-        errors = response.bias[:-1] if is_taken_out and response.bias is not None else np.zeros((1, 0))
-        places |= {place for j, place in enumerate(response.inputs) if is_large or (is_taken_out and errors[:, j].any())}
+        bias = response.bias[:-1] if response.bias is not None and is_friction_taken_out(response) else None
+        places |= {
+            place for j, place in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())
+        }
     return tuple(name for name in assembly.linearisation.model.robot.driven_names if f"motor {name}" in places)
 
 
@@ -128,12 +129,11 @@ class _State:
         """The drop of V by a linear step in the parameters and in springs of a motor, infinite where it is not seen."""
         if any(f"motor {joint}" not in part.kernel.model.outputs for part in self.fit.parts):
             return math.inf
-        rows, of_springs, residual = self._rows
-        J, C, r = rows, np.concatenate([each[joint] for each in of_springs], axis=1), residual
-        C = np.pad(C, ((0, 0), (0, len(r) - C.shape[1])))
-        Q = np.linalg.qr(np.vstack([J, C]).T)[0]
-        free = np.linalg.qr(J.T)[0]
-        return float(np.sum((Q.T @ r) ** 2) - np.sum((free.T @ r) ** 2))
+        J, of_springs, r = self._rows
+        C = np.concatenate([each[joint] for each in of_springs], axis=1)
+        C = np.pad(C, ((0, 0), (0, len(r) - C.shape[1])))  # priors have none
+        both, free = (np.linalg.qr(rows.T)[0] for rows in (np.vstack([J, C]), J))
+        return float(np.sum((both.T @ r) ** 2) - np.sum((free.T @ r) ** 2))
 
     @cached_property
     def _rows(self) -> tuple[FloatArray, list[dict[str, FloatArray]], FloatArray]:
@@ -226,7 +226,7 @@ def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
     """Assembly with springs at motors, free from s and a."""
     low, high = rate_band(assembly.responses)
     times = 1 / (RATE_BOUNDS[1] * high), 1 / (RATE_BOUNDS[0] * low)
-    middle, free = Prior(1 / math.sqrt(low * high), TIME_STD), {"log": True, "is_nuisance": True}
+    middle = Prior(1 / math.sqrt(low * high), TIME_STD)
     numbers: list[Parameter] = []
     for spring, (s, a) in springs.items():
         (stiffness, damping), time = spring.names, relaxation(spring.joint)
@@ -261,7 +261,6 @@ def without_presliding(result: Result, assembly: Assembly) -> Result:
         return values[kept] if len(values) == len(kept) else values
 
     found = tuple(_presliding(result, spring, assembly) for spring in springs)
-    by_name = ("x", "profile95", "bootstrap95", "information_band_hz", "averaging_fraction", "persistent_fraction")
     return replace(
         result,
         parameters=Parameters(tuple(p for p in result.parameters if p.name not in names)),
@@ -273,7 +272,12 @@ def without_presliding(result: Result, assembly: Assembly) -> Result:
         linear=tuple(without_springs(linear, springs) for linear in result.linear),
         presliding=found,
         notes=(*result.notes, *map(_note, found)),
-        **{name: rows(getattr(result, name)) for name in by_name},
+        x=rows(result.x),
+        profile95=rows(result.profile95),
+        bootstrap95=rows(result.bootstrap95),
+        information_band_hz=rows(result.information_band_hz),
+        averaging_fraction=rows(result.averaging_fraction),
+        persistent_fraction=rows(result.persistent_fraction),
     )
 
 
@@ -284,7 +288,9 @@ def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> P
     times = [time for response in assembly.responses for time in _between_reversals(response, place)]
     unit = "N/m" if assembly.linearisation.model.robot.sliding((place,)) else "N*m/rad"
     stds = std[spring.names[0]] * s, std[relaxation(spring.joint)] * a
-    return Presliding(place, unit, spring.sign * s, stds[0], a, stds[1], a * float(np.median(times or [math.nan])))
+    # Of what a compensation leaves the rate is not E|w| / z.
+    amplitude = a * float(np.median(times)) if times and spring.sign > 0 else math.nan
+    return Presliding(place, unit, spring.sign * s, stds[0], a, stds[1], amplitude)
 
 
 def _between_reversals(response: Response, place: str) -> Iterator[float]:
@@ -299,12 +305,12 @@ def _between_reversals(response: Response, place: str) -> Iterator[float]:
 def _note(found: Presliding) -> Note:
     text = (
         f"{found.place}: presliding friction of {found.stiffness:.3g} +- {found.stiffness_std:.2g} {found.unit} (link "
-        f"side), relaxing at {found.rate:.3g} +- {found.rate_std:.2g} 1/s. The intervals include it"
+        f"side), relaxing at {found.rate:.3g} +- {found.rate_std:.2g} 1/s. The intervals include it; the Coulomb torque "
+        "of this motor is biased. "
     )
     if AMPLITUDES[0] < found.amplitude < AMPLITUDES[1]:
         text += (
-            f", but the Coulomb torque of this motor is biased: the motion between two reversals is about "
-            f"{found.amplitude:.2g} of the presliding distance (limit {AMPLITUDES[1]:g}). To narrow the intervals, "
-            "increase the amplitude of the excitation"
+            f"The motion between two reversals is about {found.amplitude:.2g} of the presliding distance (limit "
+            f"{AMPLITUDES[1]:g}). "
         )
-    return Note("fit/presliding", text, severity="information")
+    return Note("fit/presliding", text + "To narrow the intervals, increase the amplitude of the excitation")

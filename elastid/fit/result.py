@@ -19,6 +19,7 @@ from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import USUAL_FLOOR
 from elastid.linear.fitted_model import Axes, Doubt, FittedModel
 from elastid.linear.linear_model import LinearModel
+from elastid.linear.presliding import RelaxingSpring
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion, Motors
@@ -62,6 +63,11 @@ class Presliding:
     rate: float = labelled("relaxation rate", "1/s")
     rate_std: float = labelled("its standard deviation", "1/s")
     amplitude: float = labelled("motion between two reversals over the presliding distance", default=math.nan)
+
+    @property
+    def spring(self) -> RelaxingSpring:
+        """The spring in the equations."""
+        return RelaxingSpring(self.place.removeprefix("motor "), 1 if self.stiffness > 0 else -1)
 
 
 @frozen_value

@@ -214,8 +214,8 @@ def _carrying(
     asked = {p.name for p in file.free if not p.is_nuisance}
     x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
     try:
-        known = given.spec, parameters, given.model, (), given.weights
-        assembly = Assembly.of(given.responses, robot, *known, presliding=given.linearisation.presliding)
+        of_file = given.spec, parameters, given.model, (), given.weights
+        assembly = Assembly.of(given.responses, robot, *of_file, presliding=given.linearisation.presliding)
         for _ in range(LIMITS.rounds):
             fit = assembly.at(x, given.spec.criterion)
             _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
