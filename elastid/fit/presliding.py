@@ -20,7 +20,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import FitError, Note
 from elastid.base.statistics import chi_square_limit
-from elastid.fit.assembly import Assembly, is_friction_taken_out
+from elastid.fit.assembly import Assembly, is_distorted_by_friction, is_friction_taken_out
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.judge import temper
 from elastid.fit.diagnosis.limits import LIMITS
@@ -33,7 +33,7 @@ from elastid.linear.linear_model import DELAY, is_load
 from elastid.linear.presliding import RelaxingSpring, element_names, without_springs
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.record import MOTION_ORDER
-from elastid.response import Response
+from elastid.response import UNEXPLAINED, Response
 
 RESIDUALS = 6_000  # real ones of the search
 # Std of the logarithms of a stiffness and of a relaxation time about their starts.
@@ -41,8 +41,7 @@ STIFFNESS_STD, TIME_STD = 3.0, 1.5
 # Bounds of a rate over the lowest and the highest angular frequency, and where between these rates start.
 RATE_BOUNDS, STARTS = (1 / 30, 2.4), (0.25, 0.75)
 FIRST_SHARE = 0.1  # of the median of torque over angle of a motor, at which its stiffness starts
-# Probability of V, by the noise alone, below which springs are sought, and of a drop by one of all springs tried.
-SOUGHT, CHANCE = 0.1, 1e-3
+SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
 PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
 # Motion between two reversals over the presliding distance, between which no linear model without springs is right.
 AMPLITUDES = (0.2, 4.0)
@@ -51,14 +50,15 @@ Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad,
 
 
 def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
-    """Find the springs of motors whose friction was compensated, or of all where V is above the noise.
+    """Find the springs of motors whose friction was compensated, or of all where V or distortion is above the noise.
 
     Returns the assembly with springs and its start x (n_x,); None without any, for forces at the tool and load tests,
     where no noise is known, and where another cause has better odds.
     """
     assembly, result, dof = evidence.assembly, evidence.result, max(evidence.result.cost_dof, 1.0)
     is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
-    joints = _joints(assembly, is_large)
+    is_large |= any(note.code == UNEXPLAINED for response in assembly.responses for note in response.notes)
+    joints = _joints(assembly, is_large or any(map(is_distorted_by_friction, assembly.responses)))
     if assembly.loads is not None or not joints or not result.noise_is_known:
         return None
     bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_floor(None)
@@ -171,7 +171,7 @@ class _State:
 
 def _with_all(state: _State, joints: Sequence[str]) -> _State:
     """Add the motor with the largest drop next, as long as it is more than chance."""
-    limit = chi_square_limit(2, CHANCE / (2 * len(STARTS) * len(joints)))
+    limit = chi_square_limit(2, LIMITS.false_alarm_rate / (2 * len(STARTS) * len(joints)))
     while left := [joint for joint in joints if joint not in {spring.joint for spring in state.springs}]:
         promising = [joint for joint in left if state.predicted(joint) > PREDICTED * limit * state.level]
         trials = [trial for joint in promising for trial in state.trials(joint)]
