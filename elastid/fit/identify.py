@@ -31,7 +31,7 @@ from elastid.fit.assembly import (
 )
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
-from elastid.fit.diagnosis.hypothesis import Hypothesis
+from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis
 from elastid.fit.diagnosis.judge import RESIDUALS, diagnose, judge
 from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
 from elastid.fit.diagnosis.readings import common_delay
@@ -96,9 +96,8 @@ def identified(
             estimate = _with_found_floor(assembly, spec, ends, execution.quiet)
             assembly, optimum, uncertainty, result = _with_agreements(estimate, assembly, spec, ends)
             evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
-            if (freed := find_presliding(evidence)) is not None:
-                assembly, optimum, uncertainty, result = _with_found_floor(*_from(*freed, spec, ends), execution.quiet)
-                evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+            evidence, before = _with_springs(evidence, spec, ends, hypotheses), evidence.result
+            assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
         except StudyError as error:  # the robot finds no rest on the way
             raise NoRestError(error) from None
         if not (result.has_tolerances and evidence.result.status == "model_error"):
@@ -107,7 +106,7 @@ def identified(
             result = replace(
                 result, notes=(*result.notes, *contradicted_priors(result), *contradicted_tolerances(result))
             )
-            result = without_presliding(result, assembly)
+            result = without_presliding(result, assembly, before)
             pairs = zip(assembly.responses, optimum.responses, strict=True)
             known = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
             return result, known
@@ -122,9 +121,18 @@ def identified(
     return identified(responses, replace(robot, tolerances=None), spec, model, execution, hypotheses, parameters, loads)
 
 
-def _from(assembly: Assembly, x: FloatArray, spec: FitSpec, ends: "_Ends") -> "tuple[Assembly, FitSpec, _Ends]":
-    starts, hits = ends
-    return assembly, spec, ((replace(starts[0], x=x), *starts[1:]), hits)
+def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: tuple[Hypothesis, ...]) -> Evidence:
+    """Evidence of the fit with the relaxing springs of motors, if V shows any and their fit ends at an optimum."""
+    if (freed := find_presliding(evidence)) is None:
+        return evidence
+    (assembly, x), (starts, hits), quiet = freed, ends, evidence.execution
+    try:
+        begin = replace(starts[0], x=x), *starts[1:]
+        assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, (begin, hits), quiet)
+        both = judge(result, assembly, optimum, uncertainty, quiet, hypotheses)
+    except (StudyError, FitError):  # the robot finds no rest on the way
+        return evidence
+    return both if both.result.status in ("converged", "at_bound", "misfit") else evidence
 
 
 def fit_parameters(

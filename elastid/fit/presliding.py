@@ -28,7 +28,7 @@ from elastid.fit.diagnosis.sensitivities import thinning
 from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import Presliding, Result
-from elastid.fit.solve.solvers import ROUGH, solve
+from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve
 from elastid.linear.linear_model import DELAY, is_load
 from elastid.linear.presliding import RelaxingSpring, element_names, without_springs
 from elastid.parameters import Parameter, Parameters, Prior, Tie
@@ -248,12 +248,14 @@ def _start(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArr
     return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
 
 
-def without_presliding(result: Result, assembly: Assembly) -> Result:
+def without_presliding(result: Result, assembly: Assembly, before: Result) -> Result:
     """Result with springs in `presliding` and as notes, and no longer among its parameters.
 
-    The covariance of the others includes them.
+    The covariance of the others includes them.  before: the result without springs.
     """
     springs = assembly.linearisation.presliding
+    if not springs:
+        return result
     names = {*element_names(springs), *(relaxation(spring.joint) for spring in springs)}
     kept = np.array([name not in names for name in result.parameters.free_names])
 
@@ -261,7 +263,7 @@ def without_presliding(result: Result, assembly: Assembly) -> Result:
         return values[kept] if len(values) == len(kept) else values
 
     found = tuple(_presliding(result, spring, assembly) for spring in springs)
-    return replace(
+    without = replace(
         result,
         parameters=Parameters(tuple(p for p in result.parameters if p.name not in names)),
         covariance=result.covariance[np.ix_(kept, kept)],
@@ -271,7 +273,6 @@ def without_presliding(result: Result, assembly: Assembly) -> Result:
         indices=tuple(replace(index, effects=rows(index.effects)) for index in result.indices),
         linear=tuple(without_springs(linear, springs) for linear in result.linear),
         presliding=found,
-        notes=(*result.notes, *map(_note, found)),
         x=rows(result.x),
         profile95=rows(result.profile95),
         bootstrap95=rows(result.bootstrap95),
@@ -279,6 +280,15 @@ def without_presliding(result: Result, assembly: Assembly) -> Result:
         averaging_fraction=rows(result.averaging_fraction),
         persistent_fraction=rows(result.persistent_fraction),
     )
+    is_large = before.exceeds_noise or _has_moved(before, without)
+    return replace(without, notes=(*result.notes, *(_note(each, is_large) for each in found)))
+
+
+def _has_moved(before: Result, after: Result) -> bool:
+    """True if a stiffness or a damping has moved by more than counts as an effect."""
+    limits = {"N*m/rad": LIMITS.effect, "N/m": LIMITS.effect} | dict.fromkeys(DAMPING_UNITS, LIMITS.effect_on_damping)
+    moves = zip(after.parameters.asked, np.abs(after.x - before.x).tolist(), strict=False)
+    return any(p.log and move > limits.get(p.unit, math.inf) for p, move in moves)
 
 
 def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> Presliding:
@@ -302,15 +312,17 @@ def _between_reversals(response: Response, place: str) -> Iterator[float]:
         yield float(np.pi * np.sqrt((omega**2 @ power) / max(float(omega**4 @ power), 1e-300)))
 
 
-def _note(found: Presliding) -> Note:
+def _note(found: Presliding, is_large: bool) -> Note:
     text = (
         f"{found.place}: presliding friction of {found.stiffness:.3g} +- {found.stiffness_std:.2g} {found.unit} (link "
-        f"side), relaxing at {found.rate:.3g} +- {found.rate_std:.2g} 1/s. The intervals include it; the Coulomb torque "
-        "of this motor is biased. "
+        f"side), relaxing at {found.rate:.3g} +- {found.rate_std:.2g} 1/s, is part of the model and of the intervals"
     )
+    if not is_large:
+        return Note("fit/presliding", text, severity="information")
     if AMPLITUDES[0] < found.amplitude < AMPLITUDES[1]:
         text += (
-            f"The motion between two reversals is about {found.amplitude:.2g} of the presliding distance (limit "
-            f"{AMPLITUDES[1]:g}). "
+            f". The motion between two reversals is about {found.amplitude:.2g} of the presliding distance (limit "
+            f"{AMPLITUDES[1]:g})"
         )
-    return Note("fit/presliding", text + "To narrow the intervals, increase the amplitude of the excitation")
+    advice = "Do not use the Coulomb torque of this motor. To identify it, increase the amplitude of the excitation"
+    return Note("fit/presliding", f"{text}. {advice}")
