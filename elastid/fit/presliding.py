@@ -117,7 +117,7 @@ class _State:
 
     @property
     def parameters(self) -> Parameters:
-        """Parameters with those of the springs."""
+        """Parameters, springs included."""
         return self.fit.parameters
 
     @property
@@ -202,7 +202,7 @@ def _columns(part: Part, G: ComplexArray, mixing: ComplexArray | None) -> Iterat
 
 
 def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
-    """Median of torque over angle of a motor, N m/rad; of the motion that it moves most if its own is not measured."""
+    """Median of a motor's torque over its angle, or over the motion that it moves most, N m/rad."""
     found = []
     for G in (response for response in responses if place in response.inputs):
         motions = np.abs(G.G[:, :, G.inputs.index(place)])

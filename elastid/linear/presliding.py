@@ -43,7 +43,7 @@ def element_names(springs: Sequence[RelaxingSpring]) -> tuple[str, ...]:
 def with_relaxing_springs(
     model: LinearModel, springs: Sequence[RelaxingSpring], shafts: FloatArray, theta: FloatArray
 ) -> LinearModel:
-    """Add springs at the motors' shafts; shafts (n_s, n): b of each.  theta (2 n_s,): s and c of each in turn."""
+    """Add springs at the motors.  shafts (n_s, n): b of each.  theta (2 n_s,): s, c of the first, s, c of the next."""
     n, n_s = model.n, len(springs)
     size = n + n_s
     slopes = {name: _padded(slope, n_s) for name, slope in model.slopes.items()}

@@ -49,7 +49,8 @@ def fitted(is_exact: bool) -> tuple[Result, list[Response]]:
     return fit_parameters(responses, arm(None if is_exact else Tolerances()), SPEC), responses
 
 
-@pytest.mark.parametrize("is_exact", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("is_exact", [True, False])
 def test_springs_of_motors_are_found_with_their_numbers(is_exact: bool) -> None:
     """Either sign, with an exact file and with tolerances: V is the noise's, and intervals hold k and d."""
     result, _ = fitted(is_exact)
@@ -65,6 +66,7 @@ def test_springs_of_motors_are_found_with_their_numbers(is_exact: bool) -> None:
     assert "fit/presliding" in {note.code for note in result.notes}
 
 
+@pytest.mark.slow
 def test_the_model_of_a_fitted_robot_has_the_friction_in_its_responses_and_not_in_its_equations() -> None:
     """Residuals of the responses are as large as the noise; the linear models have the robot's coordinates alone."""
     result, responses = fitted(True)
