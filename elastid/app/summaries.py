@@ -102,7 +102,8 @@ def summary(
     above = np.argwhere(np.triu(np.abs(r[:wanted, :wanted]), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
         **section(
-            result, "status cost cost_expected dof n_converged_starts",
+            result,
+            "status cost cost_expected dof n_converged_starts",
             presliding="place unit stiffness stiffness_std rate rate_std amplitude",
         ),
         "parameters": _parameters(result, rows),

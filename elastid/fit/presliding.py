@@ -59,7 +59,8 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
     is_large |= any(note.code == UNEXPLAINED for response in assembly.responses for note in response.notes)
     joints = _joints(assembly, is_large or any(map(is_distorted_by_friction, assembly.responses)))
-    if assembly.loads is not None or not joints or not result.noise_is_known:
+    is_explained = evidence.best.explained_fraction > LIMITS.whole and evidence.is_unexplained
+    if assembly.loads is not None or not joints or not result.noise_is_known or is_explained:
         return None
     bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_floor(None)
     first = _State.of(bare, evidence.optimum.end.x)
@@ -170,15 +171,15 @@ class _State:
 
 
 def _with_all(state: _State, joints: Sequence[str]) -> _State:
-    """Add the motor with the largest drop next, as long as it is more than chance."""
-    limit = chi_square_limit(2, LIMITS.false_alarm_rate / (2 * len(STARTS) * len(joints)))
-    while left := [joint for joint in joints if joint not in {spring.joint for spring in state.springs}]:
-        promising = [joint for joint in left if state.predicted(joint) > PREDICTED * limit * state.level]
-        trials = [trial for joint in promising for trial in state.trials(joint)]
-        best = min(trials, key=lambda trial: trial.cost, default=state)
-        if state.cost - best.cost <= limit * best.level:
+    """Add motor by motor, the one with the largest predicted drop next, those whose drop is more than chance."""
+    limit, left = chi_square_limit(2, LIMITS.false_alarm_rate / (2 * len(STARTS) * len(joints))), list(joints)
+    while left:
+        predicted = [state.predicted(joint) for joint in left]
+        if not max(predicted) > PREDICTED * limit * state.level:
             break
-        state = best
+        joint = left.pop(int(np.argmax(predicted)))
+        best = min(state.trials(joint), key=lambda trial: trial.cost, default=state)
+        state = best if state.cost - best.cost > limit * best.level else state
     return state
 
 
