@@ -123,14 +123,14 @@ def identified(
 
 def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: tuple[Hypothesis, ...]) -> Evidence:
     """Evidence of the fit with the relaxing springs of motors, if V shows any and their fit ends at an optimum."""
-    if (freed := find_presliding(evidence)) is None:
-        return evidence
-    (assembly, x), (starts, hits), quiet = freed, ends, evidence.execution
+    (starts, hits), quiet = ends, evidence.execution
     try:
-        begin = replace(starts[0], x=x), *starts[1:]
+        if (freed := find_presliding(evidence)) is None:
+            return evidence
+        assembly, begin = freed[0], (replace(starts[0], x=freed[1]), *starts[1:])
         assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, (begin, hits), quiet)
         both = judge(result, assembly, optimum, uncertainty, quiet, hypotheses)
-    except (StudyError, FitError):  # the robot finds no rest on the way
+    except (StudyError, FitError, np.linalg.LinAlgError):  # the robot finds no rest on the way
         return evidence
     return both if both.result.status in ("converged", "at_bound", "misfit") else evidence
 

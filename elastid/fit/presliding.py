@@ -19,13 +19,14 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import FitError, Note
+from elastid.base.execution import HERE
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.assembly import Assembly, is_distorted_by_friction, is_friction_taken_out
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.judge import temper
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.sensitivities import thinning
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import Presliding, Result
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve
@@ -186,7 +187,8 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
 def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
     """The fit linearised at x (n_x,) on some lines, and their share of all residuals."""
     whole = assembly.at(x, assembly.spec.criterion)
-    fit = replace(whole, parts=tuple(map(thinning(whole, RESIDUALS), whole.parts)))
+    thin = each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)
+    fit = replace(whole, parts=tuple(thin), home=HERE)
     return fit, fit.n_residuals / max(whole.n_residuals, 1)
 
 
