@@ -1,11 +1,11 @@
 r"""Presliding friction in measured responses: relaxing springs of motors, freed where V falls by more than chance.
 
-A linear step first, with the columns of `rates` for each motor,
+The drop of V by a linear step shows at which motors,
 
 .. math:: \frac{\partial G}{\partial s} = -G\, e_m\, \frac{j \omega}{j \omega + a}\, e_m^T G
 
-Motors of which it shows nothing cost no more. V has many valleys in s and a: of the others a solve starts from either
-sign of s and from several rates, which stay near the band, since a spring far from it is a mere spring or damper.
+V has many valleys in s and a: there a solve starts from either sign of s and from several rates. Rates stay near the
+band, since beyond it the element is a mere spring or damper.
 """
 
 import math
@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import Presliding, Result
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve
 from elastid.linear.linear_model import DELAY, is_load
-from elastid.linear.presliding import RelaxingSpring, element_names, without_springs
+from elastid.linear.presliding import RelaxingSpring, element_names
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.record import MOTION_ORDER
 from elastid.response import UNEXPLAINED, Response
@@ -86,10 +86,7 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
 
 
 def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
-    """True where springs leave too much of the excess of V, or another cause has better odds.
-
-    Of the springs by the Bayesian information criterion.
-    """
+    """True where springs leave too much of the excess of V, or another cause has better odds than theirs by the BIC."""
     drop, scores, cause = first.cost - last.cost, evidence.scores, evidence.cause
     if evidence.is_unexplained and drop < LIMITS.explained_share * (first.cost - last.level * first.fit.problem.dof):
         return True
@@ -172,7 +169,7 @@ class _State:
 
 
 def _with_all(state: _State, joints: Sequence[str]) -> _State:
-    """Add motor by motor, the one with the largest predicted drop next, those whose drop is more than chance."""
+    """Add springs motor by motor, by the largest predicted drop, if V falls by more than chance."""
     limit, left = chi_square_limit(2, LIMITS.false_alarm_rate / (2 * len(STARTS) * len(joints))), list(joints)
     while left:
         predicted = [state.predicted(joint) for joint in left]
@@ -266,22 +263,23 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
         return values[kept] if len(values) == len(kept) else values
 
     found = tuple(_presliding(result, spring, assembly) for spring in springs)
+    parameters = Parameters(tuple(p for p in result.parameters if p.name not in names))
+    robot = replace(assembly.linearisation, presliding=())
+    parts = (
+        replace(assembly, parameters=parameters, linearisation=robot).at(rows(result.x), assembly.spec.criterion).parts
+    )
+    of_x = ("x", "at_bound", "profile95", "bootstrap95", "information_band_hz", "averaging_fraction")
+    changed: dict[str, Any] = {name: rows(getattr(result, name)) for name in (*of_x, "persistent_fraction")}
     without = replace(
         result,
-        parameters=Parameters(tuple(p for p in result.parameters if p.name not in names)),
+        **changed,
+        parameters=parameters,
         covariance=result.covariance[np.ix_(kept, kept)],
-        at_bound=result.at_bound[kept],
         information_fraction=result.information_fraction[:, kept],
         starts=tuple(replace(start, x=rows(start.x), x_start=rows(start.x_start)) for start in result.starts),
         indices=tuple(replace(index, effects=rows(index.effects)) for index in result.indices),
-        linear=tuple(without_springs(linear, springs) for linear in result.linear),
+        linear=tuple(part.kernel.model for part in parts),
         presliding=found,
-        x=rows(result.x),
-        profile95=rows(result.profile95),
-        bootstrap95=rows(result.bootstrap95),
-        information_band_hz=rows(result.information_band_hz),
-        averaging_fraction=rows(result.averaging_fraction),
-        persistent_fraction=rows(result.persistent_fraction),
     )
     is_large = before.exceeds_noise or _has_moved(before, without)
     return replace(without, notes=(*result.notes, *(_note(each, is_large) for each in found)))

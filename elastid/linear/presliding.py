@@ -63,25 +63,6 @@ def with_relaxing_springs(
     )  # fmt: skip
 
 
-def without_springs(model: LinearModel, springs: Sequence[RelaxingSpring]) -> LinearModel:
-    """Remove the springs of `with_relaxing_springs`: the robot with compensated friction."""
-    names, n = element_names(springs), model.n - len(springs)
-    kept = np.array([name not in names for name in model.parameters])
-    M, D, K = model.matrices(np.where(kept, model.theta_ref, 0.0))
-
-    def cut(slope: Slope) -> Slope:
-        parts = {letter: getattr(slope, letter) for letter in ("M", "D", "K", "C", "T", "B")}
-        return Slope(**{k: None if v is None else v[: n if k in "MDKB" else None, : None if k == "B" else n]
-                        for k, v in parts.items()})  # fmt: skip
-
-    return replace(
-        model, parameters=tuple(name for name in model.parameters if name not in names),
-        theta_ref=model.theta_ref[kept], M=M[:n, :n], D=D[:n, :n], K=K[:n, :n],
-        slopes={name: cut(slope) for name, slope in model.slopes.items() if name not in names},
-        B=model.B[:n], C=model.C[:, :n], T=model.tilt[:, :n], Z=None if model.Z is None else model.Z[:, :n],
-    )  # fmt: skip
-
-
 def _padded(slope: Slope, n_s: int) -> Slope:
     shapes = {"M": (n_s, n_s), "D": (n_s, n_s), "K": (n_s, n_s), "C": (0, n_s), "T": (0, n_s), "B": (n_s, 0)}
     parts = {letter: (getattr(slope, letter), shape) for letter, shape in shapes.items()}

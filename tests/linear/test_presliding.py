@@ -7,7 +7,7 @@ from plants.elastic_arm import arm
 from elastid.base.arrays import ComplexArray
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.presliding import RelaxingSpring, without_springs
+from elastid.linear.presliding import RelaxingSpring
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
@@ -66,11 +66,3 @@ def test_derivatives_equal_differences() -> None:
             ends.append(frequency_response(model, theta, FREQ_HZ))
         expected = (ends[1] - ends[0]) / (2e-5 * model.number(model.theta_ref, name))
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-7 * np.abs(expected).max())
-
-
-def test_without_its_springs_the_model_is_the_plain_one() -> None:
-    """Response, names and coordinates."""
-    springs = {RelaxingSpring("1"): (2e4, 9.0), RelaxingSpring("2", -1): (5e3, 60.0)}
-    plain, back = linear({}), without_springs(linear(springs), tuple(springs))
-    assert (back.parameters, back.n) == (plain.parameters, plain.n)
-    np.testing.assert_allclose(stiffness(back), stiffness(plain), rtol=1e-9)
