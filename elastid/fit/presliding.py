@@ -68,7 +68,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     last = _with_all(first, joints)
     if not last.springs or _is_beaten(evidence, first, last):
         return None
-    freed = with_presliding(assembly, last.springs)
+    freed = with_presliding(assembly, dict(sorted(last.springs.items(), key=lambda pair: joints.index(pair[0].joint))))
     return freed, _start(freed.parameters, last.parameters, last.x)
 
 
