@@ -74,7 +74,8 @@ _AGAINST = "ratio ratio_std chi_square dof cause"
 def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = (
-        "correlations_above_0.9", "modification_indices", "assumed_rigid", "modes", "frf_error", "warnings", "notes",
+        "correlations_above_0.9", "modification_indices", "assumed_rigid", "presliding", "modes", "frf_error",
+        "warnings", "notes",
     )  # fmt: skip
     numbers = dict.fromkeys(("static_loads", "tool_responses", "cost", "cost_expected", "dof"))
     numbers |= {"starts": starts, "n_converged_starts": 0}
@@ -100,7 +101,11 @@ def summary(
     names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.asked)
     above = np.argwhere(np.triu(np.abs(r[:wanted, :wanted]), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
-        **section(result, "status cost cost_expected dof n_converged_starts"),
+        **section(
+            result,
+            "status cost cost_expected dof n_converged_starts",
+            presliding="place unit stiffness stiffness_std rate rate_std amplitude",
+        ),
         "parameters": _parameters(result, rows),
         "nuisance_parameters": _nuisance_parameters(result),
         "friction": _friction_section(robot, friction),

@@ -40,6 +40,7 @@ from elastid.linear.equilibrium import equilibrium, spring_notes
 from elastid.linear.linear_model import is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion
+from elastid.linear.presliding import RelaxingSpring
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
@@ -81,16 +82,17 @@ class Assembly:
     def of(
         cls, responses: Sequence[Response], robot: Robot, spec: FitSpec, parameters: Parameters,
         model: ModelSpec = EXACT, loads: Sequence[PlacedTest] = (), weights: Sequence[Weights] | None = None,
-        home: Execution = HERE,
+        home: Execution = HERE, presliding: tuple[RelaxingSpring, ...] = (),
     ) -> "Assembly":  # fmt: skip
         """Weigh the responses, unless their weights are known, and build the model, under the static loads, too."""
         weights = tuple(weights or (weigh(response, spec) for response in responses))
-        linearisation = Linearisation.of_robot(robot, model, parameters.names)
+        linearisation = Linearisation.of_robot(robot, model, parameters.names, presliding)
         static = StaticLoads.of(loads, robot, model, parameters) if loads else None
         assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model, static)
         if linearisation.is_affine_in(assembly._moved):
             return assembly if linearisation.follows else replace(assembly, home=home)
-        return replace(assembly, linearisation=Linearisation.of(linearisation.model, follows=True))
+        following = replace(Linearisation.of(linearisation.model, follows=True), presliding=presliding)
+        return replace(assembly, linearisation=following)
 
     def only(self, of_tool: bool) -> "Assembly":
         """Assembly with the tool responses or the motor responses alone, and without load tests."""
@@ -160,7 +162,7 @@ class Assembly:
             groups.setdefault(tuple(self.parameters.expand(x, name)[:-1]), {})[name] = configuration
         notes: list[Note] = []
         for numbers, configurations in groups.items():
-            theta = np.array(numbers)
+            theta = np.array(numbers[: len(model.parameters)])
             notes += spring_notes(model, theta, (equilibrium(model, theta, c) for c in configurations.values()))
         return tuple(notes)
 
@@ -209,7 +211,8 @@ def _part_again(each: tuple[Response, Response, Weights, Part]) -> Part:
 def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray, response: Response) -> Response:
     if response.motion is None:
         return response
-    theta = parameters.expand(x, response.configuration.name)
+    theta, n = parameters.expand(x, response.configuration.name), len(linearisation.model.parameters)
+    linearisation, theta = replace(linearisation, presliding=()), np.append(theta[:n], theta[-1])
     linear = linear_model(linearisation, response, theta)
     effect = effect_of_motion(linearisation.model, linear, theta, response)
     return response if effect is None else replace(response, G=response.G - effect)

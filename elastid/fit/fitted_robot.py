@@ -15,6 +15,7 @@ from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
@@ -29,7 +30,8 @@ class FittedRobot:
     """The equations of a fitted robot, and measured response and fitted model of each configuration, in one order.
 
     models: inputs and outputs in the order of the response, functions of every parameter of the fit, geometry included.
-    modelled: `responses`, where they are known.  name: of an export.
+    modelled: `responses`, where they are known.  name: of an export.  presliding (F, n_y, n_u): change of each response
+    by the presliding friction of its motors; empty without any.
     """
 
     result: Result
@@ -38,6 +40,7 @@ class FittedRobot:
     models: tuple[FittedModel, ...]
     modelled: tuple[Response, ...] | None = None
     name: str = ""
+    presliding: tuple[ComplexArray, ...] = ()
 
     @classmethod
     def of(cls, result: Result, robot: Robot, measured: Sequence[Response], spec: ModelSpec = EXACT) -> "FittedRobot":
@@ -48,10 +51,18 @@ class FittedRobot:
         input or output of a response.
         """
         linearisation, models = Linearisation.of_robot(robot, spec, result.parameters.names), []
+        springs = {friction.spring: (friction.stiffness, friction.rate) for friction in result.presliding}
+        with_springs, changes = replace(linearisation, presliding=tuple(springs)), []
+        numbers = [number for s, a in springs.values() for number in (abs(s), abs(s) / a)]
         for G in measured:
-            linear = linear_model(linearisation, G, _theta(result, linearisation.model, G.configuration.name))
+            theta = _theta(result, linearisation.model, G.configuration.name)
+            linear = linear_model(linearisation, G, theta)
             models.append(FittedModel.of(linear, result.parameters, result.x, result.covariance))
-        return cls(result, linearisation.model, tuple(measured), tuple(models))
+            if springs:
+                both = np.insert(theta, len(theta) - 1, numbers)
+                of_both = frequency_response(linear_model(with_springs, G, both), both, G.freq_hz)
+                changes.append(of_both - frequency_response(linear, theta, G.freq_hz))
+        return cls(result, linearisation.model, tuple(measured), tuple(models), presliding=tuple(changes))
 
     @property
     def robot(self) -> Robot:
@@ -84,12 +95,13 @@ class FittedRobot:
     def responses_by(self, effects: Mapping[str, ComplexArray]) -> tuple[Response, ...]:
         """`responses`; effects: motion-induced bias (F, n_y, n_u) by configuration, if known."""
         responses = []
-        for model, G in zip(self.models, self.measured, strict=True):
+        for i, (model, G) in enumerate(zip(self.models, self.measured, strict=True)):
             modelled = replace(model.response(G.freq_hz, sampled=True), rate_is_known=G.rate_is_known)
             effect = effects.get(name := G.configuration.name)
             if effect is None:
                 effect = effect_of_motion(self.model, model.linear, self.theta_of(name), G)
-            responses.append(modelled if effect is None else replace(modelled, G=modelled.G + effect))
+            every = (*(() if effect is None else (effect,)), *self.presliding[i : i + 1])
+            responses.append(replace(modelled, G=sum(every, modelled.G)) if every else modelled)
         return tuple(responses)
 
     @property

@@ -31,7 +31,7 @@ from elastid.fit.assembly import (
 )
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
-from elastid.fit.diagnosis.hypothesis import Hypothesis
+from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis
 from elastid.fit.diagnosis.judge import RESIDUALS, diagnose, judge
 from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
 from elastid.fit.diagnosis.readings import common_delay
@@ -41,6 +41,7 @@ from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.parameter_choice import choose, ratio_within, tolerances_of, with_tolerances
+from elastid.fit.presliding import find_presliding, without_presliding
 from elastid.fit.problem.elastic import ElasticFit, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
@@ -95,6 +96,8 @@ def identified(
             estimate = _with_found_floor(assembly, spec, ends, execution.quiet)
             assembly, optimum, uncertainty, result = _with_agreements(estimate, assembly, spec, ends)
             evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+            evidence, before = _with_springs(evidence, spec, ends, hypotheses), evidence.result
+            assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
         except StudyError as error:  # the robot finds no rest on the way
             raise NoRestError(error) from None
         if not (result.has_tolerances and evidence.result.status == "model_error"):
@@ -103,6 +106,7 @@ def identified(
             result = replace(
                 result, notes=(*result.notes, *contradicted_priors(result), *contradicted_tolerances(result))
             )
+            result = without_presliding(result, assembly, before)
             pairs = zip(assembly.responses, optimum.responses, strict=True)
             known = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
             return result, known
@@ -115,6 +119,20 @@ def identified(
             raise FitError("fit/loads", text) from None
     # A gross fault bends the numbers of the file, too, and is named less surely from there.
     return identified(responses, replace(robot, tolerances=None), spec, model, execution, hypotheses, parameters, loads)
+
+
+def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: tuple[Hypothesis, ...]) -> Evidence:
+    """Evidence of the fit with the relaxing springs of motors, if V shows any and their fit ends at an optimum."""
+    (starts, hits), quiet = ends, evidence.execution
+    try:
+        if (freed := find_presliding(evidence)) is None:
+            return evidence
+        assembly, begin = freed[0], (replace(starts[0], x=freed[1]), *starts[1:])
+        assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, (begin, hits), quiet)
+        both = judge(result, assembly, optimum, uncertainty, quiet, hypotheses)
+    except (StudyError, FitError, np.linalg.LinAlgError):  # the robot finds no rest on the way
+        return evidence
+    return both if both.result.status in ("converged", "at_bound", "misfit") else evidence
 
 
 def fit_parameters(

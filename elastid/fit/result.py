@@ -19,6 +19,7 @@ from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import USUAL_FLOOR
 from elastid.linear.fitted_model import Axes, Doubt, FittedModel
 from elastid.linear.linear_model import LinearModel
+from elastid.linear.presliding import RelaxingSpring
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion, Motors
@@ -45,6 +46,28 @@ class RigidPart:
         changes = zip(names, np.expm1(self.changes).tolist(), strict=True)
         stiff = [pair for pair in changes if pair[0].startswith("k") and pair[1]]
         return dict(sorted(stiff, key=lambda pair: -abs(pair[1]))[:2])
+
+
+@frozen_value
+class Presliding:
+    """Presliding friction of a motor, estimated with the parameters of the fit: a spring that relaxes.
+
+    stiffness: negative of bristles with much damping, and of friction that was compensated too much.  amplitude: motion
+    between two reversals over the presliding distance, about; NaN where no motion is known.
+    """
+
+    place: str
+    unit: str
+    stiffness: float = labelled("stiffness, link side", "{unit}")
+    stiffness_std: float = labelled("its standard deviation", "{unit}")
+    rate: float = labelled("relaxation rate", "1/s")
+    rate_std: float = labelled("its standard deviation", "1/s")
+    amplitude: float = labelled("motion between two reversals over the presliding distance", default=math.nan)
+
+    @property
+    def spring(self) -> RelaxingSpring:
+        """The spring in the equations."""
+        return RelaxingSpring(self.place.removeprefix("motor "), 1 if self.stiffness > 0 else -1)
 
 
 @frozen_value
@@ -211,6 +234,7 @@ class Result:
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
     assumed_rigid: what is taken as rigid and shows in no response; empty where that was not judged.
+    presliding: friction of motors that was estimated, too; the covariance includes it.
     verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
     model_error: relative to abs(G) in weights and covariance, the largest of the responses.
     configurations, information_fraction (Q, n_x), information_band_hz (n_x, 2), averaging_fraction (n_x,),
@@ -261,6 +285,7 @@ class Result:
     model_error: float = 0.0
     indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
     assumed_rigid: tuple[RigidPart, ...] = labelled(rows=True, default=())
+    presliding: tuple[Presliding, ...] = labelled(rows=True, default=())
     verdicts: tuple[str, ...] = ()
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
     averaging_fraction: FloatArray = labelled(

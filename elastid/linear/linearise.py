@@ -36,6 +36,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, check_theta
 from elastid.linear.equilibrium import OperatingPoint, equilibrium, free_coordinates
 from elastid.linear.linear_model import DELAY, LinearModel, Slope, elements, projected
+from elastid.linear.presliding import RelaxingSpring, element_names, with_relaxing_springs
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.loop_closure import RANK_TOLERANCE, motions, null_space
@@ -135,17 +136,24 @@ class Linearisation:
     matrices(q, lambda_, theta) -> lower triangles of M, D, K side by side (n_q (n_q + 1) / 2, 3), and their Jacobian to
     theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.  point: None where the operating point is held.
     recipe: arguments of `of_robot`, all that goes to another process where they are known, a thousandth of the rest.
+    presliding: friction of motors, whose numbers stand in theta behind the robot's.
     """
 
     model: ElasticModel
     matrices: ca.Function
     point: PointDerivatives | None
     recipe: tuple[Robot, ModelSpec, tuple[str, ...]] | None = None
+    presliding: tuple[RelaxingSpring, ...] = ()
 
     def __reduce__(self) -> "tuple[Callable[..., Linearisation], tuple[Any, ...]]":
         if self.recipe is not None:
-            return _linearised, self.recipe
-        return Linearisation, (self.model, self.matrices, self.point)
+            return _linearised, (*self.recipe, self.presliding)
+        return Linearisation, (self.model, self.matrices, self.point, None, self.presliding)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of theta: numbers of the robot, then of presliding friction."""
+        return (*self.model.parameters, *element_names(self.presliding))
 
     @property
     def follows(self) -> bool:
@@ -175,16 +183,21 @@ class Linearisation:
         return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), point)
 
     @classmethod
-    def of_robot(cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = ()) -> "Linearisation":
+    def of_robot(
+        cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = (),
+        presliding: tuple[RelaxingSpring, ...] = (),
+    ) -> "Linearisation":  # fmt: skip
         """A robot's equations, differentiated, built once in a process; arguments and errors as `formulate`."""
-        return _linearised(robot, spec, tuple(name for name in robot.on_demand if name in geometry))
+        return _linearised(robot, spec, tuple(name for name in robot.on_demand if name in geometry), presliding)
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
     ) -> LinearModel:
         """The LinearModel about the equilibrium of a configuration; arguments and errors as `linearise`."""
-        model, names, theta_ref = self.model, (*self.model.parameters, DELAY), np.append(theta, 0.0)
-        check_theta(theta, model.parameters)
+        model = self.model
+        check_theta(theta, self.parameters)
+        theta, of_presliding = np.split(theta, [len(model.parameters)])
+        names, theta_ref = (*model.parameters, DELAY), np.append(theta, 0.0)
         point, theta = equilibrium(model, theta, configuration), model.carried(theta, configuration.has_payload)
         triangles, jacobian = self.matrices(point.q, point.lambda_, theta)
         M, D, K = (column[_places(model.n_q)] for column in triangles.full().T)
@@ -207,9 +220,14 @@ class Linearisation:
         B, C, T = Z.T @ model.B, C @ Z, T @ Z
         chain, sliding = elements(model.robot.chain), model.robot.sliding((*model.inputs, *outputs))
         channels = tuple(name for name in model.parameters if name in model.robot.channel_numbers)
-        return LinearModel(
+        linear = LinearModel(
             configuration, names, theta_ref, M, D, K, of_name, B, C, *places, T, chain, Z, channels, sliding=sliding
         )
+        if not self.presliding:
+            return linear
+        shafts = B @ model.robot.mixing.T  # columns b of q_m = E q_a = b^T q
+        driven = [shafts[:, model.robot.driven_names.index(spring.joint)] for spring in self.presliding]
+        return with_relaxing_springs(linear, self.presliding, np.array(driven), of_presliding)
 
     @cached_property
     def _entries(self) -> tuple[IntArray, IntArray]:
@@ -225,8 +243,11 @@ def _moves_with_parameters(model: ElasticModel) -> bool:
 
 
 @lru_cache(maxsize=4)
-def _linearised(robot: Robot, spec: ModelSpec, geometry: tuple[str, ...]) -> Linearisation:
-    return replace(Linearisation.of(formulate(robot, spec, geometry)), recipe=(robot, spec, geometry))
+def _linearised(
+    robot: Robot, spec: ModelSpec, geometry: tuple[str, ...], presliding: tuple[RelaxingSpring, ...] = ()
+) -> Linearisation:
+    plain = _linearised(robot, spec, geometry) if presliding else Linearisation.of(formulate(robot, spec, geometry))
+    return replace(plain, recipe=(robot, spec, geometry), presliding=presliding)
 
 
 def linearise(

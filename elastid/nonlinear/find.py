@@ -85,8 +85,11 @@ def _found(
     data = gathered(measured[:few], shapes)
     choice, picked = choose(data, shapes, places, spec.friction == "auto")
     if delay_s := torque_delay(data, shapes, choice, places):
-        data, shapes = delayed(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
-        choice, picked = choose(data, shapes, places, spec.friction == "auto")
+        late, late_shapes = delayed(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
+        late_choice, late_picked = choose(late, late_shapes, places, spec.friction == "auto")
+        # Bristles with much damping act before their deflection, as if the torque were logged early.
+        if delay_s > 0 or any(shape.is_memoryless for shape in late_choice.shapes):
+            data, shapes, choice, picked = late, late_shapes, late_choice, late_picked
     of_picked = [replace(spectra, Phi=spectra.Phi[:, picked]) for spectra in data]
     first, friction = _Found(records[0], spec, of_picked, choice), None
     if choice.shapes:

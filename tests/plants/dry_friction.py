@@ -17,22 +17,23 @@ from elastid.robot.friction import Friction, LuGre, MaxwellSlip
 RATIO, TORQUE_RMS = (6.0, 5.0), (58.4, 30.6)
 # Nm on the link side: 0.16 of the torque.
 COULOMB = tuple(0.16 * rms for rms in TORQUE_RMS)
+# Distances on the motor side over which bristles bend, rad.
+BENDING = 1.2e-3
 CONFIGURATIONS = {"a": (0.0, 0.2), "b": (0.5, 0.9)}
 
 
-# Distances on the motor side over which bristles bend, rad.
-BENDING = 1.2e-3
 NOISE = NoiseSpec(torque_std=0.3, angle_std=1e-7)
 
 
-def robot(coulomb: tuple[float, float] = COULOMB, law: str = "coulomb") -> Robot:
+def robot(coulomb: tuple[float, float] = COULOMB, law: str = "coulomb", bending: float = BENDING) -> Robot:
     """Resonances between 8 and 40 Hz; the second motor rides on the first link.
 
-    law: `coulomb`, `lugre` or `maxwell slip` at the motors, or `joint`: Coulomb's behind the gears.
+    law: `coulomb`, `lugre` or `maxwell slip` at the motors, or `joint`: Coulomb's behind the gears.  bending: of the
+    bristles, rad.
     """
     motors, behind = [], []
     for inertia, ratio, level in zip((0.2, 0.1), RATIO, coulomb, strict=True):
-        friction = _bristles(level / ratio, law)
+        friction = _bristles(level / ratio, law, bending)
         own = level / ratio if law == "coulomb" else 0.0
         motors.append(Motor(inertia, ratio, 0.02, own, friction=friction))
         behind.append(Friction(coulomb=level) if law == "joint" else None)
@@ -46,13 +47,13 @@ def robot(coulomb: tuple[float, float] = COULOMB, law: str = "coulomb") -> Robot
     return Robot("two axes", (upper, fore), gravity=(0.0, 0.0, -9.81))
 
 
-def _bristles(level: float, law: str) -> Friction | None:
+def _bristles(level: float, law: str, bending: float) -> Friction | None:
     if law == "lugre":
-        bristle = LuGre(level / BENDING, 0.05)
+        bristle = LuGre(level / bending, 0.05)
         return Friction(coulomb=level, stiction=1.4 * level, stribeck_velocity=3e-3, lugre=bristle)
     if law == "maxwell slip":
-        shares, bending = (0.3, 0.4, 0.3), (0.3 * BENDING, BENDING, 4 * BENDING)
-        stiffness = tuple(nu * level / each for nu, each in zip(shares, bending, strict=True))
+        shares, distances = (0.3, 0.4, 0.3), (0.3 * bending, bending, 4 * bending)
+        stiffness = tuple(nu * level / each for nu, each in zip(shares, distances, strict=True))
         return Friction(coulomb=level, maxwell_slip=MaxwellSlip(stiffness, shares, attraction=200 * level))
     return None
 

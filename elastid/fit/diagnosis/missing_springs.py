@@ -84,11 +84,11 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
 
 def _models(evidence: Evidence, held: HeldModel, responses: Sequence[Response]) -> list[LinearModel]:
     x, fitted = evidence.optimum.end.x, evidence.assembly.parameters
-    count, rigid = len(held.linearisation.model.parameters) + 1, held.rigid
+    rigid = held.rigid
     kept = {*fitted.names, *rigid, *(f"d{name[1:]}" for name in rigid)}
     models = []
     for response in responses:
-        theta = held.theta(fitted, x, response.configuration.name)[:count]
+        theta = held.theta(fitted, x, response.configuration.name)
         model = linear_model(held.linearisation, response, theta)
         slopes = {name: slope for name, slope in model.slopes.items() if name in kept}
         models.append(replace(model, theta_ref=theta, slopes=slopes))

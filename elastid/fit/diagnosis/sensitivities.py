@@ -45,6 +45,7 @@ from elastid.fit.solve.solvers import ROUGH, trust_region
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
+from elastid.linear.presliding import element_names
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
@@ -74,10 +75,10 @@ class HeldModel:
         channels += [channel_name("gain", "y", place) for place in sorted(outputs) if place in robot.locations]
         for extended, rigid in (_with_torsions(robot), (robot, {})):
             with suppress(ElastidError, ValueError):
-                held = cls(Linearisation.of_robot(extended, assembly.model, (*robot.geometry, *channels)), rigid)
+                plain = Linearisation.of_robot(extended, assembly.model, (*robot.geometry, *channels))
+                held = cls(replace(plain, presliding=assembly.linearisation.presliding), rigid)
                 theta = held.theta(assembly.parameters, assembly.parameters.x, fitted.configuration.name)
-                of_model = theta[: len(held.linearisation.model.parameters)]
-                held.linearisation.at(fitted.configuration, of_model, places_of(fitted), fitted.quantity)
+                held.linearisation.at(fitted.configuration, theta[:-1], places_of(fitted), fitted.quantity)
                 return replace(held, loads=_loads(assembly))
         free_names = (*assembly.parameters.names, *channels)
         return cls(Linearisation.of_robot(robot, assembly.model, free_names), {}, _loads(assembly))
@@ -85,7 +86,7 @@ class HeldModel:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of theta: parameters of the equations, and the delay."""
-        return (*self.linearisation.model.parameters, DELAY)
+        return (*self.linearisation.parameters, DELAY)
 
     def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
         """The numbers (n,) in SI where x (n_x,) is the estimate."""
@@ -218,6 +219,8 @@ def evaluate_held(
                 del numbers[name]
             for k in np.flatnonzero(row):
                 free[k] += row[k] * by_name[name]
+    for name in element_names(held.linearisation.presliding):
+        numbers.pop(name, None)
     for name in held.rigid:  # springs that the robot does not have are free of friction
         numbers.pop(name.replace("k_", "d_", 1), None)
         numbers.pop(name.replace("k_", "f_", 1), None)

@@ -76,7 +76,9 @@ def _variants(evidence: Evidence) -> Iterator[Variant]:
     robot, parameters = base.linearisation.model.robot, base.parameters
     for name, family, varied, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
         about = _about(parameters, numbers)
-        yield Variant(name, family, Assembly.of(base.responses, varied, base.spec, about, base.model, (), base.weights))
+        known = base.spec, about, base.model, (), base.weights
+        of_varied = Assembly.of(base.responses, varied, *known, presliding=base.linearisation.presliding)
+        yield Variant(name, family, of_varied)
 
 
 def _angles(evidence: Evidence) -> Iterator[Variant]:
@@ -212,7 +214,8 @@ def _carrying(
     asked = {p.name for p in file.free if not p.is_nuisance}
     x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
     try:
-        assembly = Assembly.of(given.responses, robot, given.spec, parameters, given.model, (), given.weights)
+        of_file = given.spec, parameters, given.model, (), given.weights
+        assembly = Assembly.of(given.responses, robot, *of_file, presliding=given.linearisation.presliding)
         for _ in range(LIMITS.rounds):
             fit = assembly.at(x, given.spec.criterion)
             _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))

@@ -1,0 +1,329 @@
+r"""Presliding friction in measured responses: relaxing springs of motors, freed where V falls by more than chance.
+
+The drop of V by a linear step shows at which motors,
+
+.. math:: \frac{\partial G}{\partial s} = -G\, e_m\, \frac{j \omega}{j \omega + a}\, e_m^T G
+
+V has many valleys in s and a: there a solve starts from either sign of s and from several rates. Rates stay near the
+band, since beyond it the element is a mere spring or damper.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import FitError, Note
+from elastid.base.execution import HERE
+from elastid.base.statistics import chi_square_limit
+from elastid.fit.assembly import Assembly, is_distorted_by_friction, is_friction_taken_out
+from elastid.fit.diagnosis.hypothesis import Evidence
+from elastid.fit.diagnosis.judge import temper
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.diagnosis.sensitivities import thinning
+from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home
+from elastid.fit.problem.least_squares import as_real
+from elastid.fit.result import Presliding, Result
+from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve
+from elastid.linear.linear_model import DELAY, is_load
+from elastid.linear.presliding import RelaxingSpring, element_names
+from elastid.parameters import Parameter, Parameters, Prior, Tie
+from elastid.record import MOTION_ORDER
+from elastid.response import UNEXPLAINED, Response
+
+RESIDUALS = 6_000  # real ones of the search
+# Std of the logarithms of a stiffness and of a relaxation time about their starts.
+STIFFNESS_STD, TIME_STD = 3.0, 1.5
+# Bounds of a rate over the lowest and the highest angular frequency, and where between these rates start.
+RATE_BOUNDS, STARTS = (1 / 30, 2.4), (0.25, 0.75)
+FIRST_SHARE = 0.1  # of the median of torque over angle of a motor, at which its stiffness starts
+SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
+PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
+# Motion between two reversals over the presliding distance, between which no linear model without springs is right.
+AMPLITUDES = (0.2, 4.0)
+
+Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad, and a, 1/s
+
+
+def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
+    """Find the springs of motors whose friction was compensated, or of all where V or distortion is above the noise.
+
+    Returns the assembly with springs and its start x (n_x,); None without any, for forces at the tool and load tests,
+    where no noise is known, and where another cause has better odds.
+    """
+    assembly, result, dof = evidence.assembly, evidence.result, max(evidence.result.cost_dof, 1.0)
+    is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
+    is_large |= any(note.code == UNEXPLAINED for response in assembly.responses for note in response.notes)
+    joints = _joints(assembly, is_large or any(map(is_distorted_by_friction, assembly.responses)))
+    is_explained = evidence.best.explained_fraction > LIMITS.whole and evidence.is_unexplained
+    if assembly.loads is not None or not joints or not result.noise_is_known or is_explained:
+        return None
+    bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_floor(None)
+    first = _State.of(bare, evidence.optimum.end.x)
+    last = _with_all(first, joints)
+    if not last.springs or _is_beaten(evidence, first, last):
+        return None
+    freed = with_presliding(assembly, dict(sorted(last.springs.items(), key=lambda pair: joints.index(pair[0].joint))))
+    return freed, _start(freed.parameters, last.parameters, last.x)
+
+
+def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
+    """Joints whose motors may have presliding friction."""
+    places = set[str]()
+    for response in assembly.responses:
+        if any(map(is_load, response.inputs)):
+            return ()
+        bias = response.bias[:-1] if response.bias is not None and is_friction_taken_out(response) else None
+        places |= {
+            place for j, place in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())
+        }
+    return tuple(name for name in assembly.linearisation.model.robot.driven_names if f"motor {name}" in places)
+
+
+def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
+    """True where springs leave too much of the excess of V, or another cause has better odds than theirs by the BIC."""
+    drop, scores, cause = first.cost - last.cost, evidence.scores, evidence.cause
+    if evidence.is_unexplained and drop < LIMITS.explained_share * (first.cost - last.level * first.fit.problem.dof):
+        return True
+    if scores is None or cause is None:
+        return False
+    occam = 2 * len(last.springs) * math.log(last.fit.n_residuals)
+    return (drop / last.share - cause.drop) * scores.lines / temper(scores) < occam - cause.occam
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """x (n_x,) of the fit with some springs on thinned lines, and V; base: without springs."""
+
+    base: Assembly
+    springs: Springs
+    fit: ElasticFit
+    x: FloatArray
+    cost: float
+    share: float = 1.0
+
+    @classmethod
+    def of(cls, base: Assembly, x: FloatArray) -> "_State":
+        """The state without springs, from x (n_x,)."""
+        fit, share = _thinned(base, x)
+        end = solve(fit.problem, x, ROUGH, LIMITS.iterations)
+        return cls(base, {}, fit, end.x, end.cost, share)
+
+    @property
+    def parameters(self) -> Parameters:
+        """Parameters, springs included."""
+        return self.fit.parameters
+
+    @property
+    def level(self) -> float:
+        """V over its degrees of freedom, 1 at least."""
+        return max(self.cost / self.fit.problem.dof, 1.0)
+
+    def predicted(self, joint: str) -> float:
+        """The drop of V by a linear step in the parameters and in springs of a motor, infinite where it is not seen."""
+        if any(f"motor {joint}" not in part.kernel.model.outputs for part in self.fit.parts):
+            return math.inf
+        J, of_springs, r = self._rows
+        C = np.concatenate([each[joint] for each in of_springs], axis=1)
+        C = np.pad(C, ((0, 0), (0, len(r) - C.shape[1])))  # priors have none
+        both, free = (np.linalg.qr(rows.T)[0] for rows in (np.vstack([J, C]), J))
+        return float(np.sum((both.T @ r) ** 2) - np.sum((free.T @ r) ** 2))
+
+    @cached_property
+    def _rows(self) -> tuple[FloatArray, list[dict[str, FloatArray]], FloatArray]:
+        """dr/dx (n_x, N) with priors, dr/ds (n_a, N_q) of each configuration by joint, and r (N,)."""
+        rows, columns, residuals = [], [], []
+        for part in self.fit.parts:
+            mixing = part.mixing
+            r, J = self.fit.block(part, self.x, mixing)
+            rows.append(as_real(J).reshape(len(J), -1))
+            residuals.append(as_real(r).ravel())
+            columns.append(dict(_columns(part, part.kernel.response(part.theta(self.parameters, self.x)), mixing)))
+        distance, slope = self.fit.priors(self.x)
+        return np.hstack([*rows, np.diag(slope)]), columns, np.concatenate([*residuals, distance])
+
+    def trials(self, joint: str) -> "Iterator[_State]":
+        """States with a spring of another motor, from all starts."""
+        low, high = rate_band(self.base.responses)
+        stiffness = FIRST_SHARE * _torque_per_angle(self.base.responses, f"motor {joint}")
+        for sign, where in product((1, -1), STARTS):
+            spring = RelaxingSpring(joint, sign)
+            every = {**self.springs, spring: (stiffness, low * (high / low) ** where)}
+            assembly = with_presliding(self.base, every)
+            start = _start(assembly.parameters, self.parameters, self.x)
+            fit, _ = _thinned(assembly, start)
+            try:
+                end = solve(fit.problem, start, ROUGH, 2 * LIMITS.iterations)
+            except FitError:
+                continue
+            values, place = fit.parameters.as_dict(end.x), fit.parameters.free_names.index(relaxation(joint))
+            margin = np.min(np.abs([ends[place] - end.x[place] for ends in fit.parameters.x_bounds]))
+            if margin > 1e-3:  # else it is a spring or a damper
+                found = {s: (values[s.names[0]], 1 / values[relaxation(s.joint)]) for s in every}
+                yield replace(self, springs=found, fit=fit, x=end.x, cost=end.cost)
+
+
+def _with_all(state: _State, joints: Sequence[str]) -> _State:
+    """Add springs motor by motor, by the largest predicted drop, if V falls by more than chance."""
+    limit, left = chi_square_limit(2, LIMITS.false_alarm_rate / (2 * len(STARTS) * len(joints))), list(joints)
+    while left:
+        predicted = [state.predicted(joint) for joint in left]
+        if not max(predicted) > PREDICTED * limit * state.level:
+            break
+        joint = left.pop(int(np.argmax(predicted)))
+        best = min(state.trials(joint), key=lambda trial: trial.cost, default=state)
+        state = best if state.cost - best.cost > limit * best.level else state
+    return state
+
+
+def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
+    """The fit linearised at x (n_x,) on some lines, and their share of all residuals."""
+    whole = assembly.at(x, assembly.spec.criterion)
+    thin = each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)
+    fit = replace(whole, parts=tuple(thin), home=HERE)
+    return fit, fit.n_residuals / max(whole.n_residuals, 1)
+
+
+def _columns(part: Part, G: ComplexArray, mixing: ComplexArray | None) -> Iterator[tuple[str, FloatArray]]:
+    """dr/ds (n_a, N) of the springs of each motor whose motion is in a response G (F, n_y, n_u), by its joint."""
+    model, s = part.kernel.model, 2j * np.pi * part.kernel.freq_hz[:, None, None]
+    low, high = np.abs(s).min(), np.abs(s).max()
+    for j, place in enumerate(model.inputs):
+        if place in model.outputs:
+            by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(place)]] / s ** MOTION_ORDER[model.quantity])
+            rates = low * (high / low) ** np.array([0.0, 0.5, 1.0])
+            dG = np.stack([-by_angle * s / (s + a) for a in rates])
+            yield place.removeprefix("motor "), as_real(part.slopes(G, dG, mixing)).reshape(len(rates), -1)
+
+
+def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
+    """Median of a motor's torque over its angle, or over the motion that it moves most, N m/rad."""
+    found = []
+    for G in (response for response in responses if place in response.inputs):
+        motions = np.abs(G.G[:, :, G.inputs.index(place)])
+        i = G.outputs.index(place) if place in G.outputs else int(np.argmax(motions.mean(axis=0)))
+        found.append((2 * np.pi * G.freq_hz) ** MOTION_ORDER[G.quantity] / np.maximum(motions[:, i], 1e-300))
+    return float(np.median(np.concatenate(found)))
+
+
+def rate_band(responses: Sequence[Response]) -> tuple[float, float]:
+    """Lowest and highest angular frequency of the lines, rad/s."""
+    lines = np.concatenate([response.freq_hz for response in responses])
+    return 2 * np.pi * float(lines[lines > 0].min()), 2 * np.pi * float(lines.max())
+
+
+def relaxation(joint: str) -> str:
+    """Name of the relaxation time 1 / a of a motor's friction, s."""
+    return f"relaxation_{joint}"
+
+
+def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
+    """Assembly with springs at motors, free from s and a."""
+    low, high = rate_band(assembly.responses)
+    times = 1 / (RATE_BOUNDS[1] * high), 1 / (RATE_BOUNDS[0] * low)
+    middle = Prior(1 / math.sqrt(low * high), TIME_STD)
+    numbers: list[Parameter] = []
+    for spring, (s, a) in springs.items():
+        (stiffness, damping), time = spring.names, relaxation(spring.joint)
+        prior = Prior(s, STIFFNESS_STD)
+        numbers += [
+            Parameter(stiffness, s, "N*m/rad", 1e-4 * s, 1e4 * s, True, prior=prior, is_nuisance=True),
+            Parameter(damping, s / a, "N*m*s/rad", log=True, tie=Tie(stiffness, 1.0, time)),
+            Parameter(time, 1 / a, "s", *times, True, prior=middle, ratio=True, is_nuisance=True),
+        ]
+    every = assembly.parameters.parameters
+    at = [p.name for p in every].index(DELAY)
+    linearisation = replace(assembly.linearisation, presliding=tuple(springs))
+    return replace(assembly, parameters=Parameters((*every[:at], *numbers, *every[at:])), linearisation=linearisation)
+
+
+def _start(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArray:
+    """x (n_x,) of parameters: as in x of `known`, else their start."""
+    values = dict(zip(known.free_names, x.tolist(), strict=True))
+    return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
+
+
+def without_presliding(result: Result, assembly: Assembly, before: Result) -> Result:
+    """Result with springs in `presliding` and as notes, and no longer among its parameters.
+
+    The covariance of the others includes them.  before: the result without springs.
+    """
+    springs = assembly.linearisation.presliding
+    if not springs:
+        return result
+    names = {*element_names(springs), *(relaxation(spring.joint) for spring in springs)}
+    kept = np.array([name not in names for name in result.parameters.free_names])
+
+    def rows(values: FloatArray) -> FloatArray:
+        return values[kept] if len(values) == len(kept) else values
+
+    found = tuple(_presliding(result, spring, assembly) for spring in springs)
+    parameters = Parameters(tuple(p for p in result.parameters if p.name not in names))
+    robot = replace(assembly.linearisation, presliding=())
+    parts = (
+        replace(assembly, parameters=parameters, linearisation=robot).at(rows(result.x), assembly.spec.criterion).parts
+    )
+    of_x = ("x", "at_bound", "profile95", "bootstrap95", "information_band_hz", "averaging_fraction")
+    changed: dict[str, Any] = {name: rows(getattr(result, name)) for name in (*of_x, "persistent_fraction")}
+    without = replace(
+        result,
+        **changed,
+        parameters=parameters,
+        covariance=result.covariance[np.ix_(kept, kept)],
+        information_fraction=result.information_fraction[:, kept],
+        starts=tuple(replace(start, x=rows(start.x), x_start=rows(start.x_start)) for start in result.starts),
+        indices=tuple(replace(index, effects=rows(index.effects)) for index in result.indices),
+        linear=tuple(part.kernel.model for part in parts),
+        presliding=found,
+    )
+    is_large = before.exceeds_noise or _has_moved(before, without)
+    return replace(without, notes=(*result.notes, *(_note(each, is_large) for each in found)))
+
+
+def _has_moved(before: Result, after: Result) -> bool:
+    """True if a stiffness or a damping has moved by more than counts as an effect."""
+    limits = {"N*m/rad": LIMITS.effect, "N/m": LIMITS.effect} | dict.fromkeys(DAMPING_UNITS, LIMITS.effect_on_damping)
+    moves = zip(after.parameters.asked, np.abs(after.x - before.x).tolist(), strict=False)
+    return any(p.log and move > limits.get(p.unit, math.inf) for p, move in moves)
+
+
+def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> Presliding:
+    values, free, place = result.values, result.parameters.free_names, f"motor {spring.joint}"
+    s, a = values[spring.names[0]], 1 / values[relaxation(spring.joint)]
+    std = dict(zip(free, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
+    times = [time for response in assembly.responses for time in _between_reversals(response, place)]
+    unit = "N/m" if assembly.linearisation.model.robot.sliding((place,)) else "N*m/rad"
+    stds = std[spring.names[0]] * s, std[relaxation(spring.joint)] * a
+    # Of what a compensation leaves the rate is not E|w| / z.
+    amplitude = a * float(np.median(times)) if times and spring.sign > 0 else math.nan
+    return Presliding(place, unit, spring.sign * s, stds[0], a, stds[1], amplitude)
+
+
+def _between_reversals(response: Response, place: str) -> Iterator[float]:
+    """Mean time between two reversals of a motor in Gaussian motion, pi sigma_v / sigma_a, s (Rice, 1945)."""
+    motion = response.motion
+    if motion is not None and place in motion.motors:
+        j, omega = motion.motors.index(place), 2 * np.pi * motion.freq_hz
+        power = motion.power[:, j, j].real
+        yield float(np.pi * np.sqrt((omega**2 @ power) / max(float(omega**4 @ power), 1e-300)))
+
+
+def _note(found: Presliding, is_large: bool) -> Note:
+    text = (
+        f"{found.place}: presliding friction of {found.stiffness:.3g} +- {found.stiffness_std:.2g} {found.unit} (link "
+        f"side), relaxing at {found.rate:.3g} +- {found.rate_std:.2g} 1/s, is part of the model and of the intervals"
+    )
+    if not is_large:
+        return Note("fit/presliding", text, severity="information")
+    if AMPLITUDES[0] < found.amplitude < AMPLITUDES[1]:
+        text += (
+            f". The motion between two reversals is about {found.amplitude:.2g} of the presliding distance (limit "
+            f"{AMPLITUDES[1]:g})"
+        )
+    advice = "Do not use the Coulomb torque of this motor. To identify it, increase the amplitude of the excitation"
+    return Note("fit/presliding", f"{text}. {advice}")
