@@ -31,7 +31,10 @@ from elastid.recorded.repair.masks import MASKED, step
 MIN_SIGMAS = 6.0
 MIN_RATIO = 5.0  # distance of a spike over that of its neighbours, at least
 MIN_ERRORS = 4.0  # distance of a spike or lost message from its interpolation, over the error of that
+# Excess of the mean square distance of k lost messages over 2 errors squared, times sqrt(k); 7 standard deviations.
+MIN_EXCESS = 10.0
 MAX_BY_CHANCE = 0.01  # repeated values, or zeros, in a channel
+MIN_OVER_CHANCE = 3.0  # number of them over the number by chance plus two, from which most are lost messages
 MIN_PERIODS = 3
 MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
 # Samples: of the running median, of a spike at most, and of neighbours on each side.
@@ -89,7 +92,7 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     is_spike = np.zeros(len(x), dtype=np.bool_)
     if is_lost.any():
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
-        full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign, to_nearest)
+        full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign, to_nearest, are_lost=True)
     for _ in range(ROUNDS):
         judged = _with_other_period(judged, L)
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
@@ -112,17 +115,24 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
 
 
 def _replaced(
-    x: FloatArray, suspects: Sequence[tuple[int, int]], L: int, sign: int, to_nearest: FloatArray
+    x: FloatArray,
+    suspects: Sequence[tuple[int, int]],
+    L: int,
+    sign: int,
+    to_nearest: FloatArray,
+    are_lost: bool = False,
 ) -> tuple[FloatArray, BoolArray]:
     """Signal (P L,) with interpolations of the suspects that are far from them, and flags of these samples.
 
     to_nearest (P L,): distance to the nearest of the other periods. Where it is less than half of the distance from
-    the interpolation, another period has the spike.
+    the interpolation, another period has the spike.  are_lost: suspects close to their interpolations are replaced
+    together if their mean square distance is larger than errors of the interpolation explain.
     """
     result, is_replaced, without = np.copy(x), np.zeros(len(x), dtype=np.bool_), np.copy(x)
     for start, end in suspects:
         without[start:end] = np.nan
     max_step = largest_step(without)
+    near: list[tuple[int, FloatArray, float]] = []
     for start, end in suspects:
         gap = interpolate(without, start, end, L, sign, max_step)
         if gap is None:
@@ -130,6 +140,14 @@ def _replaced(
         distance = np.abs(x[start:end] - gap.values).max()
         if MIN_ERRORS * gap.error < distance < 2 * to_nearest[start:end].max():
             result[start:end], is_replaced[start:end] = gap.values, True
+        elif distance < 2 * MIN_ERRORS * gap.error:
+            near.append((start, gap.values, distance / gap.error))
+    if are_lost and near:
+        # Errors d of lost messages and e of interpolations have a ratio with the mean square d^2 / e^2 + 1.
+        excess = np.mean([ratio**2 for *_, ratio in near]) - 2
+        for start, values, _ in near if excess > MIN_EXCESS / np.sqrt(len(near)) else ():
+            end = start + len(values)
+            result[start:end], is_replaced[start:end] = values, True
     return result, is_replaced
 
 
@@ -236,14 +254,15 @@ def _spikes(
 
 
 def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
-    """Flags (n,) of repeated values and zeros: where steps of q hardly make them by chance, and where they are few."""
+    """Flags (n,) of repeated values and zeros: where steps of q make few of them by chance, and where they are few."""
     change = np.abs(np.diff(x, prepend=np.nan))
     usual, is_lost, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
     for distance in (change, np.abs(x)):
         is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= usual)))
         if is_equal.mean() < MAX_FRACTION:
             is_rare |= is_equal
-            if n_near * q / max(2 * usual, 1e-300) < MAX_BY_CHANCE:
+            by_chance = n_near * q / max(2 * usual, 1e-300)
+            if by_chance < MAX_BY_CHANCE or is_equal.sum() > MIN_OVER_CHANCE * (by_chance + 2):
                 is_lost |= is_equal
     return is_lost, is_rare
 
