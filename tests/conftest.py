@@ -49,6 +49,7 @@ experiment:
   simulated:
     truth: {k_1: 60 N*m/rad}
     noise: {torque_std: 1e-3, angle_std: 1e-6}
+estimator: {friction: none}
 fit:
   starts: 2
   parameters:

@@ -31,14 +31,15 @@ from elastid.recorded.repair.masks import MASKED, step
 MIN_SIGMAS = 6.0
 MIN_RATIO = 5.0  # distance of a spike over that of its neighbours, at least
 MIN_ERRORS = 4.0  # distance of a spike or lost message from its interpolation, over the error of that
-# Excess of the mean square distance of k lost messages over 2 errors squared, times sqrt(k); 7 standard deviations.
-MIN_EXCESS = 10.0
+# Median square distance of k lost messages over squared error of the interpolation, less 0.91 (as far off), sqrt(k) times.
+MIN_EXCESS = 8.0
 MAX_BY_CHANCE = 0.01  # repeated values, or zeros, in a channel
 MIN_OVER_CHANCE = 3.0  # number of them over the number by chance plus two, from which most are lost messages
 MIN_PERIODS = 3
 MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
 # Samples: of the running median, of a spike at most, and of neighbours on each side.
 MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
+MAX_OVER_SIGNAL = 2.0  # distance of a difference over the signal's: above, the signal itself must have the spike
 QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
 # Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
 USUAL_FRACTION, PARTS, MIN_OVER_USUAL = 0.9, 20, 3.0
@@ -126,7 +127,7 @@ def _replaced(
 
     to_nearest (P L,): distance to the nearest of the other periods. Where it is less than half of the distance from
     the interpolation, another period has the spike.  are_lost: suspects close to their interpolations are replaced
-    together if their mean square distance is larger than errors of the interpolation explain.
+    together if their median distance is larger than errors of the interpolation explain.
     """
     result, is_replaced, without = np.copy(x), np.zeros(len(x), dtype=np.bool_), np.copy(x)
     for start, end in suspects:
@@ -143,9 +144,9 @@ def _replaced(
         elif distance < 2 * MIN_ERRORS * gap.error:
             near.append((start, gap.values, distance / gap.error))
     if are_lost and near:
-        # Errors d of lost messages and e of interpolations have a ratio with the mean square d^2 / e^2 + 1.
-        excess = np.mean([ratio**2 for *_, ratio in near]) - 2
-        for start, values, _ in near if excess > MIN_EXCESS / np.sqrt(len(near)) else ():
+        # Normal errors d of lost messages and e of interpolations: their median is 0.45 (d^2 + e^2) / e^2.
+        median = np.median([ratio**2 for *_, ratio in near])
+        for start, values, _ in near if median > 0.91 + MIN_EXCESS / np.sqrt(len(near)) else ():
             end = start + len(values)
             result[start:end], is_replaced[start:end] = values, True
     return result, is_replaced
@@ -237,7 +238,7 @@ def _spikes(
     is_spike = np.zeros(len(e), dtype=np.bool_)
     if not short:
         return is_spike
-    straight, usual = np.copy(e), _usual(d)
+    straight, usual, d_x = np.copy(e), _usual(d), _lone_distance(x)
     for first, end in short:
         straight[first:end] = np.nan
     straight = bridged(straight)
@@ -245,9 +246,14 @@ def _spikes(
         # Near an end a spike cannot be distinguished from a bend.
         if not judged[first:end].any() or first <= n or end >= len(e) - n:
             continue
-        around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
+        sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
+        around, around_x = np.quantile(d[sides], quiet_share), np.quantile(d_x[sides], quiet_share)
+        # In a transient the difference shows the signal of the other period.
+        is_transient = around > max(MIN_SIGMAS * sigma[first], MAX_OVER_SIGNAL * around_x)
+        if is_transient and d_x[first:end].max() <= max(MIN_RATIO * around_x, _usual(d_x)):
+            continue
         distance, scatter = _from_parabola(e, straight, first, end, quiet_share)
-        is_lone = d[first:end].max() > max(MIN_RATIO * np.quantile(around, quiet_share), usual)
+        is_lone = d[first:end].max() > max(MIN_RATIO * around, usual)
         if is_lone and distance > max(least[first], MIN_RATIO * scatter):
             is_spike[first:end] = True
     return is_spike & judged
