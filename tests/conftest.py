@@ -15,6 +15,7 @@ from elastid.app.cli import one_blas_thread
 one_blas_thread()  # before NumPy is loaded: two workers with two threads each would wait for each other
 
 from elastid.app import run as work  # noqa: E402
+from elastid.base.workers import load_for_workers  # noqa: E402
 
 # The same examples in every run of the same code; .ci/nightly draws others with the profile `default`.
 settings.register_profile("repeatable", derandomize=True)
@@ -49,7 +50,6 @@ experiment:
   simulated:
     truth: {k_1: 60 N*m/rad}
     noise: {torque_std: 1e-3, angle_std: 1e-6}
-estimator: {friction: none}
 fit:
   starts: 2
   parameters:
@@ -105,12 +105,18 @@ def code_hashed_once() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def workers_loaded_once() -> None:
+    """Tasks of workers are in modules of tests, which load pytest: the process of which they are copies has it."""
+    load_for_workers(["pytest", "elastid.base.execution"])
+
+
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
     folder = tmp_path / "tiny"
     folder.mkdir()
     (folder / "robot.yml").write_text(TINY_ROBOT)
-    (folder / "study.yml").write_text(TINY_STUDY)
+    (folder / "study.yml").write_text(TINY_STUDY + "estimator: {friction: none}\n")  # there is none
     return folder / "study.yml"
 
 

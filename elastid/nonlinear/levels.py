@@ -97,7 +97,7 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
     if not len(b):
         return b
     if len(b) == 1:
-        return np.maximum(b, 0.0) / np.maximum(A[0], 1e-300)
+        return np.asarray(np.maximum(b, 0.0) / np.maximum(A[0], 1e-300))
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     power, V = np.linalg.eigh(A / np.outer(size, size))
     root = np.sqrt(np.maximum(power, 0.0) + 1e-9)  # a small ridge: shapes may be the same in all that was measured

@@ -31,7 +31,8 @@ from elastid.recorded.repair.masks import MASKED, step
 MIN_SIGMAS = 6.0
 MIN_RATIO = 5.0  # distance of a spike over that of its neighbours, at least
 MIN_ERRORS = 4.0  # distance of a spike or lost message from its interpolation, over the error of that
-# Median square distance of k lost messages over squared error of the interpolation, less 0.91 (as far off), sqrt(k) times.
+# Median of squared distances of k lost messages over squared errors of their interpolations, less 0.91 (equal errors),
+# times sqrt(k).
 MIN_EXCESS = 8.0
 MAX_BY_CHANCE = 0.01  # repeated values, or zeros, in a channel
 MIN_OVER_CHANCE = 3.0  # number of them over the number by chance plus two, from which most are lost messages
@@ -54,8 +55,12 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArr
     P = len(signals) // L
     if MIN_PERIODS > P:
         return signals
-    spikes = [_spikes_of_periods(x, L, sign) for x in signals[: P * L, : len(log.names)].T]
-    return _masked(signals, spikes, "the other periods", log)
+    channels = signals[: P * L, : len(log.names)].T
+    spikes = [_spikes_of_periods(x, L, sign) for x in channels]
+    outvoted = [0] * len(spikes)
+    if P == MIN_PERIODS:
+        outvoted = [int(np.sum(~_is_rough(bridged(x))[at])) for x, at in zip(channels, spikes, strict=True)]
+    return _masked(signals, spikes, "the other periods", log, outvoted)
 
 
 def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()) -> FloatArray:
@@ -72,7 +77,10 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     return _masked(signals, at, "their neighbours", log)
 
 
-def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log) -> FloatArray:
+def _masked(
+    signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log, outvoted: Sequence[int] = ()
+) -> FloatArray:
+    """outvoted (c,): number of spikes of each channel that only two periods against one show."""
     result = np.copy(signals)
     for c, at in enumerate(spikes):
         if at.size == 0:
@@ -82,7 +90,13 @@ def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log
             log.report("spikes left", at.size, f"{text}: too many for spikes, left unchanged")
             continue
         result[at, c] = np.nan
-        log.report(MASKED, at.size, f"{text}, the first is {log.time_of(at[0])}: spikes, declared missing")
+        text = f"{text}, the first is {log.time_of(at[0])}: spikes, declared missing"
+        if any(outvoted[c : c + 1]):
+            text += (
+                f"; {outvoted[c]} of them are no rougher than the signal, so that a disturbance of the two other "
+                "periods has the same effect. Measure four periods or more"
+            )
+        log.report(MASKED, at.size, text)
     return result
 
 
@@ -180,10 +194,9 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
     """
     from scipy.ndimage import maximum_filter
 
-    extended = np.pad(x, 2, mode="reflect", reflect_type="odd")
-    roughness = np.abs(np.convolve(extended, _CUBIC, mode="valid")).reshape(-1, L)
+    roughness = _roughness(x).reshape(-1, L)
     highest = np.where(candidates.reshape(-1, L), roughness, -1.0).max(axis=0)
-    usual = MIN_RATIO * float(np.quantile(roughness, QUIET_FRACTION))
+    usual = _usual_roughness(roughness)
     rivals = roughness > np.maximum(2 * highest, usual)
     rivals &= highest >= 0
     # Beside a spike a signal is rough, too: such a phase waits until the spike is replaced.
@@ -191,6 +204,21 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
     is_rough = candidates.reshape(-1, L) & (roughness > usual)
     is_chosen = np.where(rivals.any(axis=0), are_highest, (roughness == highest) | is_rough)
     return np.asarray(is_chosen.ravel() & judged)
+
+
+def _roughness(x: FloatArray) -> FloatArray:
+    """Distance (n,) of each sample of a signal from the cubic through its neighbours."""
+    return np.abs(np.convolve(np.pad(x, 2, mode="reflect", reflect_type="odd"), _CUBIC, mode="valid"))
+
+
+def _usual_roughness(roughness: FloatArray) -> float:
+    return MIN_RATIO * float(np.quantile(roughness, QUIET_FRACTION))
+
+
+def _is_rough(x: FloatArray) -> BoolArray:
+    """True where a signal (n,) is rougher than usual."""
+    roughness = _roughness(x)
+    return np.asarray(roughness > _usual_roughness(roughness))
 
 
 def _lone_distance(e: FloatArray) -> FloatArray:
