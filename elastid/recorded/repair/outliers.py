@@ -7,12 +7,14 @@ r"""Outliers: one to three samples that the other periods contradict (Hampel's r
 for each e, in which a transient is smooth, and for each period.  q: step of the converter.  A spike is also five times
 as far from the parabola through its neighbours as three quarters of these, d is five times as large as there, and three
 times as large as at 90 % of the samples of most parts of the log: drift, transients, steps and bursts of oscillation
-are no spikes, nor are the pulses of a controller at the counts of an encoder.  A value that repeats the previous one
-exactly, or is exactly 0, is a lost message where the channel hardly has such values by chance, or where one e differs.
-A sample is replaced only if its distance from the interpolation is more than four times the error of the interpolation
-beside it.  Interpolated samples are references and are never judged, nor is the only measured sample of a phase.
-Spikes at one phase of two of three periods are told by their roughness: below the roughness of the signal equal ones
-outvote the third period.
+are no spikes, nor are the pulses of a controller at the counts of an encoder.  In a transient e has the signal of the
+other period, so that the sample must be a spike of its own period, too.  A value that repeats the previous one exactly,
+or is exactly 0, is a lost message where the channel has more such values than steps make by chance, or where one e
+differs.  A sample is replaced only if its distance from the interpolation is more than four times the error of the
+interpolation beside it; lost messages below are replaced together if their median distance is not due to that error.
+Among values that steps repeat by chance lost messages are told as spikes only.  Interpolated samples are references and
+are never judged, nor is the only measured sample of a phase.  Spikes at one phase of two of three periods are told by their roughness: below the roughness of the signal equal ones
+outvote the third period, which a note counts.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from elastid.recorded.repair import Log, bridged, flat
 from elastid.recorded.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolate, largest_step, period_noise
 from elastid.recorded.repair.masks import MASKED, step
 
+OUTVOTED = "spikes by two periods against one"
 # Limits that distinguish a spike from a signal, its noise, its steps and its transients.
 MIN_SIGMAS = 6.0
 MIN_RATIO = 5.0  # distance of a spike over that of its neighbours, at least
@@ -40,7 +43,9 @@ MIN_PERIODS = 3
 MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
 # Samples: of the running median, of a spike at most, and of neighbours on each side.
 MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
-MAX_OVER_SIGNAL = 2.0  # distance of a difference over the signal's: above, the signal itself must have the spike
+# Distance of neighbours in a difference over that in the signal, above which the difference shows a transient; there a
+# spike of a smaller ratio must be in the signal itself.
+MAX_OVER_SIGNAL, MIN_RATIO_IN_TRANSIENT = 2.0, 20.0
 QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
 # Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
 USUAL_FRACTION, PARTS, MIN_OVER_USUAL = 0.9, 20, 3.0
@@ -90,13 +95,13 @@ def _masked(
             log.report("spikes left", at.size, f"{text}: too many for spikes, left unchanged")
             continue
         result[at, c] = np.nan
-        text = f"{text}, the first is {log.time_of(at[0])}: spikes, declared missing"
+        log.report(MASKED, at.size, f"{text}, the first is {log.time_of(at[0])}: spikes, declared missing")
         if any(outvoted[c : c + 1]):
-            text += (
-                f"; {outvoted[c]} of them are no rougher than the signal, so that a disturbance of the two other "
-                "periods has the same effect. Measure four periods or more"
+            text = (
+                f"{log.names[c]}: {outvoted[c]} spikes are no rougher than the signal, so that equal disturbances of "
+                "the two other periods have the same effect. Measure four periods or more"
             )
-        log.report(MASKED, at.size, text)
+            log.report(OUTVOTED, outvoted[c], text)
     return result
 
 
@@ -155,12 +160,12 @@ def _replaced(
         distance = np.abs(x[start:end] - gap.values).max()
         if MIN_ERRORS * gap.error < distance < 2 * to_nearest[start:end].max():
             result[start:end], is_replaced[start:end] = gap.values, True
-        elif distance < 2 * MIN_ERRORS * gap.error:
+        elif distance < 2 * MIN_ERRORS * gap.error and end - start <= MAX_RUN:
             near.append((start, gap.values, distance / gap.error))
-    if are_lost and near:
-        # Normal errors d of lost messages and e of interpolations: their median is 0.45 (d^2 + e^2) / e^2.
-        median = np.median([ratio**2 for *_, ratio in near])
-        for start, values, _ in near if median > 0.91 + MIN_EXCESS / np.sqrt(len(near)) else ():
+    # Normal errors d of lost messages and e of interpolations: the median is 0.45 (d^2 + e^2) / e^2.
+    squares = [ratio**2 for *_, ratio in near if ratio <= MIN_ERRORS]
+    if are_lost and squares and np.median(squares) > 0.91 + MIN_EXCESS / np.sqrt(len(squares)):
+        for start, values, _ in near:
             end = start + len(values)
             result[start:end], is_replaced[start:end] = values, True
     return result, is_replaced
@@ -267,6 +272,7 @@ def _spikes(
     if not short:
         return is_spike
     straight, usual, d_x = np.copy(e), _usual(d), _lone_distance(x)
+    usual_x = _usual(d_x)
     for first, end in short:
         straight[first:end] = np.nan
     straight = bridged(straight)
@@ -278,7 +284,8 @@ def _spikes(
         around, around_x = np.quantile(d[sides], quiet_share), np.quantile(d_x[sides], quiet_share)
         # In a transient the difference shows the signal of the other period.
         is_transient = around > max(MIN_SIGMAS * sigma[first], MAX_OVER_SIGNAL * around_x)
-        if is_transient and d_x[first:end].max() <= max(MIN_RATIO * around_x, _usual(d_x)):
+        is_in_signal = d_x[first:end].max() > max(MIN_RATIO * around_x, usual_x)
+        if is_transient and not is_in_signal and d[first:end].max() < MIN_RATIO_IN_TRANSIENT * around:
             continue
         distance, scatter = _from_parabola(e, straight, first, end, quiet_share)
         is_lone = d[first:end].max() > max(MIN_RATIO * around, usual)
