@@ -12,9 +12,9 @@ other period, so that the sample must be a spike of its own period, too.  A valu
 or is exactly 0, is a lost message where the channel has more such values than steps make by chance, or where one e
 differs.  A sample is replaced only if its distance from the interpolation is more than four times the error of the
 interpolation beside it; lost messages below are replaced together if their median distance is not due to that error.
-Among values that steps repeat by chance lost messages are told as spikes only.  Interpolated samples are references and
-are never judged, nor is the only measured sample of a phase.  Spikes at one phase of two of three periods are told by their roughness: below the roughness of the signal equal ones
-outvote the third period, which a note counts.
+Among values that steps repeat by chance lost messages are told as spikes only. Interpolated samples are references and
+are never judged, nor is the only measured sample of a phase. Spikes at one phase of two of three periods are told by
+their roughness: below the roughness of the signal equal ones outvote the third period, which a note counts.
 """
 
 from __future__ import annotations

@@ -90,7 +90,8 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(
     assert np.all(np.sum((result - clean) ** 2, axis=0) <= before * (1 + 1e-9))
     std = np.sqrt((noise**2 + max(q, 1e-3) ** 2 / 12) * N / (P - 1))
     error = np.sqrt(np.mean(np.abs((_spectra(result) - _spectra(clean)).mean(axis=0)) ** 2, axis=0))
-    e = 9.0 if kind in ("zero", "repeated") and q == 1e-2 else 30.0 if kind == "pair" and transient else 4.5
+    lost = 9.0 if q == 1e-2 else 6.0
+    e = {"zero": lost, "repeated": lost, "count": 4.5, "pair": 30.0 if transient else 3.5}.get(kind, 3.5)
     n_damaged = 2 * min(k, MOST_PAIRS) if kind == "pair" else k
     assert np.all(error <= max(0.2, e * np.sqrt(n_damaged / len(clean))) * std)
 
