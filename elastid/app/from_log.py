@@ -3,9 +3,9 @@
 Everything that is not in the logs is guessed, and marked so with its reason.
 """
 
-import json
-import os
+import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,6 +14,8 @@ from typing import TypeAlias
 
 import numpy as np
 
+from elastid.app.from_responses import texts_from_responses, texts_from_universal
+from elastid.app.study_lines import channel_line, file_line, head_lines, joined, quoted, relative_paths
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line
@@ -23,20 +25,19 @@ from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import JointGuess, LogGuess, guess_commands, guess_log, signals_of
 from elastid.recorded.channel_names import ChannelGuess
 from elastid.recorded.clocks import MAX_SAMPLES, Clock, clock_of
+from elastid.recorded.command_log import gains_in
 from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.log import StoredArray
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.files.universal import is_universal_file, time_histories
 from elastid.recorded.repair.periodicity import find_period, repetition
-from elastid.recorded.responses.table import responses_in, uff_places
 from elastid.robot import Joint, Robot
 
+_SAME_RATE = 0.01  # relative difference of the rates of logs of one study
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
 # Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
 Positions: TypeAlias = Mapping[tuple[str, int | None], FloatArray]
 # Names of arrays with the gains of each joint.
 GAINS = ("kp", "kd")
-_DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
 
 def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = None) -> dict[str, str]:
@@ -48,25 +49,26 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     if lost := [path for path in logs if not path.exists()]:
         raise DataError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
     if first.is_file() and is_universal_file(first) and not time_histories(first):
-        return {"study.yml": _joined([*_head("responses", first), *_universal(logs, folder)])}
+        return texts_from_universal(logs, folder)
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
-        responses = responses_in(log.arrays)
-        gains = _gains(log.arrays)
+    if texts := texts_from_responses(logs, folder, robot):
+        return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
-        return _of_commands(logs, folder, pairs, gains, clock, robot, text)
+        return _of_commands(logs, folder, pairs, clock, robot, text)
     if guess is None:
-        named = ", ".join(f"{signal.name} ({signal.quantity or 'unknown'})" for signal, _ in signals[:8]) or "none"
+        counts = Counter((signal.name, signal.quantity or "unknown") for signal, _ in signals)
+        named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
         raise DataError(
             "records/channels",
-            "names and units of the channels show no torques (motor, hammer, shaker) or no positions. Name them tau_1, "
-            "q_1, ..., or list the second file under `also` in experiment.recorded.files. Varying channels: "
-            f"{named}. Frequency responses, for experiment.responses.files: {', '.join(responses) or 'none'}",
+            "names and units show no torque (motor, hammer, shaker) with a motion, and no command for each position. "
+            "Name them tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files. "
+            f"Varying channels: {named}",
             first,
         )
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
@@ -77,41 +79,58 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         robot = None
     positions = {} if guess.is_motion and robot is None else positions_of(logs, form, guess)
     guess = guess if robot is None else in_order_of(robot, guess, positions)
-    paths = _relative(logs, folder)
+    paths = relative_paths(logs, folder)
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     unused = _unused(guess, [signal for signal, _ in signals], shapes, clock)
     if guess.is_motion:
-        content = [*_head("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
+        content = [*head_lines("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
         inertias = [(joint.slides, joint.relation.inertia) for joint in guess.joints]
-        return {"study.yml": _joined(content), "robot.yml": _joined(_robot(inertias, "the torque"))}
+        return {"study.yml": joined(content), "robot.yml": joined(_robot(inertias, "the torque"))}
     driving = {joint.torque.key for joint in guess.joints}
     period = _period(np.stack([x for g, x in signals if g.key in driving], axis=1))
     runs = _runs_by_name(logs)
     names, configurations = _configurations(len(logs), guess, robot, positions, [run[0] for run in runs])
     files = _files(paths, names, [run[1:] for run in runs])
-    content = [*_head("responses" if robot is None else "elasticity", first)]
+    content = [*head_lines("responses" if robot is None else "elasticity", first)]
     content += [*_study(guess, robot, clock, configurations, period, frame), text, *files]
     if robot is not None:
         content.append("# Inertias of motors are guesses too; leave Jm_* out where robot.yml has those of data sheets.")
         content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}")
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
-    return {"study.yml": _joined([*content, *unused])}
+    return {"study.yml": joined([*content, *unused])}
 
 
-def _gains(arrays: Mapping[str, StoredArray]) -> Mapping[str, FloatArray]:
-    """Arrays kp and kd of a log; empty unless both are there."""
-    named = {
-        name.lower(): np.atleast_1d(np.asarray(array, float)) for name, array in arrays.items() if name.lower() in GAINS
-    }
-    return named if len(named) == len(GAINS) else {}
+def _controller(path: Path, n_u: int) -> FloatArray | None:
+    """Gains kp and kd (2, n_u) of a log; None unless both are there and positive."""
+    with opened_log(path, TextFormatSpec() if path.is_dir() else guess_format(path)) as log:
+        gains = [values for name in GAINS if (values := gains_in(log, name, n_u)) is not None]
+    is_known = len(gains) == len(GAINS) and bool(np.all((np.array(gains) > 0) & np.isfinite(gains)))
+    return np.array(gains) if is_known else None
+
+
+def _unlike(
+    path: Path, first: Path, clock: Clock, pairs: Sequence[tuple[ChannelGuess, ChannelGuess]], gains: FloatArray | None
+) -> str:
+    """In what a log differs from the first one that a study has only once: channels, rate, gains; empty if in none."""
+    form = TextFormatSpec() if path.is_dir() else guess_format(path)
+    with opened_log(path, form) as log:
+        rate_hz, signals = clock_of(log).rate_hz or math.nan, signals_of(log, MAX_SAMPLES)
+    if [g.key for pair in guess_commands(signals, rate_hz) for g in pair] != [g.key for pair in pairs for g in pair]:
+        return f"its commands and positions are other channels than in {first}"
+    if not abs(rate_hz / (clock.rate_hz or math.nan) - 1) < _SAME_RATE:
+        return f"its rate is {rate_hz:.6g} Hz, but {clock.rate_hz:.6g} Hz in {first}; a study has one rate"
+    other = _controller(path, len(pairs))
+    if gains is None or other is None or np.array_equal(gains, other):
+        return ""
+    numbers = ["; ".join(", ".join(f"{x:.6g}" for x in row) for row in each) for each in (other, gains)]
+    return f"kp; kd are {numbers[0]}, but {numbers[1]} in {first}; a study has one controller"
 
 
 def _of_commands(
     logs: Sequence[Path],
     folder: Path,
     pairs: Sequence[tuple[ChannelGuess, ChannelGuess]],
-    gains: Mapping[str, FloatArray],
     clock: Clock,
     robot: Robot | None,
     text: str,
@@ -124,34 +143,33 @@ def _of_commands(
         raise DataError("records/channels", f"{problem}. Log all of them, or remove the other motors", logs[0])
     by_joint = {y.parts[1]: (y, reference) for y, reference in pairs}
     pairs = [by_joint[name] for name in names] if set(names) == by_joint.keys() else pairs  # else in the log's order
-    for path in logs[1:] if gains else ():
-        with opened_log(path, TextFormatSpec() if path.is_dir() else guess_format(path)) as log:
-            others = _gains(log.arrays)
-        for name in others:
-            if not np.array_equal(others[name], gains[name]):
-                numbers = [", ".join(f"{x:.6g}" for x in values.ravel()[:12]) for values in (others[name], gains[name])]
-                problem = f"{name} is {numbers[0]}, but {numbers[1]} in {logs[0]}; a study has one controller"
-                raise DataError("records/channels", f"{problem}. Write a study for each", path)
-    is_known = bool(gains) and all(x.size in (1, len(pairs)) and np.all((x > 0) & (x < np.inf)) for x in gains.values())
-    kp, kd = (np.broadcast_to(gains[name].ravel() if is_known else 1.0, len(pairs)) for name in GAINS)
+    if clock.rate_hz is None:
+        text = "the log has no time stamps, to which inertia and delay refer. Add a channel time in s, or rate_hz"
+        raise DataError("records/clock", text, logs[0])
+    gains = _controller(logs[0], len(pairs))
+    for path in logs[1:]:
+        if other := _unlike(path, logs[0], clock, pairs, gains):
+            raise DataError("records/channels", f"{other}. Write a study for each", path)
+    kp, kd = np.ones((2, len(pairs))) if gains is None else gains
+    is_known = gains is not None
     why = "kp / kd and kd of the log" if is_known else "guessed: enter the gains of the joint controller, link side"
     numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
-    lines = [*_head("friction", logs[0]), "robot: robot.yml # guessed: geometry and ratios are not in the logs"]
+    lines = [*head_lines("friction", logs[0]), "robot: robot.yml # guessed: geometry and ratios are not in the logs"]
     lines += ["friction: {} # inertia, friction and command delay from commands and positions, without torque"]
     lines += [
         "experiment:",
         "  recorded:",
-        f"    rate_hz: {clock.rate_hz or 1000:.6g} # guessed: {clock.why}",
+        f"    rate_hz: {clock.rate_hz:.6g} # guessed: {clock.why}",
         "    channels:",
     ]
     for name, (y, reference) in zip(names, pairs, strict=True):
-        lines += [_channel("y", f"motor {name}", y), _channel("reference", f"motor {name}", reference)]
+        lines += [channel_line("y", f"motor {name}", y), channel_line("reference", f"motor {name}", reference)]
     lines += [f"    controller: {{position_gain: [{numbers[0]}], velocity_gain: [{numbers[1]}]}} # {why}", text]
-    content = {"study.yml": _joined([*lines, *_files(_relative(logs, folder))])}
+    content = {"study.yml": joined([*lines, *_files(relative_paths(logs, folder))])}
     inertias = [
         (dimension_and_size(y.unit)[0].startswith("m"), x) for (y, _), x in zip(pairs, kd**2 / kp / 4, strict=True)
     ]
-    return content if robot is not None else content | {"robot.yml": _joined(_robot(inertias, "critical damping"))}
+    return content if robot is not None else content | {"robot.yml": joined(_robot(inertias, "critical damping"))}
 
 
 def _unused(
@@ -202,17 +220,6 @@ def _configurations(
     return names, [f"  configurations: # guessed: {why}", *lines]
 
 
-def _joined(lines: Iterable[str]) -> str:
-    return "\n".join(filter(None, lines)) + "\n"
-
-
-def _head(kind: str, first: Path) -> Iterator[str]:
-    yield "# yaml-language-server: $schema=study.schema.json"
-    yield f"# Written by `elastid new --from` from {one_line(first.name)}. Check the lines marked `guessed`, then"
-    yield "# `elastid check study.yml` and `elastid run study.yml`"
-    yield f"name: {kind}"
-
-
 def _study(
     guess: LogGuess,
     robot: Robot | None,
@@ -241,20 +248,20 @@ def _study(
     yield f"    rate_hz: {rate} # guessed: {clock.why}"
     yield "    # hold: zero-order # of a torque or current that is the command of the drive and not measured"
     if not clock.is_even:
-        yield f"    time: {_quoted(clock.name)} # samples are brought from it to rate_hz"
+        yield f"    time: {quoted(clock.name)} # samples are brought from it to rate_hz"
     yield from period
     yield "    channels: # places are names of your choice; of a robot `side: motor` is for signals of the motor's side"
     if not names:
         motions = {joint.motion.place: joint.motion for joint in guess.joints}
-        yield from (_channel("u", _place(joint.torque, frame), joint.torque) for joint in guess.joints)
-        yield from (_channel("y", _place(motion, frame), motion) for motion in (*motions.values(), *guess.further))
+        yield from (channel_line("u", _place(joint.torque, frame), joint.torque) for joint in guess.joints)
+        yield from (channel_line("y", _place(motion, frame), motion) for motion in (*motions.values(), *guess.further))
         return
     for name, joint in zip(names, guess.joints, strict=True):
-        yield _channel("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
-        yield _channel("y", f"motor {name}", joint.motion)
+        yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
+        yield channel_line("y", f"motor {name}", joint.motion)
         for reference in (g for g in guess.references if g.parts[1] == joint.motion.parts[1]):
             as_motion = replace(reference, unit=joint.motion.unit, ratio=joint.motion.ratio)
-            yield _channel("reference", f"motor {name}", as_motion)
+            yield channel_line("reference", f"motor {name}", as_motion)
     for channel in () if guess.is_motion else guess.further:
         where = f"where it belongs to a joint or a frame, {{role: y, at: joint {names[0]}, ...}}"
         yield f"      # {one_line(channel.name)}: {where}"
@@ -265,26 +272,6 @@ def _place(channel: ChannelGuess, frame: str) -> str:
     axes = re.findall(r"(?<![a-z])[xyz](?![a-z])", channel.name.lower())
     kind = "force" if channel.quantity == "force" else "accelerometer"
     return f"{kind} {frame} {(*axes, 'x')[0]}" if frame else channel.place
-
-
-def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
-    outputs, inputs = uff_places(paths[0])
-    names = ["bench"] if len(paths) == 1 else [f"bench_{i}" for i in range(1, len(paths) + 1)]
-    yield "experiment:"
-    yield f"  configurations: {{{', '.join(f'{name}: []' for name in names)}}} # guessed: a state each"
-    yield "  responses:"
-    yield "    channels: # node and direction of each place; `at` is a name of your choice"
-    quantities = [*(("u", at, "torque" if "r" in at else "force") for at in inputs)]
-    quantities += [("y", at, quantity) for at, quantity in outputs.items()]
-    for role, at, quantity in quantities:
-        unit = QUANTITY_UNIT[quantity] if "r" in at else of_translation(QUANTITY_UNIT[quantity])
-        yield _channel(role, at, ChannelGuess(at, None, quantity, unit, 0, "SI"))
-    yield "    files:"
-    yield from (_file(path, configuration=name) for path, name in zip(_relative(paths, folder), names, strict=True))
-
-
-def _relative(paths: Sequence[Path], folder: Path) -> list[str]:
-    return [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in paths]
 
 
 def _period(drives: FloatArray) -> list[str]:
@@ -301,32 +288,6 @@ def _period(drives: FloatArray) -> list[str]:
     return ["    period: none # guessed: the drives do not repeat"]
 
 
-def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:
-    """A line of the list.  of_robot: torque or force, which a drive of a robot is taken for."""
-    quantity, scale, why = guess.quantity, guess.scale, guess.why
-    unit = guess.unit or _DRIVE_UNIT.get(quantity, "")
-    keys: dict[str, object] = {"role": role, "at": _quoted(place), "channel": _quoted(guess.name)}
-    keys["column"] = guess.column
-    if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
-        why = f"{why} a {quantity}; scale is the {_DRIVE_UNIT[of_robot]} of one {unit}"
-        keys |= {"quantity": of_robot, "unit": _DRIVE_UNIT[of_robot], "scale": 1}
-    else:
-        keys |= {"quantity": quantity, "unit": unit, "scale": f"{scale:g}" if scale != 1 else None}
-    if of_robot and quantity == "current":
-        keys["torque_constant"] = "1 N*m/A"
-        why = f"{why}; torque_constant is that of your motor's data sheet"
-    keys |= {"sign": -1 if guess.sign < 0 else None, "side": "motor" if guess.ratio != 1 else None}
-    return f"      - {{{_keys(keys)}}} # guessed: {one_line(why)}"
-
-
-def _keys(keys: Mapping[str, object]) -> str:
-    return ", ".join(f"{key}: {value}" for key, value in keys.items() if value is not None)
-
-
-def _file(path: str, **keys: object) -> str:
-    return f"      - {{{_keys({'path': _quoted(path), **keys})}}}"
-
-
 def _files(paths: Sequence[str], states: Sequence[str] = (), runs: Sequence[tuple[int, int]] = ()) -> Iterator[str]:
     """states: configuration of each log, none of a study of friction.  runs: realisation and experiment, if known."""
     why = " # guessed: each of an excitation of its own; one realisation for further periods of the same"
@@ -334,7 +295,7 @@ def _files(paths: Sequence[str], states: Sequence[str] = (), runs: Sequence[tupl
     yield "    files:" + (why if states and len(paths) > 1 else "")
     for i, path in enumerate(paths):
         run = dict(zip(("realisation", "experiment"), runs[i] if runs else (i,), strict=False))
-        yield _file(path, configuration=states[i], **run) if states else _file(path)
+        yield file_line(path, configuration=states[i], **run) if states else file_line(path)
 
 
 def _robot(joints: Iterable[tuple[bool, float]], source: str) -> Iterator[str]:
@@ -353,11 +314,6 @@ def _robot(joints: Iterable[tuple[bool, float]], source: str) -> Iterator[str]:
         yield "    mass: 1"
         yield "    center_of_mass: [0.1, 0, 0]"
         yield f"    inertia: {half:.3g} # guessed: half of the inertia by {source}"
-
-
-def _quoted(text: str) -> str:
-    """A text as YAML has it: plain, or in JSON's quotes, which are YAML's too."""
-    return text if re.fullmatch(r"[A-Za-z]\w*([. ]\w+)*", text) else json.dumps(text, ensure_ascii=False)
 
 
 def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess:

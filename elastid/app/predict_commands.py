@@ -117,7 +117,7 @@ def predict_from_commands(
     """
     for path in logs:
         if not path.is_file():
-            raise StudyError("files/missing", "no such file; give the path of a log", path)
+            raise StudyError("files/missing", "no such file, or a folder; give the path of each log", path)
     model = read_model(model_path)
     with logged_in(folder, jobs, console):
         motions = [_motion(model, path, given, console) for path in logs]
@@ -194,10 +194,13 @@ def _numbers(values: FloatArray) -> str:
 
 def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator[str]:
     """Sentences on the most likely wrong number, and on joints that a trivial predictor predicts as well."""
-    if doubts := [test for test in tests if test.is_in_doubt]:
-        yield f"Most likely wrong: {_words(doubts[0])}."
+    doubts = [test for test in tests if test.is_in_doubt]
+    if doubts:
+        yield f"Most likely wrong: {_words(doubts[0])}. Correct it, and repeat the prediction."
     if worse := [row.joint for row in joints if row.is_worse]:
         yield f"A trivial predictor is at least as good for {len(worse)} of {len(joints)} joints: {', '.join(worse)}."
+        if not doubts:
+            yield "Check their inertia and friction in the model, or identify them: `elastid new DIR --from LOG`."
 
 
 def _words(test: Tested) -> str:
@@ -242,10 +245,11 @@ def _show(console: Console, replays: Sequence[Replay], joints: Sequence[JointErr
     octaves = pooled_octaves(joints)
     bands = [[f"{low:.3g} to {high:.3g} Hz", "", *(number(x, 3) for x in errors)] for low, high, errors in octaves]
     console.table([["octave, all joints", "", *PREDICTORS], *bands])
-    for test in [t for t in tests if not t.joint or t.is_in_doubt]:
-        console.say(
-            f"predict: test of {_words(test)}{'' if test.is_in_doubt else f', below the limit of {MAX_REMOVED:.0%}'}"
-        )
+    for test in [test for test in tests if test.is_in_doubt]:
+        console.say(f"predict: test of {_words(test)}")
+    if others := [test for test in tests if not test.joint and not test.is_in_doubt]:
+        removed, names = max(test.removed for test in others), ", ".join(sorted(test.quantity for test in others))
+        console.say(f"predict: tests of {names}: {removed:.1%} removed at most; limit {MAX_REMOVED:.0%}")
 
 
 def _joint(row: JointError) -> dict[str, Any]:

@@ -143,12 +143,13 @@ def estimate_uncertainty(
     costs = np.array([part.cost for part in parts])
     cost = expected_cost if is_forecast else float(costs.sum() + sums.static_r @ sums.static_r)
     residuals, blocks = residual_variance(sums), block_variance([part.blocks for part in parts], half)
-    if is_in_error(cost, expected_cost, cost_dof):
+    is_excess = is_in_error(cost, expected_cost, cost_dof)
+    if is_excess:
         residuals = np.maximum.reduce([residuals, blocks, jackknife_variance(parts, half)])
     floor = floor_covariance(sums, cost, expected_cost, cost_dof)
     together = max((response.correlated_lines for response in responses), default=1.0)
     friction = friction_variance(fit.parameters, responses, is_taken_out)
-    scatter = scatter_of_ratios(parts, half, math.nan if is_forecast else cost, expected_cost, together)
+    scatter = scatter_of_ratios(parts, half, math.nan if is_forecast else cost, expected_cost, together, is_excess)
     ratios = scatter.covariance
     total = np.maximum(np.diag(noise + ratios) + friction, 1e-300)
     of_file, lasting = file_variance(sums, [i for i, p in enumerate(fit.parameters.free) if p.is_nuisance])

@@ -10,6 +10,7 @@ residuals r have along the whitened errors V:
           D = \mathrm{diag}\, s_j^2, \qquad \mathrm{cov}\, x = \sum_j E[s_j^2] \sum_q M_{jq} M_{jq}^T
 
 M_jq: the change of x by one standard deviation of the file's tolerance at angle q.  c: power of a whitened residual.
+Where V exceeds the noise and such ratios do not explain it, another error does, and s_j is the file's tolerance.
 """
 
 import math
@@ -28,31 +29,33 @@ SAME_ANGLE = 1e-3
 # with transmission errors of 0 to 2 % of the ratio in 2, 3 and 5 postures (scripts/studies/results.csv).
 RATIO_STD = np.exp(np.linspace(np.log(0.03), np.log(8.0), 21))
 RATIO_PRIOR = np.log(3.0), 2.0
+# Ratios are the cause of an excess up to this std over the tolerance (2 % of the ratio by default) and from this part.
+LARGEST_STD, EXPLAINED = 6.7, 0.8
 
 
 @frozen_value
 class RatioScatter:
     """Covariance (n_x, n_x) of x by the ratios; std of each gear over its tolerance, by input, 1 of one angle.
 
-    drop: of V with the ratios at the mean of their posterior.
+    explains: True if V exceeds the noise, and ratios at the mean of their posterior explain most of that.
     """
 
     covariance: FloatArray
     std: Mapping[str, float]
-    drop: float
+    explains: bool
 
 
 def scatter_of_ratios(
-    parts: Sequence[LineSums], half: FloatArray, cost: float, expected: float, together: float
+    parts: Sequence[LineSums], half: FloatArray, cost: float, expected: float, together: float, is_excess: bool
 ) -> RatioScatter:
     """Find the variance of the ratios; half (n, n_x): H, x = H^T z.
 
     cost, expected: V, NaN for a forecast, and V by the noise.  together: lines whose errors are correlated.  c is the
-    part of V over `expected` that the ratios do not explain, in three rounds.
+    part of V over `expected` that the ratios do not explain, in three rounds.  is_excess: V exceeds the noise.
     """
     joints = [joint for part in parts for joint in part.ratios.joints]
     if not joints:
-        return RatioScatter(np.zeros((half.shape[1], half.shape[1])), {}, 0.0)
+        return RatioScatter(np.zeros((half.shape[1], half.shape[1])), {}, False)
     pull = np.reshape([row for part in parts for row in part.ratios.pull], (-1, len(half)))
     power = block_diag(*(part.ratios.power for part in parts)) - pull @ pull.T
     moved = np.concatenate([part.ratios.moved for part in parts])
@@ -66,8 +69,10 @@ def scatter_of_ratios(
         s = ratio_std(N, h, names, level)
         e = s * np.linalg.solve((s * N.T).T * s + (1.0 if math.isnan(level) else level) * np.eye(len(s)), s * h)
         drop = float(2 * h @ e - e @ N @ e)
+    explains = is_excess and s.max() <= LARGEST_STD and drop > EXPLAINED * (cost - expected)
+    s = np.ones(len(s)) if is_excess and not explains else s
     covariance = (s[:, None] * shifts).T @ (s[:, None] * shifts)
-    return RatioScatter(covariance, dict(zip(names, s.tolist(), strict=True)), drop)
+    return RatioScatter(covariance, dict(zip(names, s.tolist(), strict=True)), explains)
 
 
 def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:

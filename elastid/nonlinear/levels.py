@@ -200,9 +200,11 @@ def _choices(
     return [choose_shapes(equations, i, members, rivals) for i, members in enumerate(groups)]
 
 
-# Of the power that a choice leaves: above, a delay of the torque is looked for, which must leave so much less.
+# Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
 SEARCHED_ABOVE, DELAYED_POWER = 0.05, 0.5
 MAX_DELAY_S = 0.025
+# Below, one near 0 where its score is so many standard deviations; half the power is not to be had there any more.
+SCORED_STD, NEAR_DELAYED_POWER = 5.0, 0.9
 DELAY_ITERATIONS = 2  # of the levels at a delay, whose power has an error of 1e-4
 
 
@@ -213,7 +215,10 @@ def torque_delay(
 
     By the geometric mean over the motors of the power that is left in other realisations.
     """
-    if choice.residual_power_ratio.max(initial=0.0) < SEARCHED_ABOVE:
+    if not choice.shapes:
+        return 0.0
+    is_wide = choice.residual_power_ratio.max(initial=0.0) >= SEARCHED_ABOVE
+    if not is_wide and delay_score(data, candidates, choice) < SCORED_STD:
         return 0.0
     from scipy.optimize import minimize_scalar
 
@@ -226,12 +231,35 @@ def torque_delay(
         return float(np.mean(np.log(np.maximum(ratios, 1e-12))))
 
     step = 1 / (8 * max(float(spectra.freq_hz[spectra.excited].max()) for spectra in data))
-    grid = step * np.arange(-math.ceil(MAX_DELAY_S / step), math.ceil(MAX_DELAY_S / step) + 1)
+    reach = math.ceil(MAX_DELAY_S / step) if is_wide else 0
+    grid = step * np.arange(-reach, reach + 1)
     powers = [power(delay) for delay in grid]
     best = float(grid[np.argmin(powers)])
     search = minimize_scalar(power, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-2 * step})
-    without = powers[len(grid) // 2]
-    return float(search.x) if search.fun < without + math.log(DELAYED_POWER) else 0.0
+    limit = powers[reach] + math.log(DELAYED_POWER if is_wide else NEAR_DELAYED_POWER)
+    return float(search.x) if search.fun < limit else 0.0
+
+
+def delay_score(data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], choice: Choice) -> float:
+    r"""Delay of the torques over its standard deviation, in one step from 0: the most of a motor.
+
+    A late friction is :math:`\Phi f - j \omega T \Phi f`: a column more of each motor.
+    """
+    chosen, motor_of = [candidates.index(shape) for shape in choice.shapes], choice.motor_of
+    motors = np.unique(motor_of)
+    data = [replace(spectra, Phi=spectra.Phi[:, chosen]) for spectra in data]
+    f, _ = find_levels(data, motor_of)
+    to_motors = f * (motors[:, None] == motor_of)
+    late = [
+        replace(s, Phi=np.concatenate([s.Phi, -2j * np.pi * s.freq_hz[:, None, None] * (to_motors @ s.Phi)], axis=1))
+        for s in data
+    ]
+    equations = normal_equations(late, np.concatenate([f, np.zeros(len(motors))]), np.concatenate([motor_of, motors]))
+    is_free = np.concatenate([f > 0, np.ones(len(motors), np.bool_)])
+    free = replace(equations, A=equations.A[:, is_free][:, :, is_free], b=equations.b[:, is_free])
+    C = covariance(free)
+    T = (2 * C * equations.dof_share @ free.b.sum(axis=0))[-len(motors) :]
+    return float(np.max(np.abs(T) / np.sqrt(np.maximum(np.diag(C)[-len(motors) :], 1e-300)), initial=0.0))
 
 
 def delayed(data: Sequence[ConfigurationSpectra], delay_s: float) -> list[ConfigurationSpectra]:

@@ -3,6 +3,7 @@
 Signals whose names identify nothing are those that the other signals lack.
 """
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -68,7 +69,6 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
     result = []
     for name, shape in shapes.items():
         count = min(shape) if len(shape) > 1 else 1
-        units = log.arrays[name].units if isinstance(log, ArrayLog) else stated.get(name, "")
         for column in range(1, count + 1) if usual and max(shape) == usual[0][0] else ():
             number = column if count > 1 else None
             try:
@@ -79,8 +79,19 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
                 x = without_lone(x[:, None], RepairLog("", ("",)))[:, 0]
             is_known = np.isfinite(x).sum() > _MIN_KNOWN_FRACTION * len(x)
             if is_known and (np.ptp(whole := bridged(x)) > 0 or with_constant):
-                result.append((guess_by_name(name, number, units), whole))
+                heading, unit = (
+                    _heading(log, name, column) if isinstance(log, ArrayLog) else (name, stated.get(name, ""))
+                )
+                result.append((replace(guess_by_name(heading, number, unit), name=name), whole))
     return _with_commands(result)
+
+
+def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
+    """Name and unit of a column: those of its array, or the cells of an iddata struct, InputName{1}, InputUnit{1}."""
+    side = re.fullmatch(r"(.*(?:Input|Output))Data", name)
+    keys = [f"{side[1]}{of}{{{column}}}" if side else "" for of in ("Name", "Unit")]
+    heading, unit = (log.arrays[key].text if key in log.arrays else "" for key in keys)
+    return heading or name, unit or log.arrays[name].units
 
 
 def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:

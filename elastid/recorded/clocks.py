@@ -16,6 +16,7 @@ from elastid.recorded.repair.time_stamps import MIN_GAP, even_grid
 MAX_SAMPLES = 1 << 17
 _IS_TIME = re.compile(r"(.*[./])?(t|time|zeit|timestamp|seconds)([^a-z./][^./]*)?", re.IGNORECASE)
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
+_PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
 _MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
@@ -93,6 +94,9 @@ def clock_of(log: Log) -> Clock:
     for name, array in log.arrays.items():
         if array.rate_hz:
             return Clock(array.rate_hz, "stated by the file")
-        if name.lower().rpartition(".")[2] in _RATES and not array.is_signal:
-            return Clock(float(np.squeeze(np.asarray(array))), f"{name} in the file")
+        last = name.lower().rpartition(".")[2]
+        is_number = array.dtype.kind in "fiu" and not array.is_signal and 0 not in array.shape
+        number = float(np.squeeze(np.asarray(array))) if last in (*_RATES, *_PERIODS) and is_number else 0.0
+        if number > 0:
+            return Clock(number if last in _RATES else float(f"{1 / number:.6g}"), f"{name} in the file")
     return Clock(None, "no time is in the log")

@@ -15,7 +15,7 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import RecordedSpec, TextFormatSpec
-from elastid.recorded.channel_guess import signals_of
+from elastid.recorded.channel_guess import guess_commands, signals_of
 from elastid.recorded.channel_names import ChannelGuess
 from elastid.recorded.clocks import MAX_SAMPLES, clock_of
 from elastid.recorded.files.formats import opened_log, read_channels
@@ -78,7 +78,9 @@ def read_command_log(path: Path, joints: Sequence[str], rate_hz: float | None = 
     with opened_log(path, form) as log:
         clock, members = clock_of(log), signals_of(log, MAX_SAMPLES, with_constant=True)
         kp, kd = (gains_in(log, name, len(joints)) for name in ("kp", "kd"))
-    signals = _Signals(path, [(guess, x) for guess, x in members if guess.name != clock.name])
+    members = [(guess, x) for guess, x in members if guess.name != clock.name]
+    with_unit = {g.key: g for pair in guess_commands(members, rate_hz or clock.rate_hz or 1.0) for g in pair}
+    signals = _Signals(path, [(with_unit.get(guess.key, guess), x) for guess, x in members])
     command, position = (signals.of("position", is_command, joints) for is_command in (True, False))
     if command is None or position is None:
         named = ", ".join(dict.fromkeys(guess.name for guess, _ in signals.members)) or "none"
@@ -132,11 +134,12 @@ def _channel(recorded: RecordedSpec, role: str, joint: str) -> ChannelSpec:
 def gains_in(log: LogFile, name: str, n_u: int) -> FloatArray | None:
     """Read an array of controller gains (n_u,), N*m/rad or N*m*s/rad, link side; one number counts for all joints.
 
-    None if the log has no array of that name (in any case of letters), or one of another size.
+    None if the log has no array of that name (in any case of letters), one of another size, or gains that change.
     """
     for stored, array in log.arrays.items():
         if stored.rpartition("/")[2].lower() == name and array.dtype.kind in "fiu":
-            values = np.asarray(array, np.float64).ravel()
+            values = np.squeeze(np.asarray(array, np.float64))
+            is_series = values.ndim and values.shape != (n_u,) and bool(np.all(values == values[:1]))
             with suppress(ValueError):
-                return np.array(np.broadcast_to(values, n_u))
+                return np.array(np.broadcast_to(values[0] if is_series else values, n_u))
     return None

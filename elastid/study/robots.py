@@ -37,6 +37,9 @@ def read_robot(path: Path) -> YamlSource:
     part = read_source(path, str(path), rank=1)
     if not isinstance(part.data, dict):
         raise StudyError("robot/file", "a robot is a mapping with the keys name and bodies", f"{path}:1:1")
+    if "experiment" in part.data:
+        text = "this is a study. Give its robot model (the file under `robot`), or its run folder"
+        raise StudyError("robot/file", text, f"{path}:1:1")
     places = {
         ("robot", *keys): (replace(key, hidden=1), replace(value, hidden=1))
         for keys, (key, value) in part.places.items()

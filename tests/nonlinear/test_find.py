@@ -39,11 +39,14 @@ def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str) -
     assert np.all(result.after < 0.25 * result.before)
 
 
-@pytest.mark.parametrize("samples", [-2, 0, 3])
-def test_torques_that_are_late_or_early_have_the_friction_of_the_motion(samples: int) -> None:
+@pytest.mark.parametrize("samples", [-2, 0, 0.3, 3])
+def test_torques_that_are_late_or_early_have_the_friction_of_the_motion(samples: float) -> None:
     """Torques logged some samples off: the delay to a tenth of a sample, with its note; levels within 2 %."""
     configurations, lines = measured()
-    moved = [[replace(r, u=np.roll(r.u, samples, axis=0)) for r in records] for records in configurations]
+    n = len(configurations[0][0].u)
+    turn = np.exp(-2j * np.pi * np.fft.rfftfreq(n) * samples)[:, None]
+    late = [[np.fft.irfft(turn * np.fft.rfft(r.u, axis=0), n, axis=0) for r in records] for records in configurations]
+    moved = [[replace(r, u=u) for r, u in zip(*pair, strict=True)] for pair in zip(configurations, late, strict=True)]
     result = find_friction(moved, AUTO, lines)
     (delay_s,) = {shape.delay_s for shape in result.shapes}
     assert delay_s * configurations[0][0].rate_hz == pytest.approx(samples, abs=0.1)

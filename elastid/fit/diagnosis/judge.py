@@ -44,7 +44,7 @@ from elastid.fit.diagnosis.hypothesis import (
     hypothesis_of_index,
 )
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.priors import contradicted_tolerances, explained_by_ratios, scattered_ratios
+from elastid.fit.diagnosis.priors import contradicted_tolerances, scattered_ratios
 from elastid.fit.diagnosis.readings import as_delay
 from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, HeldNumber, ScoreTest, find_load, free_drop
 from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held, inertial, spread_out, thinning
@@ -340,8 +340,9 @@ def judge(
         indices = modification_indices(evidence, scores)
         # Where V is that of the noise, only a cause counts that shows the model, or the file, to be wrong.
         is_decisive = decisive_index(result, uncertainty, indices) is not None
-        by_ratios = explained_by_ratios(result, uncertainty.ratios) > LIMITS.explained_share
-        if by_ratios or not (evidence.is_unexplained or is_decisive or contradicted_tolerances(result)):
+        if uncertainty.ratios.explains or not (
+            evidence.is_unexplained or is_decisive or contradicted_tolerances(result)
+        ):
             indices = ()
         evidence = replace(evidence, result=replace(result, indices=indices), scores=scores)
     if apart := find_disagreement(evidence):
@@ -364,7 +365,7 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
         estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
     undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
     first = find_wrong_frequency_unit(evidence)
-    first = (*first, *scattered_ratios(result, evidence.uncertainty.ratios, evidence.assembly.responses))
+    first = (*first, *scattered_ratios(evidence.uncertainty.ratios, evidence.assembly.responses))
     return replace(
         result, notes=(*first, *causes, *apart, *contradictions(result), *notes, *inertias, *estimate, *undetectable)
     )

@@ -73,22 +73,10 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     return (Note("fit/tolerances", text, p.name),)
 
 
-# Std of a ratio over its tolerance, beyond which another error is the cause: 2 % of the ratio by default.
-MAX_SCATTER = 6.7
-
-
-def explained_by_ratios(result: Result, ratios: RatioScatter) -> float:
-    """Fraction of the excess of V that ratios explain which differ from angle to angle; 0 beyond any transmission."""
-    if max(ratios.std.values(), default=0.0) > MAX_SCATTER:
-        return 0.0
-    return result.exceeds_noise * ratios.drop / max(result.cost - result.cost_expected, 1e-300)
-
-
-def scattered_ratios(result: Result, ratios: RatioScatter, responses: Sequence[Response]) -> tuple[Note, ...]:
+def scattered_ratios(ratios: RatioScatter, responses: Sequence[Response]) -> tuple[Note, ...]:
     """A note on gears whose ratio differs from angle to angle, where that explains most of the excess of V."""
     first, notes = responses[0], list[Note]()
-    is_cause = explained_by_ratios(result, ratios) > LIMITS.explained_share
-    for name, std in ratios.std.items() if is_cause else ():
+    for name, std in ratios.std.items() if ratios.explains else ():
         scatter = std * float(first.ratio_std[first.inputs.index(name)])
         text = (
             f"{name}: the gear ratio differs between configurations by {100 * scatter:.2g} % (std; tolerance "

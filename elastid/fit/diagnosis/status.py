@@ -36,7 +36,6 @@ from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.priors import (
     contradicted_priors,
     contradicted_tolerances,
-    explained_by_ratios,
     prior_moves,
 )
 from elastid.fit.result import (
@@ -113,7 +112,7 @@ def with_status(evidence: Evidence) -> Result:
         by_blocks = f"{fault(cause, evidence)}. {capital(by_blocks)}"
     misfit = _by_held_number(evidence) or _beyond_declared(evidence)
     # The intervals include ratios that differ from angle to angle.
-    if explained_by_ratios(result, evidence.uncertainty.ratios) <= LIMITS.explained_share:
+    if not evidence.uncertainty.ratios.explains:
         contradicted = _by_prior(evidence) or next((note.text for note in contradictions(result)), "")
         misfit = by_blocks or misfit or contradicted
     if misfit:

@@ -63,6 +63,12 @@ class StoredArray:
         """True if it holds several numbers."""
         return self.dtype.kind in "fiub" and len(self.shape) > 0 and max(self.shape) > 1
 
+    @property
+    def text(self) -> str:
+        """Text of a cell; MATLAB 7.3 files hold characters as numbers."""
+        values = np.ravel(np.asarray(self))
+        return "".join(chr(v) if values.dtype.kind in "ui" else str(v) for v in values).strip()
+
     def blocks(self) -> Iterator[NDArray[Any]]:
         """The values in pieces along the first axis, or in one where the format cannot be read in pieces."""
         if self.rows is None or len(self.shape) == 0:

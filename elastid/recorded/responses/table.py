@@ -168,7 +168,7 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     assert data is not None  # it is listed by structs_in
     G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
     keys = (prefix + key for key in ("FrequencyUnit", "Units", "TimeUnit"))
-    stated, other, time = (_text(leaves[key]) if key in leaves else "" for key in keys)
+    stated, other, time = (leaves[key].text if key in leaves else "" for key in keys)
     unit = stated or other
     if "timeunit" in unit.lower() and time.lower() not in ("", "seconds", "s"):
         raise DataError(
@@ -241,14 +241,8 @@ def _variance(path: Path, covariance: StoredArray | None, G: ComplexArray) -> Fl
     return np.asarray(np.moveaxis(np.einsum("yukaa->yuk", C.reshape(n_y, n_u, F, 2, 2)), 2, 0))
 
 
-def _text(leaf: StoredArray) -> str:
-    values = np.ravel(np.asarray(leaf))
-    # MATLAB 7.3 files hold characters as numbers.
-    return "".join(chr(v) if values.dtype.kind in "ui" else str(v) for v in values).strip()
-
-
 def _names(leaves: Mapping[str, StoredArray], name: str) -> tuple[str, ...]:
-    cells = [_text(leaf) for key, leaf in leaves.items() if re.fullmatch(re.escape(name) + r"(\{\d+\})?", key)]
+    cells = [leaf.text for key, leaf in leaves.items() if re.fullmatch(re.escape(name) + r"(\{\d+\})?", key)]
     return tuple(cells) if any(cells) else ()
 
 

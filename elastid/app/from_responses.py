@@ -1,0 +1,196 @@
+"""`elastid new DIR --from FILE` of frequency responses: universal files, MATLAB, HDF5 and NumPy arrays, text columns.
+
+Names and units are the file's where it states them; quantities of outputs are else guessed by the slope of |G|.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quoted, relative_paths
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import DataError
+from elastid.base.units import of_translation
+from elastid.experiment.specs.channels import QUANTITY_UNIT
+from elastid.recorded.channel_names import ChannelGuess, guess_by_name
+from elastid.recorded.files.formats import opened_log
+from elastid.recorded.files.log import StoredArray
+from elastid.recorded.files.text import TextLog, described_format, guess_format
+from elastid.recorded.responses.table import complex_array, responses_in, struct_table, structs_in, uff_places
+from elastid.robot import Robot
+
+_FREQUENCY = re.compile(r"(.*[./_ ])?(f|freq|frequenc(y|ies)|w|omega)([ _./(\[].*)?", re.IGNORECASE)
+_RADIANS = re.compile(r"(.*[./_ ])?(w|omega)([ _./(\[].*)?|.*rad.*", re.IGNORECASE)
+# Words for real and imaginary part, and for magnitude and phase, in the headings of a text.
+_PAIRS = ((("re", "real"), ("im", "imag", "imaginary")), (("mag", "magnitude", "abs"), ("phase", "arg", "angle")))
+# Slope of ln |G| over ln f, below which the outputs are positions, or velocities.
+_POSITION, _VELOCITY = -1.5, -0.5
+
+
+@dataclass(frozen=True)
+class _Table:
+    """A file's response as a study names it.
+
+    keys: of experiment.responses.  response: of its file.  outputs, inputs: by name or column; no quantity if unknown.
+    """
+
+    freq: FloatArray
+    G: ComplexArray
+    keys: Mapping[str, str]
+    outputs: tuple[ChannelGuess, ...]
+    inputs: tuple[ChannelGuess, ...]
+    responses: tuple[str, ...] = ("",)
+
+
+def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
+    """The study of universal files, by name."""
+    outputs, inputs = uff_places(paths[0])
+    names = ["bench"] if len(paths) == 1 else [f"bench_{i}" for i in range(1, len(paths) + 1)]
+    lines = [*head_lines("responses", paths[0]), "experiment:"]
+    lines.append(f"  configurations: {{{', '.join(f'{name}: []' for name in names)}}} # guessed: a state each")
+    lines += ["  responses:", "    channels: # node and direction of each place; `at` is a name of your choice"]
+    quantities = [*(("u", at, "torque" if "r" in at else "force") for at in inputs)]
+    quantities += [("y", at, quantity) for at, quantity in outputs.items()]
+    for role, at, quantity in quantities:
+        unit = QUANTITY_UNIT[quantity] if "r" in at else of_translation(QUANTITY_UNIT[quantity])
+        lines.append(channel_line(role, at, ChannelGuess(at, None, quantity, unit, 0, "SI")))
+    files = zip(relative_paths(paths, folder), names, strict=True)
+    return {"study.yml": joined([*lines, "    files:", *(file_line(path, configuration=name) for path, name in files)])}
+
+
+def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | None) -> dict[str, str]:
+    """The study of frequency responses, by name; empty if the first file has none.
+
+    Raises DataError if the robot has another number of motors than the response has inputs.
+    """
+    if paths[0].is_dir():
+        return {}
+    form = guess_format(paths[0])
+    with opened_log(paths[0], form) as log:
+        table = _text_table(log) if isinstance(log, TextLog) else _array_table(paths[0], log.arrays)
+    if table is None:
+        return {}
+    drives = () if robot is None else robot.driven_names
+    if robot is not None and len(drives) != len(table.inputs):
+        text = (
+            f"the response has {len(table.inputs)} inputs, the robot model {len(drives)} motors. Choose another model"
+        )
+        raise DataError("responses/table", text, paths[0])
+    lines = [*head_lines("responses" if robot is None else "elasticity", paths[0]), "robot: robot.yml" * bool(drives)]
+    files = [(path, response) for path in relative_paths(paths, folder) for response in table.responses]
+    names = ["bench"] if len(files) == 1 else [f"bench_{i + 1}" for i in range(len(files))]
+    why = "a state each" if robot is None else "enter the angles of the joints"
+    lines += ["experiment:", f"  configurations: # guessed: {why}"]
+    lines += [f"    {name}: [{', '.join(['0'] * len(drives))}]" for name in names]
+    lines += ["  responses:", *(f"    {key}: {value}" for key, value in table.keys.items())]
+    lines += [f"    {described_format(form)}" if isinstance(log, TextLog) else "", "    channels:"]
+    lines += [*_channels(table, drives), "    files:"]
+    for (path, response), name in zip(files, names, strict=True):
+        lines.append(file_line(path, configuration=name, response=quoted(response) if response else None))
+    return {"study.yml": joined(lines)}
+
+
+def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
+    """Inputs and outputs, at the motors of a robot or at places named as in the file."""
+    for i, guess in enumerate(table.inputs):
+        place = f"motor {drives[i]}" if drives else guess.name or f"input {i + 1}"
+        known = guess.quantity or ("torque" if drives else "force")
+        why = guess.why if guess.quantity else f"a {known} is assumed"
+        yield channel_line("u", place, replace(guess, quantity=known, why=why))
+    slope = float(np.polyfit(np.log(table.freq), np.log(np.abs(table.G).mean(axis=(1, 2)) + 1e-300), 1)[0])
+    by_slope = "position" if slope < _POSITION else "velocity" if slope < _VELOCITY else "acceleration"
+    for i, guess in enumerate(table.outputs):
+        place = f"motor {drives[i]}" if i < len(drives) else guess.name or f"output {i + 1}"
+        if not guess.quantity:
+            unit = QUANTITY_UNIT[by_slope] if drives else of_translation(QUANTITY_UNIT[by_slope])
+            guess = replace(guess, quantity=by_slope, unit=unit, why=f"|G| is proportional to f^{slope:.2g}")
+        yield channel_line("y", place, guess)
+
+
+def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None:
+    """The structs of a file that are like the first one, else its first complex array with frequencies."""
+    names = structs_in(arrays)
+    if names:
+        first = struct_table(path, arrays, names[0])
+        alike = [name for name in names if struct_table(path, arrays, name).G.shape[1:] == first.G.shape[1:]]
+        prefix = f"{names[0]}." if names[0] else ""
+        outputs = _named(first.outputs, first.G.shape[1], arrays, f"{prefix}OutputUnit")
+        inputs = _named(first.inputs, first.G.shape[2], arrays, f"{prefix}InputUnit")
+        keys = {} if first.frequency_unit else {"frequency_unit": "Hz # guessed: the file states none"}
+        return _table(first.freq, first.G, keys, outputs, inputs, tuple(alike) if len(alike) > 1 else ("",))
+    for name in responses_in(arrays):
+        G = complex_array(arrays, name)
+        for key in sorted(arrays, key=lambda key: (_FREQUENCY.fullmatch(key) is None, key)):
+            freq = np.squeeze(np.asarray(arrays[key])) if arrays[key].is_signal else np.zeros(0)
+            if G is None or G.ndim > 3 or freq.ndim != 1 or len(freq) not in G.shape or np.any(np.diff(freq) <= 0):
+                continue
+            matrix = np.moveaxis(G, G.shape.index(len(freq)), 0)
+            matrix = matrix.reshape((*matrix.shape, 1, 1)[: max(matrix.ndim, 3)])
+            unit = arrays[key].units or ("rad/s" if _RADIANS.fullmatch(key) else "Hz")
+            keys = {"columns": mapping({"response": quoted(name), "frequency": quoted(key)})}
+            keys["frequency_unit"] = f"{unit} # guessed by the name {key}"
+            outputs, inputs = (_named((), n, arrays, "") for n in matrix.shape[1:])
+            return _table(freq.astype(float), matrix, keys, outputs, inputs)
+    return None
+
+
+def _named(names: Sequence[str], n: int, arrays: Mapping[str, StoredArray], units: str) -> tuple[ChannelGuess, ...]:
+    """Channels by the names and units (cells of an array) that the file states, else by their numbers."""
+    guesses = []
+    for i in range(n):
+        cell = next((arrays[key] for key in (f"{units}{{{i + 1}}}", units) if key in arrays), None)
+        guess = guess_by_name(names[i] if names else "", None if names else i + 1, "" if cell is None else cell.text)
+        guesses.append(guess if guess.unit else replace(guess, quantity=""))
+    return tuple(guesses)
+
+
+def _text_table(log: TextLog) -> _Table | None:
+    """Columns in pairs, re_1_1 and im_1_1 or mag_1_1 and phase_1_1 by output and input; one pair needs no numbers."""
+    frequency = next((name for name in log.headings if _FREQUENCY.fullmatch(name)), "")
+    for words in _PAIRS if frequency else ():
+        patterns = [rf"(?<![a-z])({'|'.join(side)})(?![a-z])" for side in words]
+        first, second = ([h for h in log.headings if re.search(p, h, re.IGNORECASE)] for p in patterns)
+        places = [tuple(re.findall(r"\d+", name)[-2:]) for name in first]
+        rows, columns = ([*dict.fromkeys(place[i] for place in places if len(place) == 2)] or ["1"] for i in (0, 1))
+        is_matrix = len(first) in (1, len(set(places))) and len(first) == len(rows) * len(columns)
+        if not first or not is_matrix or places != [tuple(re.findall(r"\d+", name)[-2:]) for name in second]:
+            continue
+        labels = [re.sub(r"(\d+)(\D+)(\d+)(\D*)$", r"{y}\2{u}\4", name) for name in (first[0], second[0])]
+        x, y = (log.columns([log.headings.index(name) for name in side]) for side in (first, second))
+        parts = _cartesian(labels) if words is _PAIRS[0] else _polar(labels, x, y)
+        x = 10 ** (x / 20) if parts.get("magnitude_unit") == "dB" else x
+        G = (x + 1j * y if words is _PAIRS[0] else x).astype(np.complex128)
+        unit = "rad/s" if _RADIANS.fullmatch(frequency) else "Hz"
+        keys = {"columns": mapping({"frequency": quoted(frequency)} | parts)}
+        keys["frequency_unit"] = f"{unit} # guessed by the name {frequency}"
+        outputs, inputs = (tuple(ChannelGuess("", int(n), "", "", 0, "") for n in side) for side in (rows, columns))
+        freq = log.columns([log.headings.index(frequency)])[:, 0]
+        return _table(freq, G.reshape(len(x), len(rows), len(columns)), keys, outputs, inputs)
+    return None
+
+
+def _cartesian(labels: Sequence[str]) -> dict[str, str]:
+    return dict(zip(("real", "imaginary"), map(quoted, labels), strict=True))
+
+
+def _polar(labels: Sequence[str], magnitude: FloatArray, phase: FloatArray) -> dict[str, str]:
+    """Names and units of magnitude and phase: dB if any is negative, degrees if any is beyond pi."""
+    units = {"magnitude_unit": "dB" if magnitude.min() < 0 else quoted("1")}
+    units["phase_unit"] = "deg" if np.abs(phase).max() > np.pi + 0.01 else "rad"
+    return dict(zip(("magnitude", "phase"), map(quoted, labels), strict=True)) | units
+
+
+def _table(
+    freq: FloatArray,
+    G: ComplexArray,
+    keys: Mapping[str, str],
+    outputs: tuple[ChannelGuess, ...],
+    inputs: tuple[ChannelGuess, ...],
+    responses: tuple[str, ...] = ("",),
+) -> _Table:
+    """The table at its positive frequencies."""
+    is_used = (freq > 0) & np.isfinite(G).all(axis=(1, 2))
+    return _Table(freq[is_used], G[is_used], keys, outputs, inputs, responses)

@@ -1,0 +1,63 @@
+"""Lines of a study that `elastid new --from` writes: head, channels, files; guesses are marked with the reason."""
+
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from elastid.base.escape import one_line
+from elastid.recorded.channel_names import ChannelGuess
+
+DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
+
+
+def head_lines(kind: str, first: Path) -> Iterator[str]:
+    """Head of a study named by its kind, from the first of its files."""
+    yield "# yaml-language-server: $schema=study.schema.json"
+    yield f"# Written by `elastid new --from` from {one_line(first.name)}. Check the lines marked `guessed`, then"
+    yield "# `elastid check study.yml` and `elastid run study.yml`"
+    yield f"name: {kind}"
+
+
+def joined(lines: Iterable[str]) -> str:
+    """Text of the lines that are not empty."""
+    return "\n".join(filter(None, lines)) + "\n"
+
+
+def relative_paths(paths: Sequence[Path], folder: Path) -> list[str]:
+    """Paths as seen from a folder."""
+    return [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in paths]
+
+
+def quoted(text: str) -> str:
+    """A text as YAML has it: plain, or in JSON's quotes, which are YAML's too."""
+    return text if re.fullmatch(r"[A-Za-z]\w*([. ]\w+)*", text) else json.dumps(text, ensure_ascii=False)
+
+
+def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:
+    """A channel.  of_robot: torque or force, which a drive of a robot is taken for."""
+    quantity, scale, why = guess.quantity, guess.scale, guess.why
+    unit = guess.unit or DRIVE_UNIT.get(quantity, "")
+    keys: dict[str, object] = {"role": role, "at": quoted(place), "channel": quoted(guess.name) if guess.name else None}
+    keys["column"] = guess.column
+    if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
+        why = f"{why} a {quantity}; scale is the {DRIVE_UNIT[of_robot]} of one {unit}"
+        keys |= {"quantity": of_robot, "unit": DRIVE_UNIT[of_robot], "scale": 1}
+    else:
+        keys |= {"quantity": quantity, "unit": unit, "scale": f"{scale:g}" if scale != 1 else None}
+    if of_robot and quantity == "current":
+        keys["torque_constant"] = "1 N*m/A"
+        why = f"{why}; torque_constant is that of your motor's data sheet"
+    keys |= {"sign": -1 if guess.sign < 0 else None, "side": "motor" if guess.ratio != 1 else None}
+    return f"      - {mapping(keys)} # guessed: {one_line(why)}"
+
+
+def file_line(path: str, **keys: object) -> str:
+    """A file with its keys."""
+    return f"      - {mapping({'path': quoted(path), **keys})}"
+
+
+def mapping(keys: Mapping[str, object]) -> str:
+    """A mapping in one line, without the keys that are None."""
+    return f"{{{', '.join(f'{key}: {value}' for key, value in keys.items() if value is not None)}}}"
