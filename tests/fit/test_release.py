@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plants.data_sheet_arm import POSTURES, SPEC, arm, measure, off
 
-from elastid.fit.identify import fit_parameters
+from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose, with_tolerances
 from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
