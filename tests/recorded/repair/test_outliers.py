@@ -96,6 +96,19 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(
     assert np.all(error <= max(0.2, e * np.sqrt(n_damaged / len(clean))) * std)
 
 
+def test_lost_messages_below_the_limit_of_one_are_replaced_together() -> None:
+    """45 repeated values that are 4.3 of the noise off, rms; a few zeros within the noise of zero stay."""
+    clean = _clean(471309, 3e-2, 1e-4, 0.0)
+    damaged = _damaged(clean, "repeated", 45, 1e-4, 471309)
+    is_damaged = damaged != clean
+    off, left = (np.sqrt(np.mean((x - clean)[is_damaged] ** 2)) / 3e-2 for x in (damaged, _repaired(damaged)))
+    assert off > 4
+    assert left < 1.8
+    clean = _clean(1, 3e-2, 0.0, 0.0)
+    clean[np.argsort(np.abs(clean[:, 0]))[:5], 0] = 0.0
+    np.testing.assert_array_equal(_repaired(clean), clean)
+
+
 def test_equal_disturbances_of_two_periods_are_not_denied() -> None:
     """Equal ones below the roughness of the signal outvote the third period, which is counted; rough ones do not."""
     x = wave(np.arange(P * N), 3, np.arange(2, 400))
