@@ -43,9 +43,9 @@ MIN_PERIODS = 3
 MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
 # Samples: of the running median, of a spike at most, and of neighbours on each side.
 MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
-# Distance of neighbours in a difference over that in the signal, above which the difference shows a transient; there a
-# spike of a smaller ratio must be in the signal itself.
-MAX_OVER_SIGNAL, MIN_RATIO_IN_TRANSIENT = 2.0, 20.0
+# Distance of neighbours in a difference over its noise, above which the difference shows a transient; there a spike of
+# a smaller ratio must be in the signal itself.
+TRANSIENT_SIGMAS, MIN_RATIO_IN_TRANSIENT = 6.0, 20.0
 QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
 # Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
 USUAL_FRACTION, PARTS, MIN_OVER_USUAL = 0.9, 20, 3.0
@@ -283,7 +283,7 @@ def _spikes(
         sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
         around, around_x = np.quantile(d[sides], quiet_share), np.quantile(d_x[sides], quiet_share)
         # In a transient the difference shows the signal of the other period.
-        is_transient = around > max(MIN_SIGMAS * sigma[first], MAX_OVER_SIGNAL * around_x)
+        is_transient = around > TRANSIENT_SIGMAS * sigma[first]
         is_in_signal = d_x[first:end].max() > max(MIN_RATIO * around_x, usual_x)
         if is_transient and not is_in_signal and d[first:end].max() < MIN_RATIO_IN_TRANSIENT * around:
             continue

@@ -97,16 +97,32 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(
 
 
 def test_lost_messages_below_the_limit_of_one_are_replaced_together() -> None:
-    """45 repeated values that are 4.3 of the noise off, rms; a few zeros within the noise of zero stay."""
-    clean = _clean(471309, 3e-2, 1e-4, 0.0)
-    damaged = _damaged(clean, "repeated", 45, 1e-4, 471309)
+    """46 repeated values, many of them less than 4 errors of their interpolations off, become 1.35 of the noise off."""
+    clean = _clean(453279, 3e-2, 0.0, 0.0)
+    damaged = _damaged(clean, "repeated", 46, 0.0, 453279)
     is_damaged = damaged != clean
     off, left = (np.sqrt(np.mean((x - clean)[is_damaged] ** 2)) / 3e-2 for x in (damaged, _repaired(damaged)))
-    assert off > 4
-    assert left < 1.8
-    clean = _clean(1, 3e-2, 0.0, 0.0)
-    clean[np.argsort(np.abs(clean[:, 0]))[:5], 0] = 0.0
-    np.testing.assert_array_equal(_repaired(clean), clean)
+    assert off > 7
+    assert left < 1.5
+
+
+def test_zeros_within_the_noise_of_a_torque_stay() -> None:
+    """Five values within a tenth of the noise of zero that are exactly zero."""
+    x = _clean(1, 3e-2, 0.0, 0.0)
+    x[np.argsort(np.abs(x[:, 0]))[:5], 0] = 0.0
+    np.testing.assert_array_equal(_repaired(x), x)
+
+
+def test_a_joint_that_turns_back_within_the_transient_is_no_spike() -> None:
+    """Friction that changes sign for three samples in the first period, which begins at rest."""
+    t = np.arange(P * N)
+    x = wave(t, 16, np.arange(2, 250))
+    start = np.clip(t / 250, 0, 1)
+    x *= (start**3 * (10 - 15 * start + 6 * start**2))[:, None] / x[N:].std(axis=0)
+    speed = np.gradient(x[:, 1])
+    x[:, 0] += np.tanh(speed / (0.05 * speed.std()))
+    x += 3e-3 * np.random.default_rng(16).normal(size=x.shape)
+    np.testing.assert_array_equal(_repaired(x), x)
 
 
 def test_equal_disturbances_of_two_periods_are_not_denied() -> None:
