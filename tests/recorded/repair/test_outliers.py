@@ -97,13 +97,13 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(
 
 
 def test_lost_messages_below_the_limit_of_one_are_replaced_together() -> None:
-    """46 repeated values, many of them less than 4 errors of their interpolations off, become 1.35 of the noise off."""
-    clean = _clean(453279, 3e-2, 0.0, 0.0)
-    damaged = _damaged(clean, "repeated", 46, 0.0, 453279)
+    """32 repeated values, one or two by chance, many less than 4 errors of an interpolation off: 1.8 of the noise then."""
+    clean = _clean(60802, 3e-2, 1e-4, 0.0)
+    damaged = _damaged(clean, "repeated", 32, 1e-4, 60802)
     is_damaged = damaged != clean
     off, left = (np.sqrt(np.mean((x - clean)[is_damaged] ** 2)) / 3e-2 for x in (damaged, _repaired(damaged)))
-    assert off > 7
-    assert left < 1.5
+    assert off > 6
+    assert left < 2
 
 
 def test_zeros_within_the_noise_of_a_torque_stay() -> None:
