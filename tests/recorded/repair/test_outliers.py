@@ -97,7 +97,7 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(
 
 
 def test_lost_messages_below_the_limit_of_one_are_replaced_together() -> None:
-    """32 repeated values, one or two by chance, many less than 4 errors of an interpolation off: 1.8 of the noise then."""
+    """32 repeated values, many less than 4 errors of an interpolation off; afterwards 1.8 of the noise off."""
     clean = _clean(60802, 3e-2, 1e-4, 0.0)
     damaged = _damaged(clean, "repeated", 32, 1e-4, 60802)
     is_damaged = damaged != clean
