@@ -4,7 +4,7 @@ import gc
 import os
 import signal
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import pytest
@@ -15,6 +15,7 @@ from elastid.app.cli import one_blas_thread
 one_blas_thread()  # before NumPy is loaded: two workers with two threads each would wait for each other
 
 from elastid.app import run as work  # noqa: E402
+from elastid.model import formulation  # noqa: E402
 
 # The same examples in every run of the same code; .ci/nightly draws others with the profile `default`.
 settings.register_profile("repeatable", derandomize=True)
@@ -104,12 +105,21 @@ def code_hashed_once() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def equations_derived_once() -> Iterator[None]:
+    """Models of equal robots are equal and do not change: many tests have the same robot."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("serial", "constrained", "minimal"):
+            patch.setattr(formulation, name, lru_cache(64)(getattr(formulation, name)))
+        yield
+
+
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
     folder = tmp_path / "tiny"
     folder.mkdir()
     (folder / "robot.yml").write_text(TINY_ROBOT)
-    (folder / "study.yml").write_text(TINY_STUDY)
+    (folder / "study.yml").write_text(TINY_STUDY + "estimator: {friction: none}\n")  # there is none
     return folder / "study.yml"
 
 

@@ -152,17 +152,19 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
     return notes
 
 
-def unlike_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
+def unlike_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -> list[Note]:
     r"""A note on a record whose realisation the others contradict, M >= 3 of them, by far more than each other.
 
     With G_m = sum_{j != m} Y_j U_j^H (sum_{j != m} U_j U_j^H)^-1 an experiment outside has the error D = Y - G_m U, of
     1 + n_u / K times the variance where those inside, K of them, have 1 - n_u / K; each element of D over that of
-    those inside, at the median of lines and outputs.
+    those inside, at the median of lines and outputs.  Those inside have at least the noise of the periods: a slow
+    disturbance leaks into all lines of a record at once, and few records may have little of it by chance.
     """
+    blocks = data.blocks
     n_u, K = blocks[0].U.shape[1], sum(block.U.shape[2] for block in blocks[1:])
     if len(blocks) < 3 or n_u >= K or any(block.U.shape != blocks[0].U.shape for block in blocks):
         return []
-    ratios = np.array([_power_unlike(blocks, m) for m in range(len(blocks))])
+    ratios = np.array([_power_unlike(data, m) for m in range(len(blocks))])
     m, e = divmod(int(np.argmax(ratios)), ratios.shape[1])
     if ratios[m, e] < MAX_ERROR_RATIO:
         return []
@@ -174,14 +176,18 @@ def unlike_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) ->
     return [Note("frf/records", text, f"record {groups[m][e].name}")]
 
 
-def _power_unlike(blocks: Sequence[Block], m: int) -> FloatArray:
+def _power_unlike(data: MeanSpectra, m: int) -> FloatArray:
     """Power of the experiments (E,) of block m relative to the other blocks."""
+    blocks = data.blocks
     step = -(-len(blocks[0].U) // PHASE_LINES)
     others = [block for i, block in enumerate(blocks) if i != m]
     U, Y = (np.concatenate([getattr(block, Z)[::step] for block in others], axis=2) for Z in "UY")
     share = U.shape[1] / U.shape[2]
     G = Y @ U.mT.conj() @ inverse(U @ U.mT.conj())
-    inside = np.maximum(np.mean(squared_magnitude(Y - G @ U), axis=2) / (1 - share), 1e-300)
+    error = np.concatenate([np.broadcast_to(np.eye(Y.shape[1]), (len(Y), Y.shape[1], Y.shape[1])), -G], axis=2)
+    noise = np.einsum("fai,fij,faj->fa", error, data.S_Z[::step], error.conj()).real
+    noise /= data.dof * np.mean(data.periods)
+    inside = np.maximum(np.mean(squared_magnitude(Y - G @ U), axis=2) / (1 - share), np.maximum(noise, 1e-300))
     outside = squared_magnitude(blocks[m].Y[::step] - G @ blocks[m].U[::step]) / (1 + share)
     return np.asarray(np.median(outside / inside[:, :, None], axis=(0, 1)))
 

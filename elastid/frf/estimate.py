@@ -158,7 +158,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     if not usable.all():
         why = "the inputs, or a combination of them, are less than 6 dB above the noise"
         notes.append(left_out_note(lines[~usable], first, why))
-    notes += [*same_phases_notes(data.blocks, groups), *unlike_notes(data.blocks, groups)]
+    notes += [*same_phases_notes(data.blocks, groups), *unlike_notes(data, groups)]
     lines = lines[usable]
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     quality = measured_quality(freq_hz, data, fitted.G)

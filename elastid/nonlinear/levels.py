@@ -76,10 +76,15 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
     return NormalEquations(A, b, c, level, float(shares.mean()))
 
 
-def find_levels(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> tuple[FloatArray, NormalEquations]:
-    """Levels (n_f,), none negative, of shapes at motors motor_of (n_f,), and the sums about them."""
+def find_levels(
+    data: Sequence[ConfigurationSpectra], motor_of: IntArray, iterations: int = 4
+) -> tuple[FloatArray, NormalEquations]:
+    """Levels (n_f,), none negative, of shapes at motors motor_of (n_f,), and the sums about them.
+
+    iterations: each reduces the error of the levels by a factor of ten or more.
+    """
     levels = np.zeros(len(motor_of))
-    for _ in range(4):  # the change falls by more than ten each time
+    for _ in range(iterations):
         equations = normal_equations(data, levels, motor_of)
         levels = solve(equations.A.sum(axis=0), equations.b.sum(axis=0))
     return levels, normal_equations(data, levels, motor_of)
@@ -91,6 +96,8 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
 
     if not len(b):
         return b
+    if len(b) == 1:
+        return np.asarray(np.maximum(b, 0.0) / np.maximum(A[0], 1e-300))
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     power, V = np.linalg.eigh(A / np.outer(size, size))
     root = np.sqrt(np.maximum(power, 0.0) + 1e-9)  # a small ridge: shapes may be the same in all that was measured
@@ -178,14 +185,19 @@ def choose(
 ) -> tuple[Choice, IntArray]:
     """Shapes by cross-validation, and the candidates (n,) that they are."""
     motor_of = _motors(candidates, places)
-    _, equations = find_levels(data, motor_of)
-    groups = telling_shapes(data, motor_of)
-    # Of Stribeck curves a motor has one at most, and none alone: together they have no F_c.
-    rivals = np.flatnonzero([shape.kind == "stribeck" for shape in candidates])
-    choices = [choose_shapes(equations, i, members, rivals) for i, members in enumerate(groups)]
+    choices = _choices(find_levels(data, motor_of)[1], candidates, telling_shapes(data, motor_of))
     choices = [pair if not auto or pair[1] <= MAX_RESIDUAL_FRACTION else (pair[0][:0], 1.0) for pair in choices]
     chosen, left = np.concatenate([chosen_of for chosen_of, _ in choices]), np.array([left for _, left in choices])
     return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
+
+
+def _choices(
+    equations: NormalEquations, candidates: Sequence[Shape], groups: Sequence[IntArray]
+) -> list[tuple[IntArray, float]]:
+    """Candidates of each motor's group that explain its torque, and the share of the power that they leave."""
+    # Of Stribeck curves a motor has one at most, and none alone: together they have no F_c.
+    rivals = np.flatnonzero([shape.kind == "stribeck" for shape in candidates])
+    return [choose_shapes(equations, i, members, rivals) for i, members in enumerate(groups)]
 
 
 # Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
@@ -193,6 +205,7 @@ SEARCHED_ABOVE, DELAYED_POWER = 0.05, 0.5
 MAX_DELAY_S = 0.025
 # Below, one near 0 where its score is so many standard deviations; half the power is not to be had there any more.
 SCORED_STD, NEAR_DELAYED_POWER = 5.0, 0.9
+DELAY_ITERATIONS = 2  # of the levels at a delay, whose power has an error of 1e-4
 
 
 def torque_delay(
@@ -209,9 +222,13 @@ def torque_delay(
         return 0.0
     from scipy.optimize import minimize_scalar
 
+    motor_of = _motors(candidates, places)
+    groups = telling_shapes(data, motor_of)  # a delay changes no magnitude
+
     def power(delay_s: float) -> float:
-        delayed_choice, _ = choose(delayed(data, delay_s), candidates, places, auto=False)
-        return float(np.mean(np.log(np.maximum(delayed_choice.residual_power_ratio, 1e-12))))
+        _, equations = find_levels(delayed(data, delay_s), motor_of, DELAY_ITERATIONS)
+        ratios = [ratio for _, ratio in _choices(equations, candidates, groups)]
+        return float(np.mean(np.log(np.maximum(ratios, 1e-12))))
 
     step = 1 / (8 * max(float(spectra.freq_hz[spectra.excited].max()) for spectra in data))
     reach = math.ceil(MAX_DELAY_S / step) if is_wide else 0

@@ -244,7 +244,8 @@ def test_an_inertia_stays_one_that_a_body_can_have():
     sheet = bodied((0.02, 0.03, 0.0499, 0.0, 0.0, 0.0))
     held = {"I_arm_xx": ParameterSpec(start=0.018, fixed=True), "I_arm_yy": ParameterSpec(start=0.027, fixed=True)}
     spec = FitSpec(parameters=held | {"I_arm_zz": ParameterSpec(start=0.03), "k_1": ParameterSpec()}, starts=2)
-    result = identify([of_body(sheet, np.random.default_rng(1))], bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), spec)
+    start = bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0))
+    result = fit_parameters([of_body(sheet, np.random.default_rng(1))], start, spec)
     assert 0.044 < result.values["I_arm_zz"] < 0.045
     assert ("fit/impossible-inertia", "body arm") in [(note.code, note.place) for note in result.notes]
 

@@ -54,7 +54,7 @@ def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None
     """One posture, gears by 0.3 % and half of that: k is uncertain by twice as much, and the file has the part."""
     wide, half, exact = (Tolerances(ratio=std) for std in (0.003, 0.0015, "exact"))
     responses = [replace(G, ratio_std=np.full(2, 0.003)) for G in measure(arm(), np.random.default_rng(5))[:1]]
-    results = [identify(responses, arm(each), SPEC) for each in (wide, half, exact)]
+    results = [fit_parameters(responses, arm(each), SPEC) for each in (wide, half, exact)]
     for name in ("k_1", "k_2"):
         values, stds = ([getattr(r, kind)[name] for r in results] for kind in ("values", "std"))
         assert values == pytest.approx([values[2]] * 3, rel=1e-6)
@@ -75,7 +75,7 @@ def test_ratios_that_differ_from_posture_to_posture_are_seen_in_the_residuals(er
         robot = arm().with_parameters({name: arm().parameters()[name][0] * by for name, by in numbers.items()})
         G = measure(robot, rng)[i]
         responses.append(replace(G, G=e[:, None] * G.G * e, ratio_std=np.full(2, 0.003)))
-    result = identify(responses, arm(Tolerances()), SPEC)
+    result = fit_parameters(responses, arm(Tolerances()), SPEC)
     assert ("fit/ratio-varies" in {note.code for note in result.notes}) == bool(error)
     assert result.status == "converged"
     for name, truth in (("k_1", 3e4), ("k_2", 2e4)):

@@ -30,7 +30,7 @@ def test_each_input_is_held_against_its_own_noise() -> None:
 
 
 def test_a_record_that_the_other_realisations_contradict_is_named() -> None:
-    """A torque that is 5 % off in one of six experiments; without it nothing is said."""
+    """A torque that is 5 % off in one of six experiments; nothing without it, or where periods differ by as much."""
     rng, F, M = np.random.default_rng(2), 40, 3
     G = rng.normal(size=(F, 2, 2)) + 1j * rng.normal(size=(F, 2, 2))
     U = rng.normal(size=(M, F, 2, 2)) + 1j * rng.normal(size=(M, F, 2, 2))
@@ -39,13 +39,15 @@ def test_a_record_that_the_other_realisations_contradict_is_named() -> None:
                     np.zeros((4, 2)), np.zeros((4, 2)))  # fmt: skip
     groups = [[replace(record, name=f"{m}-{e}", realisation=m, experiment=e) for e in range(2)] for m in range(M)]
 
-    def places(U: ComplexArray) -> list[str]:
-        blocks = [Block(U[m], Y[m], None, np.ones(2), np.zeros((F, 2)), 1) for m in range(M)]
-        return [note.place for note in unlike_notes(blocks, groups)]
+    def places(U: ComplexArray, noise: float = 0.0) -> list[str]:
+        blocks = tuple(Block(U[m], Y[m], None, np.full(2, 3.0), np.zeros((F, 2)), 4) for m in range(M))
+        S = 12 * 3 * noise**2 * np.diag([1.0, 1.0, 0.0, 0.0])  # of 12 degrees of freedom, and means of 3 periods
+        return [note.place for note in unlike_notes(MeanSpectra(blocks, np.tile(S + 0j, (F, 1, 1)), 12), groups)]
 
     assert places(U) == []
     U[2, :, 0, 1] *= 1.05
-    assert places(U) == ["record 2-1"]
+    assert places(U) == places(U, 0.01) == ["record 2-1"]
+    assert places(U, 0.1) == []
 
 
 RATE_HZ, WIDTH = 2000.0, 10

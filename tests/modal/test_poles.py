@@ -143,16 +143,16 @@ def test_poles_and_shapes_agree_with_sdypy_ema() -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_resonances_between_lines_are_modes_once_and_three_disturbed_lines_are_none(seed: int) -> None:
     """Three references, each with natural frequencies of its own; the widths are a thirtieth to a third of a line."""
-    freq_hz, natural = np.arange(1.0, 401.0), np.array([31.5, 87.45, 152.4, 260.6, 371.55])
-    zeta, shapes = np.array([5.5, 3.7, 2.0, 2.0, 1.5]) * 1e-4, np.random.default_rng(5).uniform(0.4, 1.0, (3, 5))
+    freq_hz, natural = np.arange(1.0, 201.0), np.array([31.5, 87.45, 152.4])
+    zeta, shapes = np.array([5.5, 3.7, 2.0]) * 1e-4, np.random.default_rng(5).uniform(0.4, 1.0, (3, 3))
     rng = np.random.default_rng(seed)
     each = [
-        modal_response(freq_hz, natural * (1 + 4e-5 * rng.standard_normal(5)), zeta, shapes[[r, 0]]).G[:, 1:]
+        modal_response(freq_hz, natural * (1 + 4e-5 * rng.standard_normal(3)), zeta, shapes[[r, 0]]).G[:, 1:]
         for r in range(3)
     ]
     G = np.concatenate(each, axis=2)
     G = G * (1 + 0.02 * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2))
-    G[199:202, 0, 2] += 2 * np.median(np.abs(G)) * np.array([0.6 + 0.5j, 0.4 - 0.9j, 0.3 - 0.5j])
+    G[114:117, 0, 2] += 2 * np.median(np.abs(G)) * np.array([0.6 + 0.5j, 0.4 - 0.9j, 0.3 - 0.5j])
     response = Response(freq_hz, G, ("a", "b", "c"), ("y",), "acceleration", BENCH)
     np.testing.assert_allclose(estimate_modes(response).freq_hz, natural, atol=0.03)
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from elastid.fit.identify import identify
+from elastid.fit.identify import fit_parameters
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
@@ -27,7 +27,7 @@ def linear_fit(gear: Gear, measured: Sequence[Record]) -> tuple[Response, Result
     response = estimate(measured, SPEC, LINES)
     wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
     spec = FitSpec(parameters=wanted, weights=WeightSpec(model_error=0.0), starts=1)
-    return response, identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
+    return response, fit_parameters([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
 
 
 def find_gear_effects(

@@ -18,7 +18,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import CascadeSpec, FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
-from elastid.fit.identify import identify
+from elastid.fit.identify import fit_parameters
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -69,7 +69,7 @@ def test_images_of_reference_steps_are_subtracted_or_stated(is_logged: bool, log
     responses = [estimate(of_one, EstimatorSpec(friction="none")) for of_one in each]
     free = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*", "delay")}
     start = ROBOT.with_parameters({"k_1": 2.4e5, "k_2": 2.4e5})
-    result = identify(responses, start, FitSpec(parameters=free, starts=1, profile=()))
+    result = fit_parameters(responses, start, FitSpec(parameters=free, starts=1))
     truth = {name: ROBOT.parameters()[name][0] for name in ("k_1", "k_2")}
     assert (max(abs(result.values[name] / k - 1) for name, k in truth.items()) < 0.01) == is_logged
     assert (max(deviation(result, name, k) for name, k in truth.items()) < 3) or not is_logged

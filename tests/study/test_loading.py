@@ -80,7 +80,7 @@ WRONG = [
     ("  starts: 2", "  starts: true", "fit.starts"),
     ("  starts: 2", "  band_hz: [110, 120]", "fit.band_hz"),
     ("  starts: 2", "  band_hz: [100, 10]", "fit.band_hz"),
-    ("fit:\n", "estimator: {band_hz: [1, 4]}\nfit:\n", "estimator.band_hz"),
+    ("friction: none", "band_hz: [1, 4]", "estimator.band_hz"),
     ("  starts: 2", "  start_factor: .inf", "fit.start_factor"),
     ("    noise:", "    controller: {kind: cascade, integral_time: -1}\n    noise:", ""),
     ("robot: robot.yml", "robot: !!bool maybe", ""),

@@ -73,8 +73,9 @@ def test_model_of_a_free_joint_is_worse_than_the_command(motion: CommandedMotion
     assert replay(CommandedJoint().robot, replace(motion, gains=loose), with_tests=False).joints[0].is_worse
 
 
-def test_octaves_divide_the_error_of_the_still_joint(motion: CommandedMotion) -> None:
+def test_octaves_divide_the_error_of_the_still_joint() -> None:
     """A sine of 3 Hz is in its octave, with A / sqrt 2."""
+    motion = CommandedJoint().motion(10.0)
     t = np.arange(len(motion.position)) / motion.rate_hz
     sine = np.stack([0.1 * np.sin(2 * np.pi * 3.0 * t)], axis=1)
     (joint,) = replay(CommandedJoint().robot, replace(motion, position=sine), with_tests=False).joints

@@ -7,12 +7,14 @@ r"""Outliers: one to three samples that the other periods contradict (Hampel's r
 for each e, in which a transient is smooth, and for each period.  q: step of the converter.  A spike is also five times
 as far from the parabola through its neighbours as three quarters of these, d is five times as large as there, and three
 times as large as at 90 % of the samples of most parts of the log: drift, transients, steps and bursts of oscillation
-are no spikes, nor are the pulses of a controller at the counts of an encoder.  A value that repeats the previous one
-exactly, or is exactly 0, is a lost message where the channel hardly has such values by chance, or where one e differs.
-A sample is replaced only if its distance from the interpolation is more than four times the error of the interpolation
-beside it.  Interpolated samples are references and are never judged, nor is the only measured sample of a phase.
-Spikes at one phase of two of three periods are told by their roughness: below the roughness of the signal equal ones
-outvote the third period.
+are no spikes, nor are the pulses of a controller at the counts of an encoder.  In a transient e has the signal of the
+other period, so that the sample must be a spike of its own period, too.  A value that repeats the previous one exactly,
+or is exactly 0, is a lost message where the channel has more such values than steps make by chance, or where one e
+differs.  A sample is replaced only if its distance from the interpolation is more than four times the error of the
+interpolation beside it; lost messages below are replaced together if their median distance is not due to that error.
+Among values that steps repeat by chance lost messages are told as spikes only. Interpolated samples are references and
+are never judged, nor is the only measured sample of a phase. Spikes at one phase of two of three periods are told by
+their roughness: below the roughness of the signal equal ones outvote the third period, which a note counts.
 """
 
 from __future__ import annotations
@@ -27,15 +29,23 @@ from elastid.recorded.repair import Log, bridged, flat
 from elastid.recorded.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolate, largest_step, period_noise
 from elastid.recorded.repair.masks import MASKED, step
 
+OUTVOTED = "spikes by two periods against one"
 # Limits that distinguish a spike from a signal, its noise, its steps and its transients.
 MIN_SIGMAS = 6.0
 MIN_RATIO = 5.0  # distance of a spike over that of its neighbours, at least
 MIN_ERRORS = 4.0  # distance of a spike or lost message from its interpolation, over the error of that
+# Median of squared distances of k lost messages over squared errors of their interpolations, less 0.91 (equal errors),
+# times sqrt(k).
+MIN_EXCESS = 8.0
 MAX_BY_CHANCE = 0.01  # repeated values, or zeros, in a channel
+MIN_OVER_CHANCE = 3.0  # number of them over the number by chance plus two, from which most are lost messages
 MIN_PERIODS = 3
 MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
 # Samples: of the running median, of a spike at most, and of neighbours on each side.
 MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
+# Distance of neighbours in a difference over its noise, above which the difference shows a transient; there a spike of
+# a smaller ratio must be in the signal itself.
+TRANSIENT_SIGMAS, MIN_RATIO_IN_TRANSIENT = 6.0, 20.0
 QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
 # Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
 USUAL_FRACTION, PARTS, MIN_OVER_USUAL = 0.9, 20, 3.0
@@ -50,8 +60,12 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArr
     P = len(signals) // L
     if MIN_PERIODS > P:
         return signals
-    spikes = [_spikes_of_periods(x, L, sign) for x in signals[: P * L, : len(log.names)].T]
-    return _masked(signals, spikes, "the other periods", log)
+    channels = signals[: P * L, : len(log.names)].T
+    spikes = [_spikes_of_periods(x, L, sign) for x in channels]
+    outvoted = [0] * len(spikes)
+    if P == MIN_PERIODS:
+        outvoted = [int(np.sum(~_is_rough(bridged(x))[at])) for x, at in zip(channels, spikes, strict=True)]
+    return _masked(signals, spikes, "the other periods", log, outvoted)
 
 
 def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()) -> FloatArray:
@@ -68,7 +82,10 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     return _masked(signals, at, "their neighbours", log)
 
 
-def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log) -> FloatArray:
+def _masked(
+    signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log, outvoted: Sequence[int] = ()
+) -> FloatArray:
+    """outvoted (c,): number of spikes of each channel that only two periods against one show."""
     result = np.copy(signals)
     for c, at in enumerate(spikes):
         if at.size == 0:
@@ -79,6 +96,12 @@ def _masked(signals: FloatArray, spikes: Sequence[IntArray], reference: str, log
             continue
         result[at, c] = np.nan
         log.report(MASKED, at.size, f"{text} and are treated as missing; the first is {log.time_of(at[0])}")
+        if any(outvoted[c : c + 1]):
+            text = (
+                f"{log.names[c]}: {outvoted[c]} spikes are no rougher than the signal, so that equal disturbances of "
+                "the two other periods have the same effect. Measure four periods or more"
+            )
+            log.report(OUTVOTED, outvoted[c], text)
     return result
 
 
@@ -89,7 +112,7 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     is_spike = np.zeros(len(x), dtype=np.bool_)
     if is_lost.any():
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
-        full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign, to_nearest)
+        full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign, to_nearest, are_lost=True)
     for _ in range(ROUNDS):
         judged = _with_other_period(judged, L)
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
@@ -112,17 +135,24 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
 
 
 def _replaced(
-    x: FloatArray, suspects: Sequence[tuple[int, int]], L: int, sign: int, to_nearest: FloatArray
+    x: FloatArray,
+    suspects: Sequence[tuple[int, int]],
+    L: int,
+    sign: int,
+    to_nearest: FloatArray,
+    are_lost: bool = False,
 ) -> tuple[FloatArray, BoolArray]:
     """Signal (P L,) with interpolations of the suspects that are far from them, and flags of these samples.
 
     to_nearest (P L,): distance to the nearest of the other periods. Where it is less than half of the distance from
-    the interpolation, another period has the spike.
+    the interpolation, another period has the spike.  are_lost: suspects close to their interpolations are replaced
+    together if their median distance is larger than errors of the interpolation explain.
     """
     result, is_replaced, without = np.copy(x), np.zeros(len(x), dtype=np.bool_), np.copy(x)
     for start, end in suspects:
         without[start:end] = np.nan
     max_step = largest_step(without)
+    near: list[tuple[int, FloatArray, float]] = []
     for start, end in suspects:
         gap = interpolate(without, start, end, L, sign, max_step)
         if gap is None:
@@ -130,6 +160,14 @@ def _replaced(
         distance = np.abs(x[start:end] - gap.values).max()
         if MIN_ERRORS * gap.error < distance < 2 * to_nearest[start:end].max():
             result[start:end], is_replaced[start:end] = gap.values, True
+        elif distance < 2 * MIN_ERRORS * gap.error and end - start <= MAX_RUN:
+            near.append((start, gap.values, distance / gap.error))
+    # Normal errors d of lost messages and e of interpolations: the median is 0.45 (d^2 + e^2) / e^2.
+    squares = [ratio**2 for *_, ratio in near if ratio <= MIN_ERRORS]
+    if are_lost and squares and np.median(squares) > 0.91 + MIN_EXCESS / np.sqrt(len(squares)):
+        for start, values, _ in near:
+            end = start + len(values)
+            result[start:end], is_replaced[start:end] = values, True
     return result, is_replaced
 
 
@@ -161,10 +199,9 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
     """
     from scipy.ndimage import maximum_filter
 
-    extended = np.pad(x, 2, mode="reflect", reflect_type="odd")
-    roughness = np.abs(np.convolve(extended, _CUBIC, mode="valid")).reshape(-1, L)
+    roughness = _roughness(x).reshape(-1, L)
     highest = np.where(candidates.reshape(-1, L), roughness, -1.0).max(axis=0)
-    usual = MIN_RATIO * float(np.quantile(roughness, QUIET_FRACTION))
+    usual = _usual_roughness(roughness)
     rivals = roughness > np.maximum(2 * highest, usual)
     rivals &= highest >= 0
     # Beside a spike a signal is rough, too: such a phase waits until the spike is replaced.
@@ -172,6 +209,21 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
     is_rough = candidates.reshape(-1, L) & (roughness > usual)
     is_chosen = np.where(rivals.any(axis=0), are_highest, (roughness == highest) | is_rough)
     return np.asarray(is_chosen.ravel() & judged)
+
+
+def _roughness(x: FloatArray) -> FloatArray:
+    """Distance (n,) of each sample of a signal from the cubic through its neighbours."""
+    return np.abs(np.convolve(np.pad(x, 2, mode="reflect", reflect_type="odd"), _CUBIC, mode="valid"))
+
+
+def _usual_roughness(roughness: FloatArray) -> float:
+    return MIN_RATIO * float(np.quantile(roughness, QUIET_FRACTION))
+
+
+def _is_rough(x: FloatArray) -> BoolArray:
+    """True where a signal (n,) is rougher than usual."""
+    roughness = _roughness(x)
+    return np.asarray(roughness > _usual_roughness(roughness))
 
 
 def _lone_distance(e: FloatArray) -> FloatArray:
@@ -219,7 +271,8 @@ def _spikes(
     is_spike = np.zeros(len(e), dtype=np.bool_)
     if not short:
         return is_spike
-    straight, usual = np.copy(e), _usual(d)
+    straight, usual, d_x = np.copy(e), _usual(d), _lone_distance(x)
+    usual_x = _usual(d_x)
     for first, end in short:
         straight[first:end] = np.nan
     straight = bridged(straight)
@@ -227,23 +280,30 @@ def _spikes(
         # Near an end a spike cannot be distinguished from a bend.
         if not judged[first:end].any() or first <= n or end >= len(e) - n:
             continue
-        around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
+        sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
+        around, around_x = np.quantile(d[sides], quiet_share), np.quantile(d_x[sides], quiet_share)
+        # In a transient the difference shows the signal of the other period.
+        is_transient = around > TRANSIENT_SIGMAS * sigma[first]
+        is_in_signal = d_x[first:end].max() > max(MIN_RATIO * around_x, usual_x)
+        if is_transient and not is_in_signal and d[first:end].max() < MIN_RATIO_IN_TRANSIENT * around:
+            continue
         distance, scatter = _from_parabola(e, straight, first, end, quiet_share)
-        is_lone = d[first:end].max() > max(MIN_RATIO * np.quantile(around, quiet_share), usual)
+        is_lone = d[first:end].max() > max(MIN_RATIO * around, usual)
         if is_lone and distance > max(least[first], MIN_RATIO * scatter):
             is_spike[first:end] = True
     return is_spike & judged
 
 
 def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
-    """Flags (n,) of repeated values and zeros: where steps of q hardly make them by chance, and where they are few."""
+    """Flags (n,) of repeated values and zeros: where steps of q make few of them by chance, and where they are few."""
     change = np.abs(np.diff(x, prepend=np.nan))
     usual, is_lost, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
     for distance in (change, np.abs(x)):
         is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= usual)))
         if is_equal.mean() < MAX_FRACTION:
             is_rare |= is_equal
-            if n_near * q / max(2 * usual, 1e-300) < MAX_BY_CHANCE:
+            by_chance = n_near * q / max(2 * usual, 1e-300)
+            if by_chance < MAX_BY_CHANCE or is_equal.sum() > MIN_OVER_CHANCE * (by_chance + 2):
                 is_lost |= is_equal
     return is_lost, is_rare
 

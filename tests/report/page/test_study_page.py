@@ -40,6 +40,24 @@ DRAWN = """
         curves: Object.fromEntries(plot.series.map((one, i) => [one.label, [...plot.data[i]]])),
     }))
 """
+# Clicks each switch of a legend twice: labels of the curves before, and the text of each switch with its states after.
+CLICK_SWITCHES = """
+    (place) => {
+        const shown = () => {
+            return window.plots.findLast((one) => place.contains(one.root)).series.map((one) => one.label);
+        };
+        const before = shown(), count = place.querySelectorAll(".key button").length, switches = [];
+        const button = (i) => place.querySelectorAll(".key button")[i];
+        for (let i = 0; i < count; i++) {
+            const states = [0, 1].map(() => {
+                button(i).click();
+                return [button(i).getAttribute("aria-pressed") === "true", shown()];
+            });
+            switches.push([button(i).innerText, states]);
+        }
+        return [before, switches];
+    }
+"""
 
 
 @pytest.fixture(scope="module")
@@ -129,16 +147,16 @@ def test_every_choice_of_the_explorer_draws_the_numbers_of_the_files(opened, fol
 
 def test_every_switch_of_the_legend_takes_its_curve_and_gives_it_back(opened):
     """In the explorer and on the first screen; a phase never crosses the ends of its circle in a line."""
-    shown = "(place) => window.plots.findLast((one) => place.contains(one.root)).series.map((one) => one.label)"
+    n_switches = []
     for place in (opened.locator("#explorer"), opened.locator("#worst")):
-        switches = place.locator(".key button")
-        before = place.evaluate(shown)
-        for i in range(switches.count()):
-            label = switches.nth(i).inner_text().split(" ", 1)[1]
-            for _ in range(2):
-                switches.nth(i).click()
-                assert (label in place.evaluate(shown)) == (switches.nth(i).get_attribute("aria-pressed") == "true")
-            assert place.evaluate(shown) == before
+        before, switches = place.evaluate(CLICK_SWITCHES)
+        n_switches.append(len(switches))
+        for text, states in switches:
+            label = text.split(" ", 1)[1]
+            assert [pressed for pressed, _ in states] in ([True, False], [False, True])
+            assert [label in shown for _, shown in states] == [pressed for pressed, _ in states]
+            assert states[1][1] == before
+    assert n_switches[0] > 2
     opened.locator("#explorer select").first.select_option("phase")
     for plot in opened.evaluate(DRAWN):
         model = np.array([np.nan if v is None else v for v in plot["curves"]["model"]], dtype=float)
