@@ -112,7 +112,7 @@ def _controller(path: Path, n_u: int) -> FloatArray | None:
 def _unlike(
     path: Path, first: Path, clock: Clock, pairs: Sequence[tuple[ChannelGuess, ChannelGuess]], gains: FloatArray | None
 ) -> str:
-    """In what a log differs from the first one that a study has only once: channels, rate, gains; empty if in none."""
+    """Difference of a log from the first one in channels, rate or gains, of which a study has one; else empty."""
     form = TextFormatSpec() if path.is_dir() else guess_format(path)
     with opened_log(path, form) as log:
         rate_hz, signals = clock_of(log).rate_hz or math.nan, signals_of(log, MAX_SAMPLES)

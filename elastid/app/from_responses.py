@@ -62,7 +62,7 @@ def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
 
 
 def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | None) -> dict[str, str]:
-    """The study of frequency responses, by name; empty if the first file has none.
+    """The study of frequency responses, by name; empty for a file without responses.
 
     Raises DataError if the robot has another number of motors than the response has inputs.
     """

@@ -59,5 +59,5 @@ def file_line(path: str, **keys: object) -> str:
 
 
 def mapping(keys: Mapping[str, object]) -> str:
-    """A mapping in one line, without the keys that are None."""
+    """A mapping in one line, without empty keys."""
     return f"{{{', '.join(f'{key}: {value}' for key, value in keys.items() if value is not None)}}}"

@@ -87,7 +87,7 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
 
 
 def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
-    """Name and unit of a column: those of its array, or the cells of an iddata struct, InputName{1}, InputUnit{1}."""
+    """Name and unit of a column by its array, or by the cells InputName{1} and InputUnit{1} of an iddata struct."""
     side = re.fullmatch(r"(.*(?:Input|Output))Data", name)
     keys = [f"{side[1]}{of}{{{column}}}" if side else "" for of in ("Name", "Unit")]
     heading, unit = (log.arrays[key].text if key in log.arrays else "" for key in keys)
