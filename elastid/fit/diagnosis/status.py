@@ -106,6 +106,10 @@ def with_status(evidence: Evidence) -> Result:
         return ended("not_converged", f"the search stopped before an optimum ({end.message})")
     if unreached.any():
         return ended("ill_conditioned", f"not identifiable: a combination of {listed(free, unreached)}")
+    logarithmic = [p.name for p in result.parameters.asked if p.log]
+    if logarithmic and all(_is_weak(result, name) for name in logarithmic):
+        text = f"the upper end of every interval is more than {LIMITS.interval_factor:g} times the lower end"
+        return ended("ill_conditioned", f"{text}. Check the channels of each file, and the noise of the responses")
     result = replace(result, verdicts=_verdicts(evidence))
     by_blocks, cause = _by_blocks(evidence), evidence.cause
     if by_blocks and cause is not None and cause.explained_fraction >= LIMITS.reason_share:
@@ -322,13 +326,17 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
         )
     wanted = result.parameters.asked
     for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
-        low, high = result.interval(parameter.name)
-        if not high < LIMITS.interval_factor * low:
+        if _is_weak(result, parameter.name):
             # Without the interval: that of the table may be found later, by profile likelihood.
             text = "weakly identifiable. Fix the value, or measure in another posture or band"
             yield Note("fit/weakly-identifiable", text, parameter.name)
     # A file that is off moves all alike.
     yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))
+
+
+def _is_weak(result: Result, name: str) -> bool:
+    low, high = result.interval(name)
+    return not high < LIMITS.interval_factor * low
 
 
 def _search(result: Result) -> Iterator[Note]:
