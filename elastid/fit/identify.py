@@ -41,7 +41,7 @@ from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.parameter_choice import choose, ratio_within, tolerances_of, with_tolerances
-from elastid.fit.presliding import find_presliding, without_presliding
+from elastid.fit.presliding import are_identified, find_presliding, without_presliding
 from elastid.fit.problem.elastic import ElasticFit, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
@@ -129,6 +129,8 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
             return evidence
         assembly, begin = freed[0], (replace(starts[0], x=freed[1]), *starts[1:])
         assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, (begin, hits), quiet)
+        if not are_identified(result, assembly.linearisation.presliding):
+            return evidence
         both = judge(result, assembly, optimum, uncertainty, quiet, hypotheses)
     except (StudyError, FitError, np.linalg.LinAlgError):  # the robot finds no rest on the way
         return evidence

@@ -43,6 +43,7 @@ STIFFNESS_STD, TIME_STD = 3.0, 1.5
 RATE_BOUNDS, STARTS = (1 / 30, 2.4), (0.25, 0.75)
 FIRST_SHARE = 0.1  # of the median of torque over angle of a motor, at which its stiffness starts
 SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
+MOST_STD = 0.5  # of the logarithms of stiffness and rate of a spring that is identified
 PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
 # Motion between two reversals over the presliding distance, between which no linear model without springs is right.
 AMPLITUDES = (0.2, 4.0)
@@ -170,7 +171,8 @@ class _State:
 
 def _with_all(state: _State, joints: Sequence[str]) -> _State:
     """Add springs motor by motor, by the largest predicted drop, if V falls by more than chance."""
-    limit, left = chi_square_limit(2, LIMITS.false_alarm_rate / (2 * len(STARTS) * len(joints))), list(joints)
+    by_chance, left = chi_square_limit(2, LIMITS.false_alarm_rate / (2 * len(STARTS) * len(joints))), list(joints)
+    limit = max(by_chance, LIMITS.drop)  # what compensated friction leaves is not Gaussian
     while left:
         predicted = [state.predicted(joint) for joint in left]
         if not max(predicted) > PREDICTED * limit * state.level:
@@ -246,6 +248,12 @@ def _start(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArr
     """x (n_x,) of parameters: as in x of `known`, else their start."""
     values = dict(zip(known.free_names, x.tolist(), strict=True))
     return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
+
+
+def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
+    """Return True if stiffness and rate of all springs have standard deviations below 50 %."""
+    std = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
+    return all(std[name] < MOST_STD for s in springs for name in (s.names[0], relaxation(s.joint)))
 
 
 def without_presliding(result: Result, assembly: Assembly, before: Result) -> Result:
