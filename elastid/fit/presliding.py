@@ -43,7 +43,7 @@ STIFFNESS_STD, TIME_STD = 3.0, 1.5
 RATE_BOUNDS, STARTS = (1 / 30, 2.4), (0.25, 0.75)
 FIRST_SHARE = 0.1  # of the median of torque over angle of a motor, at which its stiffness starts
 SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
-MOST_STD = 0.5  # of the logarithms of stiffness and rate of a spring that is identified
+MOST_STD = 0.8  # of the logarithms of stiffness and rate of a spring that is identified
 PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
 # Motion between two reversals over the presliding distance, between which no linear model without springs is right.
 AMPLITUDES = (0.2, 4.0)
@@ -251,7 +251,7 @@ def _start(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArr
 
 
 def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
-    """Return True if stiffness and rate of all springs have standard deviations below 50 %."""
+    """Return True if stiffness and rate of all springs have standard deviations below MOST_STD."""
     std = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
     return all(std[name] < MOST_STD for s in springs for name in (s.names[0], relaxation(s.joint)))
 
