@@ -48,7 +48,7 @@ def contradicted_priors(result: Result) -> tuple[Note, ...]:
 
 
 def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
-    r"""A note if numbers of the robot model leave their tolerances: together (chi-square test, 1/700), one, or in effect.
+    r"""A note if numbers of the robot model leave their tolerances: all (chi-square test, 1/700), one, or by effect.
 
     Of distances d over their tolerances d^T d has the expectation tr(1 - P), P being the covariance of d that is left.
     They move the parameters asked for by L d, L = C_an C_nn^-1, from their values with an exact model; by what the
@@ -71,7 +71,8 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (
         f"the robot model deviates by {ratio:.2g} tolerances (rms; limit {most:.2g}); exact nominal values would "
-        f"change {p.name} by {change}, {sizes[worst]:.2g} times the std that they explain (limit {LIMITS.prior:.2g}). Check the value of the first warning, else torque constants, angles and payload"
+        f"change {p.name} by {change}, {sizes[worst]:.2g} std of what they explain (limit {LIMITS.prior:.2g}). Check "
+        "the value of the first warning, else torque constants, angles and payload"
     )
     return (Note("fit/tolerances", text, p.name),)
 
