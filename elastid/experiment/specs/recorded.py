@@ -78,8 +78,8 @@ class FileSpec:
         "phases.")] = 0
     experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0.", "as many as motors unless a "
         "local method is used; equal numbers are further periods of one experiment.")] = 0
-    at: Annotated[dict[str, str], Key("Locations in this file of a hammer or of sensors that move between files, by "
-        "`at` of their channels (default: those of the channels).", "{hammer: point 2} for the file of the second hit "
+    at: Annotated[dict[str, str], Key("Locations of hammer and sensors in this file, by `at` of their channels "
+        "(default: the locations in channels).", "{hammer: point 2} for the file of the second hit "
         "point; each point needs its own experiment number.")] = field(default_factory=dict)
     amplitude: Annotated[int, Key("Number of the excitation amplitude, from 1.", "2 and so on for the same "
         "configuration with another torque; elastid estimates one response per amplitude.", least=1)] = 1
