@@ -116,14 +116,14 @@ def _monte_carlo(
 
 def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo() -> None:
     """Noise on inputs and outputs: variances within 5 %, the whole matrix within 5 % of its diagonal."""
-    true, noise, total = _monte_carlo(3, 3, runs=150)
+    true, noise, total = _monte_carlo(3, 3, runs=60)
     scale = np.sqrt(np.outer(np.diag(true).real, np.diag(true).real))
     np.testing.assert_allclose(np.diag(noise).real, np.diag(true).real, rtol=0.05)
     assert np.max(np.abs(noise - true) / scale) < 0.05
     assert np.max(np.abs(total - true) / scale) < 0.06
 
 
-@pytest.mark.parametrize(("scale", "runs"), [slow((), 150), ((1.0, 0.4, 2.0), 150)])
+@pytest.mark.parametrize(("scale", "runs"), [slow((), 150), ((1.0, 0.4, 2.0), 60)])
 def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale: tuple[float, ...], runs: int) -> None:
     """An error that repeats over periods and changes with the phases; also where realisations differ in amplitude."""
     true, noise, total = _monte_carlo(3, 2, runs, distortion=0.3, scale=scale)
