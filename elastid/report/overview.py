@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.display import capital, number, percent
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import BIASED, DISTORTED, HELD_AS_EXACT, MEANING, NO_CAUSE, OTHER_AMPLITUDE, UNCERTAIN, Result
+from elastid.fit.result import BIASED, DISTORTED, HELD_AS_EXACT, MEANING, NO_CAUSE, OTHER_AMPLITUDE, REQUIRED, UNCERTAIN, Result
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
@@ -84,15 +84,15 @@ def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
 
 def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[Agreement] = ()) -> str:
     """Verdict of the fit on the estimates, its message if it did not converge; then their accuracy."""
-    return "; ".join(filter(None, (_of_status(result, agreements), accuracy(result, rows))))
+    return ". ".join(map(capital, filter(None, (_of_status(result, agreements), accuracy(result, rows)))))
 
 
 def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
     """Half-widths of the intervals, if they mean anything, and the number of true values inside."""
     known = [row for row in rows if row.truth is not None]
     inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in known if row.truth is not None)
-    truths = f"{inside} of {len(known)} true values inside their intervals" if known else ""
-    return "; ".join(filter(None, ("" if is_wrong(result) else _of_widths(rows), truths)))
+    truths = f"{inside} of {len(known)} true values are inside their intervals" if known else ""
+    return ". ".join(filter(None, ("" if is_wrong(result) else capital(_of_widths(rows)), truths)))
 
 
 def is_wrong(result: Result) -> bool:
@@ -107,14 +107,13 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     """One sentence on the quality of the estimates, consistent with status, verdicts, causes and intervals."""
     most = widest(rows)
     if result.status != "converged":
-        return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(MEANING[result.status].partition('. ')[0])}."
+        return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning.partition('. ')[0])}."
     if most is None:
         return "No parameter was identified."
     poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
-    reasons = "; ".join(sorted({row.verdict for row in poor}))
-    named = f"{', '.join(row.name for row in poor)} ({reasons})"
+    named = _with_verdicts(poor)
     if result.exceeds_noise:
-        return f"With caution: the intervals include the model error{f'; {named}' if poor else ''}."
+        return f"With caution: {named and f'{named}, and '}the intervals include the model error."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
@@ -131,6 +130,18 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     return f"Yes{base}{exact}."
 
 
+def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
+    names: dict[str, list[str]] = {}
+    for row in rows:
+        names.setdefault(row.verdict, []).append(row.name)
+    parts = []
+    for verdict, of_verdict in names.items():
+        word, _, reason = verdict.partition(": ")
+        verb = "is" if len(of_verdict) == 1 else "are"
+        parts.append(f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}")
+    return ", and ".join(parts)
+
+
 def _noise_and_error(result: Result, agreements: Sequence[Agreement]) -> str:
     """`noise`, and the model error if the residuals of the fitted configurations exceed the noise alone."""
     exceeds = noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
@@ -145,9 +156,11 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
         return "Unknown: without a measured noise no residual test is possible."
     test = f" {capital(result.residual_test)}."
     if result.cause[0]:
+        if result.cause[0].startswith(REQUIRED):
+            test = f" With this change, {result.residual_test.partition(': ')[2].replace(' times', ' are', 1)}."
         return f"{capital(result.cause[0])}.{test if result.exceeds_noise else ''}"
     if "error" in (noise := _noise_and_error(result, agreements)):
-        return f"No error beyond {noise}.{test}"
+        return f"The residuals exceed the noise, but not {noise}.{test}"
     if DISTORTED in result.verdicts:
         return "Residuals consistent with noise, but motor friction does not explain the nonlinear distortion."
     return f"No model error detected.{test}"
@@ -164,12 +177,17 @@ def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
 def _of_widths(rows: Sequence[ParameterRow]) -> str:
     judged = springs_and_dampers(rows)
     kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
-    widths = [half_width(row) for row in judged]
+    others = [row for row in rows if row not in judged]
+    return ", ".join(filter(None, (_of_width(judged, kind), _of_width(others, "other parameters"))))
+
+
+def _of_width(rows: Sequence[ParameterRow], kind: str) -> str:
+    widths = [half_width(row) for row in rows]
     widest = max(widths, default=math.inf)
     for limit in (widest,) if widest <= WIDTH_CLASSES[-1] else WIDTH_CLASSES:
         within = sum(width <= limit for width in widths)
-        if within >= max(len(judged) / 2, 1):
-            return f"{within} of {len(judged)} {kind} identified to ±{percent(limit)} or better"
+        if within >= max(len(rows) / 2, 1):
+            return f"{within} of {len(rows)} {kind} within ±{percent(limit)}"
     return ""
 
 
@@ -223,7 +241,7 @@ class Action:
     text: str = ""
 
 
-USE = Action("Use the numbers.", "No interval or residual requires another measurement.")
+USE = Action("Use the numbers.", "")
 OPEN_GEARS = Action(
     "Check that channels, units, time and load are the same in all records.",
     "If they are, estimate the nonlinear effects of the gears.",
@@ -262,7 +280,7 @@ def _action_of_status(result: Result) -> Action | None:
         return OPEN_GEARS
     if result.status == "converged" or (result.status == "misfit" and result.cause[2]):
         return None
-    return Action(f"{MEANING[result.status].partition('. ')[2]}.", "")  # the cause stands above it
+    return Action(f"{result.meaning.partition('. ')[2]}.", "")  # the cause stands above it
 
 
 def _of_cause(result: Result) -> Action | None:

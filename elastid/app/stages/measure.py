@@ -96,8 +96,8 @@ def _measure_part(
 
 def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
     """Notes and number of records."""
-    console.notes(notes)
     console.say(f"measure: {count} record{'s' * (count != 1)}")
+    console.notes(notes)
 
 
 def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> tuple[PlacedTest, ...]:

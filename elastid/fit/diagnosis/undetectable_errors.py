@@ -91,8 +91,9 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     free = result.parameters.free_names
     moves = "; ".join(f"{error.amount(error.per_std)} ({free[error.parameter]})" for error in named)
     text = (
-        f"an error of {named[0].amount(named[0].error)} does not show in the residuals. Intervals assume exact fixed "
-        f"values. Errors that change an estimate by one std: {moves}. Measure these values, or free them with a prior"
+        f"the intervals assume that an error of the robot model below {named[0].amount(named[0].error)}, which no "
+        f"residual shows, is zero. Errors that change an estimate by one std: {moves}. If these values are less "
+        "accurate, state their tolerances in robot.tolerances"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 
