@@ -47,7 +47,7 @@ from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import check_factors, weigh, with_floor
-from elastid.fit.result import Result
+from elastid.fit.result import NO_CAUSE, Result
 from elastid.fit.solve.solvers import FINE, NEAR, multistart, solve, spread
 from elastid.fit.spec import USUAL_FLOOR, FitSpec
 from elastid.linear.linear_model import DELAY, is_load

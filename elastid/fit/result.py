@@ -141,10 +141,7 @@ MEANING: dict[Status, str] = {
     "configurations and robot model",
 }
 
-CONTRADICTED = (
-    "the data contradict the robot model beyond its tolerances: do not use the parameters yet. Correct the robot model, "
-    "and fit again"
-)  # the meaning of a misfit whose residuals are those of the noise
+CONTRADICTED = "the data contradict the robot model, do not use the parameters yet. Correct the robot model and fit again"  # the meaning of a misfit whose residuals are those of the noise
 
 # Code of the note on errors of held numbers that no residual shows.
 HELD_AS_EXACT = "fit/fixed-values"
@@ -159,8 +156,8 @@ OTHER_JOINTS = (
     "Add the joints that may be elastic to the robot model, and search among them: `elastid compare STUDY --search`"
 )
 OTHER_AMPLITUDE = (
-    "Measure again at half the torque. If the residuals change, the model error is nonlinear; otherwise the robot model "
-    "lacks an elastic joint"
+    "To find the cause of the model error, measure again at half the torque. If the residuals change, the cause is "
+    "nonlinear; otherwise the robot model lacks an elastic joint"
 )
 
 
@@ -317,13 +314,13 @@ class Result:
     def display(self) -> Display:
         """Status and message, and each free parameter with its interval."""
         values, std = self.values, self.std
-        rows = []
-        parts = self.std_parts
+        rows, least = [], {name: ROUNDING * number for name, number in std.items()}
+        parts = {kind: part for kind, part in self.std_parts.items() if any(part[p] > least[p] for p in part)}
         for p in self.parameters.asked:
             places = digits(values[p.name], std[p.name])
             ends = " to ".join(interval_of(self.interval(p.name), places))
             each = (stds_of[p.name] for stds_of in (*parts.values(), std))
-            stds = [number(part if part > ROUNDING * std[p.name] else 0.0, 2) for part in each]
+            stds = [number(part if part > least[p.name] else 0.0, 2) for part in each]
             rows.append((p.name, number(values[p.name], places), *stds, ends, p.unit))
         std_of = "std" if self.noise_is_known else "std, of the residuals"
         headings = ("parameter", "value", *parts, std_of, "95 % interval", "unit")
@@ -337,19 +334,20 @@ class Result:
         if self.status != "converged":
             return MEANING[self.status]
         n, weak = len(self.parameters.asked), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
-        meaning = f"{n - weak} of {n} parameters identified, {weak} weakly" if weak else f"all {n} parameters identified"
+        meaning = (
+            f"{n - weak} of {n} parameters identified, {weak} weakly" if weak else f"all {n} parameters identified"
+        )
         but = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
         return f"{meaning}{but}; {self.residual_test.partition(':')[0]}. {capital(self.cause[0]) or self.coverage}"
 
     @property
     def coverage(self) -> str:
         """The errors that the intervals include, in a sentence without its full stop."""
-        errors = ["noise", "nonlinear distortion"]
-        if self.exceeds_noise and self.model_error > USUAL_FLOOR:
-            errors.append("the stated model error")
+        error = ", the assumed model error" if self.exceeds_noise and self.model_error > USUAL_FLOOR else ""
         if self.has_tolerances:
-            return f"The intervals cover {', '.join(errors)} and the tolerances of the robot model"
-        return f"The intervals cover {' and '.join(errors)}, for exact fixed values of the robot model"
+            return f"The intervals cover measured noise and distortion{error} and the tolerances of the robot model"
+        fixed = "They assume that the fixed values of the robot model are exact"
+        return f"The intervals cover measured noise and distortion{error and f'{error[1:]}'}. {fixed}"
 
     @property
     def residual_test(self) -> str:
@@ -359,8 +357,8 @@ class Result:
         limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), self.residual_ratio
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
             verdict = "passed" if self.is_within_declared else "failed"
-            error = f"noise and stated model error ({percent(self.model_error)}) together"
-            return f"residual test {verdict}: residuals {self.error_ratio:.3g} times {error} (rms; limit {LARGE:g})"
+            error = f"{self.error_ratio:.3g} times noise and assumed model error together"
+            return f"residual test {verdict}: residuals {error} (rms; limit {LARGE:g})"
         verdict = "failed" if self.exceeds_noise else "passed"
         words = f"residuals {ratio:.3g} times the noise (rms; limit {limit:.3g}, false-alarm rate 0.14 %)"
         return f"residual test {verdict}: {words}"
@@ -368,7 +366,9 @@ class Result:
     @property
     def converged_starts(self) -> str:
         """Number of the searches from random start values that ended at the best optimum, in words."""
-        return f"{self.n_converged_starts} of {len(self.starts)} searches from random start values ended at this optimum"
+        return (
+            f"{self.n_converged_starts} of {len(self.starts)} searches from random start values ended at this optimum"
+        )
 
     @property
     def base_remarks(self) -> dict[str, str]:
@@ -378,8 +378,9 @@ class Result:
             for p, change, limit in zip(self.parameters.asked, part.changes.tolist(), limits.tolist(), strict=False):
                 if p.name.startswith("k") and -change > limit:
                     remarks[p.name] = (
-                        f"estimated for a rigid base. On a typical base ({part.name}: {part.stiffness:.2g} N*m/rad), "
-                        f"the estimate is {percent(-math.expm1(change))} too low"
+                        f"{p.name} is estimated for a rigid base. If the base has a typical stiffness "
+                        f"({part.stiffness:.2g} N*m/rad {part.name.removeprefix('base ')}), {p.name} is "
+                        f"{percent(-math.expm1(change))} too low"
                     )
         return remarks
 

@@ -127,7 +127,8 @@ def _gathered(
         )
     if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
         raise _Unsuited(
-            f"not identifiable from one realisation (experiments: {len(records)}, inputs: {len(inputs)})"
+            f"not identifiable from {len(records)} experiment{'s' * (len(records) > 1)} with all lines excited (one "
+            "realisation)"
         )
     return data
 

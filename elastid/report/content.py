@@ -220,7 +220,7 @@ def parameter_rows(
         given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
         contained = (contents or {}).get(name, "")
         parts = {kind: part[name] for kind, part in result.std_parts.items()}
-        of_base = bases.get(name, "")
+        of_base = "" if known else bases.get(name, "")  # the base of a simulated robot is rigid
         rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
     return tuple(rows)
 

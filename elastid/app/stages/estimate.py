@@ -95,14 +95,16 @@ def _artefacts(
         console.notes((note for note in notes if note.code == "frf/method"), on_page=True)
         console.notes(note for note in notes if note.code != "frf/method")
         lines = {r.configuration.name: r.n_lines for r in responses}
-        each = f"{min(lines.values())} DFT lines each" if len(set(lines.values())) == 1 else f"DFT lines: {listed(lines)}"
-        console.say(f"estimate: FRFs of {len(responses)} configuration{'s' * (len(responses) != 1)}, {each}")
+        plural = "s" * (len(responses) != 1)
+        each = f"with {min(lines.values())} DFT lines{' each' * bool(plural)}"
+        each = each if len(set(lines.values())) == 1 else f"(DFT lines: {listed(lines)})"
+        console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {each}")
         compensated = {}
         for row in () if friction is None else friction_rows(friction):
             if row.coulomb_torque is not None:
                 compensated[row.place] = f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})"
         if compensated:
-            console.say(f"estimate: Coulomb friction, compensated, link side: {listed(compensated)}")
+            console.say(f"estimate: link-side Coulomb friction subtracted from the torque: {listed(compensated)}")
         for note in () if friction is None else friction.notes:  # warnings were printed before
             if note.severity == "information" and note.code != "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")

@@ -328,8 +328,8 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
         if _is_weak(result, parameter.name):
             # Without the interval: that of the table may be found later, by profile likelihood.
-            ends = f"the upper end of the 95 % interval is more than {LIMITS.interval_factor:g} times the lower end"
-            text = f"weakly identifiable: {ends}. Do not use the value"
+            ends = f"upper end of the 95 % interval more than {LIMITS.interval_factor:g} times the lower end"
+            text = f"weakly identifiable ({ends}). Do not use this estimate"
             yield Note("fit/weakly-identifiable", text, parameter.name)
     # A file that is off moves all alike.
     yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))

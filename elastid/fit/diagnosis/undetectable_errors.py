@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.display import capital
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import Scores
@@ -91,9 +90,9 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     free = result.parameters.free_names
     moves = "; ".join(f"{error.amount(error.per_std)} ({free[error.parameter]})" for error in named)
     text = (
-        f"the intervals assume that an error of the robot model below {named[0].amount(named[0].error)}, which no "
-        f"residual shows, is zero. Errors that change an estimate by one std: {moves}. If these values are less "
-        "accurate, state their tolerances in robot.tolerances"
+        f"the intervals assume exact fixed values of the robot model. Errors that change an estimate by one std: {moves}. "
+        f"No residual shows an error of {named[0].amount(named[0].error)}. If the values are less accurate, state their "
+        "tolerances in robot.tolerances"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 
@@ -146,6 +145,5 @@ def find_elastic_base(result: Result) -> tuple[Note, ...]:
     remarks = result.base_remarks
     if not remarks:
         return ()
-    text = ". ".join(map(capital, remarks.values()))
-    text = f"the base stiffness is not identifiable. {text}. Add a measured base stiffness to the robot model"
+    text = f"{'. '.join(remarks.values())}. If the base is elastic, add its measured stiffness to the robot model"
     return (Note("fit/assumed-rigid", text, severity="information"),)
