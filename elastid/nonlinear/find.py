@@ -232,8 +232,8 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
         if place in result.taken_places():
             level, std = result.sliding_level(place)
             text = (
-                f"{place}: Coulomb friction of {level:.4g} {unit} (std {std:.2g}, link side) is compensated. The power of "
-                f"noise and distortion decreases to {share:.2g} % of its value without compensation"
+                f"{place}: Coulomb friction of {level:.4g} {unit} (std {std:.2g}, link side) is compensated. The power "
+                f"of noise and distortion decreases to {share:.2g} % of its value without compensation"
             )
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
         else:

@@ -189,11 +189,11 @@ class Validation:
         rows = [
             (
                 a.configuration, "validation" if a.is_validation else "fitted", f"{a.overall_rms_log_db:.2g}",
-                f"{a.overall_phase_rms_deg:.2g}", f"{a.overall_rms_sigma:.3g}",
+                f"{a.overall_phase_rms_deg:.2g}", f"{math.sqrt(a.power_ratio):.3g}",
             )
             for a in self.configurations
         ]  # fmt: skip
-        headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / sigma")
+        headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / noise")
         return Display(f"Validation: {self.verdict}", headings, rows)
 
 

@@ -44,9 +44,9 @@ def design(study: Study, work: Work) -> Artefacts:
         console.notes(limit_use.notes)
         length_s = plan.run_samples / plan.rate_hz
         console.say(
-            f"design: {len(plan.experiments)} experiments of {length_s:g} s in {len(plan.configurations)} configurations "
-            f"({plan.robot_time_s:g} s of robot time); torque at {len(plan.lines)} DFT lines from {plan.freq_hz[0]:g} to "
-            f"{plan.freq_hz[-1]:g} Hz"
+            f"design: {len(plan.experiments)} experiments of {length_s:g} s in {len(plan.configurations)} "
+            f"configurations ({plan.robot_time_s:g} s of robot time); torque at {len(plan.lines)} DFT lines from "
+            f"{plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz"
         )
         played = "one trajectory per experiment, one row per cycle"
         if plan.inject == "torque":

@@ -261,7 +261,8 @@ def number_phrase(index: ModificationIndex) -> str:
     change = relative(math.exp(step)) if index.log[0] else f"{step:+.3g}{unit}"
     if index.name.endswith("*"):
         return f"{index.name} {change}"
-    return f"{index.group} {index.name} = {index.changed[0]:.4g}{unit} instead of {float(index.values[0]):.4g}{unit} ({change})"
+    before = f"{float(index.values[0]):.4g}{unit} ({change})"
+    return f"{index.group} {index.name} = {index.changed[0]:.4g}{unit} instead of {before}"
 
 
 def _remedy(index: ModificationIndex, evidence: Evidence) -> str:

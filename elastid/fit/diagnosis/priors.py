@@ -73,8 +73,8 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     change = relative(math.exp(-moved[worst])) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (
-        f"the robot model differs from the data by {ratio:.2g} tolerances (rms over its values; limit {most:.2g}). Exact "
-        f"nominal values would change {p.name} by {change}. Check torque constants, angles and payload"
+        f"the robot model differs from the data by {ratio:.2g} tolerances (rms over its values; limit {most:.2g}). "
+        f"Exact nominal values would change {p.name} by {change}. Check torque constants, angles and payload"
     )
     return (Note("fit/tolerances", text, p.name),)
 

@@ -90,9 +90,9 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     free = result.parameters.free_names
     moves = "; ".join(f"{error.amount(error.per_std)} ({free[error.parameter]})" for error in named)
     text = (
-        f"the intervals assume exact fixed values of the robot model. Errors that change an estimate by one std: {moves}. "
-        f"No residual shows an error of {named[0].amount(named[0].error)}. If the values are less accurate, state their "
-        "tolerances in robot.tolerances"
+        "the intervals assume exact fixed values of the robot model. Errors that change an estimate by one std: "
+        f"{moves}. No residual shows an error of {named[0].amount(named[0].error)}. If the values are less accurate, "
+        "state their tolerances in robot.tolerances"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 
