@@ -141,7 +141,8 @@ MEANING: dict[Status, str] = {
     "configurations and robot model",
 }
 
-CONTRADICTED = "the data contradict the robot model, do not use the parameters yet. Correct the robot model and fit again"  # the meaning of a misfit whose residuals are those of the noise
+# Meaning of a misfit whose residuals are those of the noise.
+CONTRADICTED = "the data contradict the robot model, do not use the parameters yet. Correct it and fit again"
 
 # Code of the note on errors of held numbers that no residual shows.
 HELD_AS_EXACT = "fit/fixed-values"

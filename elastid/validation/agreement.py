@@ -290,10 +290,11 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
         is_larger = db > 1.5 * fitted_db + 0.1 and not p >= FALSE_ALARM
         error += f" (fitted: {fitted_db:.2g} dB and {fitted_deg:.2g} deg)" if is_larger else ""
     verdict = "failed" if is_larger or p < FALSE_ALARM or not white else "passed"
-    test = (
-        "the noise is unknown" if math.isnan(p) else f"residuals {color}, {math.sqrt(ratio):.3g} times the noise (rms)"
-    )
-    return f"Validation {verdict}. The model predicts configuration {names}, which was not fitted, with an error of {error}; {test}."
+    test = "the noise is unknown"
+    if not math.isnan(p):
+        test = f"residuals {color}, {math.sqrt(ratio):.3g} times the noise (rms)"
+    where = f"configuration {names}, which was not fitted"
+    return f"Validation {verdict}. The model predicts {where}, with an error of {error}; {test}."
 
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
