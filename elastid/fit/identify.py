@@ -47,7 +47,7 @@ from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import check_factors, weigh, with_floor
-from elastid.fit.result import NO_CAUSE, Result
+from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, NEAR, multistart, solve, spread
 from elastid.fit.spec import USUAL_FLOOR, FitSpec
 from elastid.linear.linear_model import DELAY, is_load
@@ -103,8 +103,7 @@ def identified(
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
             result = add_intervals(result, optimum, spec, execution)
-            is_named = any(note.code == "fit/likely-cause" and NO_CAUSE not in note.text for note in result.notes)
-            contradicted = (*contradicted_priors(result), *(() if is_named else contradicted_tolerances(result)))
+            contradicted = (*contradicted_priors(result), *contradicted_tolerances(result))
             result = replace(result, notes=(*result.notes, *contradicted))
             result = without_presliding(result, assembly, before)
             pairs = zip(assembly.responses, optimum.responses, strict=True)

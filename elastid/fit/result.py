@@ -394,6 +394,12 @@ class Result:
         return min(notes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
 
     @property
+    def shown_notes(self) -> tuple[Note, ...]:
+        """Notes for a reader: without the sum of all tolerances if one value is named."""
+        is_named = any(note.code == "fit/likely-cause" and NO_CAUSE not in note.text for note in self.notes)
+        return tuple(note for note in self.notes if not (is_named and note.code == "fit/tolerances"))
+
+    @property
     def test_of_causes(self) -> str:
         """The action where no cause explains the residuals."""
         return OTHER_AMPLITUDE if self.status == "converged" else OTHER_JOINTS

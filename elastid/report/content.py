@@ -85,7 +85,7 @@ class ReportContent:
         notes = tuple(note for measured, _ in self.frf for note in measured.notes)
         notes = notes if self.gears is None else self.gears.left_open(notes)
         # The fixed values and the base of a simulated robot are exact.
-        of_fit = (note for note in self.result.notes if self.truth is None or note.code not in ASSUMED)
+        of_fit = (note for note in self.result.shown_notes if self.truth is None or note.code not in ASSUMED)
         return grouped((*of_fit, *self.missing_modes, *notes))
 
     @property

@@ -96,8 +96,9 @@ def _artefacts(
         console.notes(note for note in notes if note.code != "frf/method")
         lines = {r.configuration.name: r.n_lines for r in responses}
         plural = "s" * (len(responses) != 1)
-        each = f"with {min(lines.values())} DFT lines{' each' * bool(plural)}"
-        each = each if len(set(lines.values())) == 1 else f"(DFT lines: {listed(lines)})"
+        counts = sorted(set(lines.values()))
+        each = f"with {counts[0]} DFT lines{' each' * bool(plural)}" if len(counts) == 1 else ""
+        each = each or f"(DFT lines: {listed(lines)})"
         console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {each}")
         compensated = {}
         for row in () if friction is None else friction_rows(friction):

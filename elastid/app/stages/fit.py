@@ -70,7 +70,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
     def report(console: Console) -> None:
-        every = notes_before_gears(result.notes, study.gears is not None)
+        every = notes_before_gears(result.shown_notes, study.gears is not None)
         # The end of the run has the first cause.
         is_last = console.verbosity >= 0 and study.gears is None and bool(result.cause[0])
         first = "".join(result.cause) if is_last else ""

@@ -90,8 +90,8 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     free = result.parameters.free_names
     moves = "; ".join(f"{error.amount(error.per_std)} changes {free[error.parameter]}" for error in named)
     text = (
-        f"the intervals assume exact fixed values of the robot model. By one std, an error of {moves}. The residuals do "
-        f"not show an error of {named[0].amount(named[0].error)}. State the tolerances of these values in "
+        f"the intervals assume exact fixed values of the robot model. By one std, an error of {moves}. The residuals "
+        f"do not show an error of {named[0].amount(named[0].error)}. State the tolerances of these values in "
         "robot.tolerances, so that the intervals include them"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
