@@ -169,7 +169,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     error = total_error(data, fitted)
     notes = [*(note for group in groups for record in group for note in record.notes), *data.notes]
     if not usable.all():
-        why = "the inputs, or a combination of them, are less than 6 dB above the noise"
+        why = "the inputs are less than 6 dB above the noise there, or not independent"
         notes.append(left_out_note(lines[~usable], first, why))
     notes += [*same_phases_notes(data.blocks, groups), *unlike_notes(data, groups)]
     lines = lines[usable]

@@ -79,7 +79,7 @@ def check_stiffness(records: list[Record], tolerance: float, *free: str) -> None
     """Each k that is free, from a start that is off by up to 20 %, within a tolerance and 3 standard deviations."""
     each = [[r for r in records if r.configuration.name == name] for name in ("c1", "c2", "c3")]
     responses = [estimate(of_one, EstimatorSpec(), LINES) for of_one in each]
-    selects_joint = [any("selects joint" in note.text for note in response.notes) for response in responses]
+    selects_joint = [any("method joint" in note.text for note in response.notes) for response in responses]
     assert selects_joint == [records[0].r_is_reference] * 3
     parameters = {name: ParameterSpec() for name in (*free, "k_1", "k_2", "d_1", "d_2", "fm_*")}
     start = arm().with_parameters({"k_1": 2.4e5, "k_2": 2.2e5})

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.limits import LIMITS
@@ -14,11 +15,16 @@ from elastid.fit.result import ModificationIndex, Result
 from elastid.response import Response
 
 
-def exceeded_tolerance(index: ModificationIndex, result: Result) -> float:
-    """Tolerances by which the data move a value of the robot model, the most of a cause; 0 if not significant."""
-    priors = {p.name: p.prior.std for p in result.parameters.free if p.is_nuisance and p.prior is not None}
+def tolerance_of(index: ModificationIndex, result: Result) -> str:
+    """The tolerance of the value that a cause changes most, in words; empty without one or if not significant."""
+    known = {p.name: p for p in result.parameters.free if p.is_nuisance and p.prior is not None}
     steps = zip(index.members, np.abs(index.steps).tolist(), strict=True)
-    return max((step / priors.get(name, math.inf) for name, step in steps if index.drop > LIMITS.drop), default=0.0)
+    changes = [(step / p.prior.std, p) for name, step in steps if (p := known.get(name)) is not None and p.prior]
+    if not changes or index.drop <= LIMITS.drop:
+        return ""
+    _, p = max(changes, key=lambda change: change[0])
+    std = 0.0 if p.prior is None else p.prior.std
+    return percent(std) if p.log else f"{std:.2g} {p.unit}"
 
 
 def prior_moves(result: Result) -> FloatArray:
@@ -70,9 +76,9 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     change = relative(math.exp(-moved[worst])) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (
-        f"the robot model deviates by {ratio:.2g} tolerances (rms; limit {most:.2g}); exact nominal values would "
-        f"change {p.name} by {change}, {sizes[worst]:.2g} std of what they explain (limit {LIMITS.prior:.2g}). Check "
-        "the value of the first warning, else torque constants, angles and payload"
+        f"the robot model differs from the data by {ratio:.2g} tolerances (rms over its values; limit {most:.2g}). "
+        f"Exact nominal values would change {p.name} by {change}, {sizes[worst]:.2g} times the std of this change "
+        f"(limit {LIMITS.prior:.2g}). Check torque constants, angles and payload"
     )
     return (Note("fit/tolerances", text, p.name),)
 

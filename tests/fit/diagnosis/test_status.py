@@ -89,7 +89,7 @@ def test_a_file_beyond_its_tolerances_is_a_misfit_everywhere() -> None:
     result = identify(responses, FILE, OF_SHEET)
     assert (result.status, result.exceeds_noise) == ("misfit", False)
     for text in (result.message, residual_sentence(result, ()), result.cause[0]):
-        assert re.search(r"Jm_2 = 0\.0016 .* 9\.4 ", text)
+        assert re.search(r"Jm_2 = 0\.0016 .* 5\.0 %", text)
     (advised,) = next_steps(result, parameter_rows(result, None))
     for std, status in ((0.05, "misfit"), (float(re.findall(r"std: (.*)}}", advised.text)[0]), "converged")):
         freed = OF_SHEET.parameters | {"Jm_2": ParameterSpec(prior=PriorSpec(std=std))}
