@@ -21,6 +21,7 @@ from elastid.report.content import ParameterRow, gear_line, gear_table, paramete
 from elastid.report.overview import (
     OPEN_GEARS,
     accuracy,
+    is_wrong,
     next_steps,
     numbers_answer,
     residual_sentence,
@@ -182,7 +183,7 @@ def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult 
 def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
     is_linear = gears is None or not gears.explains_misfit  # the responses of a validation are of a linear model
     judged = read_validation(run.path("validate")).configurations if is_linear and run.is_current("validate") else ()
-    detail = accuracy(result, rows)
+    detail = "" if is_wrong(result) else accuracy(result, rows)
     yield f"Are the numbers good? {numbers_answer(result, rows, gears)}{detail and f' {detail}.'}"
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
