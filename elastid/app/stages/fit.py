@@ -153,7 +153,7 @@ SYMBOLS = {
         "fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft",
     },
     "body {}": {"m": "mass", "I": "inertia"},
-    "outputs": {"delay": "relative to the inputs"},
+    "the outputs": {"delay": "relative to the inputs"},
 }  # fmt: skip
 STD_PARTS = {
     "std_noise": "noise", "std_prior": "tolerances of the robot model, which more data do not reduce",
@@ -166,10 +166,10 @@ def _legend(result: Result, rows: Sequence[ParameterRow]) -> Iterator[str]:
     groups = []
     for owner, families in SYMBOLS.items():
         of_owner = [family for family in families if family in first]
-        names = ", ".join(f"{first[family]} {families[family]}" for family in of_owner)
-        groups += [f"{owner.format(first[of_owner[0]].partition('_')[2])}: {names}"] if of_owner else []
+        names = ", ".join(f"{first[family]} ({families[family]})" for family in of_owner)
+        groups += [f"{names} of {owner.format(first[of_owner[0]].partition('_')[2])}"] if of_owner else []
     if groups:
-        yield f"{'. '.join(map(capital, groups))}."
+        yield f"Names: {'; '.join(groups)}"
     if parts := [name for name in result.display.headings if name in STD_PARTS]:
         yield f"std^2 = {' + '.join(f'{name}^2 ({STD_PARTS[name]})' for name in parts)}"
 
@@ -189,4 +189,5 @@ def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: Gear
     step = next_steps(result, rows)[0]
     if step is OPEN_GEARS and "gears" in run.stages:
         step = replace(step, what="Run the stage gears.", gain="", text=f"elastid run {run.loaded.path} gears")
-    yield " ".join(filter(None, ("What next?", step.what, step.gain, step.text and f"`{step.text}`")))
+    command = f"elastid run {run.loaded.path} {step.text}" if step.text.startswith("--") else step.text
+    yield " ".join(filter(None, ("What next?", step.what, step.gain, command and f"`{command}`")))
