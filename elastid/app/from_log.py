@@ -93,6 +93,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     files = _files(paths, names, [run[1:] for run in runs])
     content = [*head_lines("responses" if robot is None else "elasticity", first)]
     content += [*_study(guess, robot, clock, configurations, period, frame), text, *files]
+    if is_hit and len(logs) > 1:
+        content.append(f"      # hit at another point: {{..., at: {{{joint.torque.place}: point 2}}, experiment: 1}}")
     if robot is not None:
         content.append("# Inertias of motors are guesses too; leave Jm_* out where robot.yml has those of data sheets.")
         content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}")

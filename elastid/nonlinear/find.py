@@ -78,9 +78,9 @@ def _found(
     ) -> list[ConfigurationSpectra]:
         return execution.ordered(partial(_gathered, places, shapes, spec, planned, friction), part)
 
-    refuse_mismatch(records)
     if refused := refusal(records):
         raise _Unsuited(refused)
+    refuse_mismatch(records)
     shapes = candidate_shapes(records, spec.friction == "coulomb")
     data = gathered(measured[:few], shapes)
     choice, picked = choose(data, shapes, places, spec.friction == "auto")

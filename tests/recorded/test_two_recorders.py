@@ -104,8 +104,9 @@ def test_two_recorders_with_unknown_offset_give_the_stiffness(common: tuple[Chan
     check_stiffness(records, 0.01, *() if common else ("delay",))
 
 
-@pytest.mark.parametrize("ratio", [0.1, slow(1.0), 10.0])
+@pytest.mark.parametrize("ratio", [slow(0.1), slow(1.0), 10.0])
 def test_reference_as_instrument_gives_stiffness_without_bias(ratio: float, tmp_path: Path) -> None:
     """`auto` selects joint, k is right to 3 std; 96 periods do not bring a tenth of the disturbance above the noise."""
     with refused("frf/inputs-not-separable") if ratio < 1 else nullcontext():
-        check_stiffness(measured(tmp_path, (*U, *Y, *R), 1 / ratio, (8, 6), 1.0)[0], 0.02 / ratio)
+        size = (8, 6 if ratio <= 1 else 3)
+        check_stiffness(measured(tmp_path, (*U, *Y, *R), 1 / ratio, size, 1.0)[0], 0.02 / ratio)

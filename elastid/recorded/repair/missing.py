@@ -22,6 +22,7 @@ from elastid.recorded.repair.masks import (
     MAX_STILL,
     report_clipping,
     report_steps,
+    step,
     without_standstill,
     without_stops,
 )
@@ -81,7 +82,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
 def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple[FloatArray, set[int]]:
     """Signal (P L,) without NaN, and the repetitions with a long gap that nothing predicts to within the noise."""
     result, poor, max_step = np.copy(x), set[int](), largest_step(x)
-    limit = MAX_ERROR_OVER_NOISE * period_noise(x, L, sign)
+    limit = MAX_ERROR_OVER_NOISE * np.hypot(period_noise(x, L, sign), step(x) / np.sqrt(12))
     for start, end in runs(~np.isfinite(x)):
         gap = interpolate(x, start, end, L, sign, max_step)
         if gap is None:

@@ -66,7 +66,15 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
             "no channel has role u (an input). Add the torques; references alone identify friction: add friction: {}"
         )
         yield Problem((*path, "channels"), message)
-    for i in range(len(recorded.files)):
+    inputs = [channel for channel in recorded.channels if channel.role in ("u", "r", "reference")]
+    locations = [channel.at for channel in recorded.channels]
+    for i, file in enumerate(recorded.files):
+        for at in file.at:
+            if at not in locations:
+                yield unknown((*path, "files", i, "at"), "location of a channel", at, locations)
+        if file.at and (len(inputs) != 1 or study.robot is not None):
+            message = "a hammer or sensors move in studies without robot and with one input. Write a configuration each"
+            yield Problem((*path, "files", i, "at"), message)
         if refused := recorded.repeat_refusal(i):
             yield Problem((*path, "files", i), refused)
 
