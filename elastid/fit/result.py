@@ -344,11 +344,12 @@ class Result:
     @property
     def coverage(self) -> str:
         """The errors that the intervals include, in a sentence without its full stop."""
-        error = ", the assumed model error" if self.exceeds_noise and self.model_error > USUAL_FLOOR else ""
-        if self.has_tolerances:
-            return f"The intervals cover measured noise and distortion{error} and the tolerances of the robot model"
-        fixed = "They assume that the fixed values of the robot model are exact"
-        return f"The intervals cover measured noise and distortion{error and f'{error[1:]}'}. {fixed}"
+        errors = ["measured noise", "distortion"]
+        if self.exceeds_noise and self.model_error > USUAL_FLOOR:
+            errors.append("the assumed model error")
+        errors += ["the tolerances of the robot model"] * self.has_tolerances
+        fixed = "" if self.has_tolerances else ". They assume that the fixed values of the robot model are exact"
+        return f"The intervals cover {', '.join(errors[:-1])} and {errors[-1]}{fixed}"
 
     @property
     def residual_test(self) -> str:

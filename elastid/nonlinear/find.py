@@ -127,8 +127,8 @@ def _gathered(
         )
     if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
         raise _Unsuited(
-            f"not identifiable from {len(records)} experiment{'s' * (len(records) > 1)} with all lines excited (one "
-            "realisation)"
+            f"one realisation ({len(records)} experiment{'s' * (len(records) > 1)}) does not separate nonlinear "
+            "distortion from the linear response"
         )
     return data
 

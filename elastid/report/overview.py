@@ -196,7 +196,9 @@ def _of_width(rows: Sequence[ParameterRow], kind: str) -> str:
         within = sum(width <= limit for width in widths)
         if within >= max(len(rows) / 2, 1):
             count = f"all {within}" if within == len(rows) else f"{within} of {len(rows)}"
-            return f"{count} {kind} are identified to ±{percent(limit)} or better"
+            names = f"the parameters {' and '.join(row.name for row in rows)}"
+            named = names if within == len(rows) == 2 else f"{count} {kind}"
+            return f"{named} are identified to ±{percent(limit)} or better"
     return ""
 
 

@@ -21,6 +21,7 @@ from elastid.report.content import ParameterRow, gear_line, gear_table, paramete
 from elastid.report.overview import (
     OPEN_GEARS,
     accuracy,
+    is_wrong,
     next_steps,
     numbers_answer,
     residual_sentence,
@@ -152,7 +153,7 @@ SYMBOLS = {
         "fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft",
     },
     "body {}": {"m": "mass", "I": "inertia"},
-    "outputs": {"delay": "relative to the inputs"},
+    "the outputs": {"delay": "relative to the inputs"},
 }  # fmt: skip
 STD_PARTS = {
     "std_noise": "noise", "std_prior": "tolerances of the robot model, which more data do not reduce",
@@ -165,10 +166,10 @@ def _legend(result: Result, rows: Sequence[ParameterRow]) -> Iterator[str]:
     groups = []
     for owner, families in SYMBOLS.items():
         of_owner = [family for family in families if family in first]
-        names = ", ".join(f"{first[family]} {families[family]}" for family in of_owner)
-        groups += [f"{owner.format(first[of_owner[0]].partition('_')[2])}: {names}"] if of_owner else []
+        names = ", ".join(f"{first[family]} ({families[family]})" for family in of_owner)
+        groups += [f"{names} of {owner.format(first[of_owner[0]].partition('_')[2])}"] if of_owner else []
     if groups:
-        yield f"{'. '.join(map(capital, groups))}."
+        yield f"Names: {'; '.join(groups)}"
     if parts := [name for name in result.display.headings if name in STD_PARTS]:
         yield f"std^2 = {' + '.join(f'{name}^2 ({STD_PARTS[name]})' for name in parts)}"
 
@@ -182,10 +183,11 @@ def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult 
 def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
     is_linear = gears is None or not gears.explains_misfit  # the responses of a validation are of a linear model
     judged = read_validation(run.path("validate")).configurations if is_linear and run.is_current("validate") else ()
-    detail = accuracy(result, rows)
+    detail = "" if is_wrong(result) else accuracy(result, rows)
     yield f"Are the numbers good? {numbers_answer(result, rows, gears)}{detail and f' {detail}.'}"
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
     if step is OPEN_GEARS and "gears" in run.stages:
         step = replace(step, what="Run the stage gears.", gain="", text=f"elastid run {run.loaded.path} gears")
-    yield " ".join(filter(None, ("What next?", step.what, step.gain, step.text and f"`{step.text}`")))
+    command = f"elastid run {run.loaded.path} {step.text}" if step.text.startswith("--") else step.text
+    yield " ".join(filter(None, ("What next?", step.what, step.gain, command and f"`{command}`")))
