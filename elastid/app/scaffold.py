@@ -38,8 +38,8 @@ from elastid.study.robots import load_robot, yaml_text
 # Of guessed drives: gears that turn so often, on links that swing at so many Hz with so much damping, motor held.
 _RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
 _SOONEST_S = 0.01  # time constant of viscous friction and inertia of a joint, at least
-# Acceleration of the excitation in rad/s^2 (m/s^2), rms, and the part of a limit of torque that it takes at most.
-_ACCELERATION, _PART_OF_LIMIT = 4.0, 0.2
+# Excitation, rms: in rad/s^2 (m/s^2), least in dry frictions, and the part of a limit of torque that it takes at most.
+_ACCELERATION, _TIMES_DRY, _PART_OF_LIMIT = 4.0, 3.0, 0.2
 _NO_ROTOR = 1e-250  # kg m^2, of a rotor that is not known
 _LEAST_INERTIA = 1e-12  # kg m^2, of links that a motor moves: less is rounding
 _POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
@@ -154,12 +154,15 @@ def _postures(joints: Sequence[Joint]) -> FloatArray:
 
 def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
     limits = [joint.limits.torque for joint in robot.driven]
-    rms = np.minimum(2 * _ACCELERATION * inertia, _PART_OF_LIMIT * np.array(limits))  # of motor and link
+    dry = [joint.motor.coulomb * abs(joint.motor.ratio) if joint.motor else 0.0 for joint in robot.driven]
+    needed = np.maximum(2 * _ACCELERATION * inertia, _TIMES_DRY * np.array(dry))  # of motor and link
+    rms = np.minimum(needed, _PART_OF_LIMIT * np.array(limits))
     rows = (", ".join(f"{angle:g}" for angle in angles) for angles in postures.tolist())
     configurations = "".join(f"    posture {i}: [{row}]\n" for i, row in enumerate(rows, start=1))
     return from_template(
         "app/rehearsal/study.yml.txt", schema=SCHEMA_NAME, robot=one_line(robot.name),
-        name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", percent=f"{100 * _PART_OF_LIMIT:g}",
+        name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", dry=f"{_TIMES_DRY:g}",
+        percent=f"{100 * _PART_OF_LIMIT:g}",
         torque_rms=", ".join(f"{value:.2g}" for value in rms), configurations=configurations,
         torque_std=f"{rms.min() / 10:.2g}", last=len(postures),
     )  # fmt: skip
