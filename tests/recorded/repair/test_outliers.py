@@ -136,15 +136,20 @@ def test_zeros_within_the_noise_of_a_torque_stay() -> None:
     np.testing.assert_array_equal(_repaired(x), x)
 
 
-def test_a_joint_that_turns_back_within_the_transient_is_no_spike() -> None:
-    """Friction that changes sign for three samples in the first period, which begins at rest."""
+@pytest.mark.parametrize("seed", [8, 16, 19])
+@pytest.mark.parametrize(("highest", "width"), [(60, 0.0), (250, 0.05)])
+def test_a_joint_that_turns_back_within_the_transient_is_no_spike(seed: int, highest: int, width: float) -> None:
+    """Friction that changes sign for one to three samples in the first period, which begins at rest.
+
+    width: of the change of sign, over the standard deviation of the speed.
+    """
     t = np.arange(P * N)
-    x = wave(t, 16, np.arange(2, 250))
+    x = wave(t, seed, np.arange(2, highest))
     start = np.clip(t / 250, 0, 1)
     x *= (start**3 * (10 - 15 * start + 6 * start**2))[:, None] / x[N:].std(axis=0)
     speed = np.gradient(x[:, 1])
-    x[:, 0] += np.tanh(speed / (0.05 * speed.std()))
-    x += 3e-3 * np.random.default_rng(16).normal(size=x.shape)
+    x[:, 0] += np.tanh(speed / (width * speed.std())) if width else np.sign(speed)
+    x += 3e-3 * np.random.default_rng(seed).normal(size=x.shape)
     np.testing.assert_array_equal(_repaired(x), x)
 
 
