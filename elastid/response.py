@@ -21,6 +21,7 @@ from elastid.covariance import Covariance as Covariance
 from elastid.covariance import scaled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
 
+STEP_IMAGES = "records/step-images"  # code of a note on images of a sampled reference, information if subtracted
 UNEXPLAINED = "nonlinear/unexplained-distortion"  # code of a note on distortion that no friction of motors explains
 
 
