@@ -26,7 +26,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.response import Response
-from elastid.robot import BASE, Robot, Rod, Spring, Tolerances, unit_axis
+from elastid.robot import BASE, Robot, Rod, Spring, Tolerances, channel_name, unit_axis
 from elastid.robot.placement import Path
 from elastid.robot.tolerances import RATIO, kind_of
 
@@ -80,19 +80,20 @@ MOST_STD = 10.0  # of the logarithm of a parameter; a prior as wide as that says
 BOUND_FACTOR = 100.0  # of the start, to the default bounds of a logarithmic parameter
 
 
-def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> Parameters:
+def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = (), has_references: bool = False) -> Parameters:
     """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
     Coordinates and lengths of the geometry, and numbers of channels, are among the parameters as far as the study names
     them (`named_on_demand`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
-    are fitted, for parameters of their own; without any, such a parameter is one for all.
+    are fitted, for parameters of their own; without any, such a parameter is one for all.  has_references: the delay
+    of the references is free unless the study states it.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
     of configurations that overlap, and where nothing is free.
     """
     try:
-        parameters = _chosen(spec, robot, configurations)
+        parameters = _chosen(spec, robot, configurations, has_references)
     except ValueError as error:
         raise StudyError("fit/parameters", str(error), "fit.parameters") from None
     if not parameters.free:
@@ -101,11 +102,13 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     return parameters
 
 
-def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Parameters:
+def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_references: bool) -> Parameters:
     """Parameters of `choose`; raise ValueError for an impossible set."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
-    table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
+    late = {channel_name(DELAY, "r"): ParameterSpec()} if has_references else {}
+    table = robot.parameters(named_on_demand(late | spec.parameters, robot)) | {DELAY: (0.0, "s")}
     wanted = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
+    wanted = late | wanted
     grouped = {name: groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
     linear, motors = _linear_names(robot), {j.name: j.motor for j in robot.driven if j.motor is not None}
     # Of motor friction of which the file has none, that which stops the rotor within 1 s.

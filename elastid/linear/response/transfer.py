@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
+from elastid.linear.response.closed_loop import closed, open_loops
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
@@ -51,8 +52,8 @@ NODES = (1 + np.cos(np.pi * (np.arange(4) + 0.5) / 4)) / 2
 def held_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
     """Images (F, n_y, n_u) in a response of torques that `model.hold` holds; none on lines above half of their rate."""
     images = np.zeros((len(freq_hz), len(model.outputs), len(model.inputs)), complex)
-    if model.hold is None or not any(model.hold.sampled):
-        return images
+    if model.hold is None or model.controller is not None or not any(model.hold.sampled):
+        return images  # those of a controller are within its loop
     # Acceleration by the torque that acts, before any sensor, is folded; the delay is that of the images.
     before = tuple(element for element in model.chain if element.name == TORQUE_LAG)
     behind = tuple(element for element in model.chain if element.name != TORQUE_LAG)
@@ -99,6 +100,11 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     Returns G (F, n_y, n_u), link side, model.quantity per Nm; with the images of torques that `model.hold` holds.
     """
     freq_hz = checked_frequencies(freq_hz)
+    if model.controller is not None:
+        of_outputs, of_inputs = model.channel_factors(theta, (2j * np.pi * freq_hz).astype(complex))
+        plain, motors = (frequency_response(open_loop, theta, freq_hz) for open_loop in open_loops(model))
+        T = closed(model, theta, freq_hz, plain, motors, np.zeros_like(plain), np.zeros_like(motors)).T
+        return np.asarray(of_outputs[..., :, None] * T * of_inputs[..., None, :])
     M, D, K = model.matrices(theta)
     s = (2j * np.pi * freq_hz[:, None, None]).astype(complex)
     drift = 0.0 if model.integral is None else model.integral / s
@@ -127,4 +133,7 @@ def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> R
     """The response as a value like a measured one; arguments as `frequency_response`."""
     G, lines = frequency_response(model, theta, freq_hz), np.atleast_1d(freq_hz)
     places = model.inputs, model.outputs, model.quantity, model.configuration
-    return Response(lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop)
+    return Response(
+        lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop,
+        controller=model.controller,
+    )  # fmt: skip

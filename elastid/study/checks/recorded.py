@@ -61,10 +61,8 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
             f"{', '.join(WITHOUT_PERIOD)}",
         )
     yield from check_controller(study, recorded)
-    if recorded.has_commands_alone:
-        message = (
-            "no channel has role u (an input). Add the torques; references alone identify friction: add friction: {}"
-        )
+    if recorded.has_commands_alone and study.robot is None:
+        message = "no channel has role u (an input). Add the torques, or robot: references alone need its model"
         yield Problem((*path, "channels"), message)
     for i in range(len(recorded.files)):
         if refused := recorded.repeat_refusal(i):

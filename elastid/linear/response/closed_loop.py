@@ -1,0 +1,95 @@
+r"""Responses of motions to references: the sampled joint loops closed around the responses to torques.
+
+.. math:: T = Y S C_{ff}, \quad S = (I + C_{fb} P)^{-1}, \quad Y = H (G_y + images), \quad
+          P = H (G_m + images)
+
+G_y, G_m: outputs and angles of motors by torques; H: hold of the controllers, with whose images P is the exact
+pulse response. C_fb, C_ff are diagonal. Derivatives have the factors of those of G,
+
+.. math:: dT = (dG_y - L\, dG_m)\, A, \qquad L = Y S C_{fb}, \qquad A = H S C_{ff}
+
+and to the gain g of a motor j, :math:`dT = (Y S)_{:j} (dC_{ff,j} e_j^T - dC_{fb,j} (P S C_{ff})_{j:})`.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.linear.linear_model import TORQUE_LAG, LinearModel
+from elastid.record import HeldTorque, ReferenceLoop, zero_order_hold
+from elastid.robot import channel_name
+
+GAINS = ("kp", "kd")  # as in gain_kp_motor_1
+
+
+def open_loops(model: LinearModel) -> tuple[LinearModel, LinearModel]:
+    """Models from the torques of the motors of `model.controller` to its outputs, and to the angles of its motors."""
+    loop = model.controller
+    assert loop is not None  # of models whose inputs are references
+    plain = replace(model, controller=None, inputs=loop.motors, channel_numbers=())
+    slopes = {name: replace(slope, C=None, T=None, B=None) for name, slope in model.slopes.items()}
+    motors = replace(
+        plain, C=model.B.T, T=None, outputs=loop.motors, quantity="position", slopes=slopes,
+        chain=tuple(element for element in model.chain if element.name == TORQUE_LAG),
+        hold=HeldTorque((loop.rate_hz,) * len(loop.motors), (True,) * len(loop.motors)),
+    )  # fmt: skip
+    return plain, motors
+
+
+def closed(model: LinearModel, theta: FloatArray, freq_hz: FloatArray, *responses: ComplexArray) -> "ClosedLoop":
+    """Close the loops around responses of `open_loops` and their images, at freq_hz (F,)."""
+    assert model.controller is not None
+    motors = model.controller.motors
+    names = [[channel_name("gain", role, motor) for motor in motors] for role in GAINS]
+    gains = [[model.number(theta, name) if name in model.channel_numbers else 1.0 for name in row] for row in names]
+    columns = [motors.index(motor) for motor in model.driven]
+    return ClosedLoop.of(model.controller.at(freq_hz), np.array(gains), columns, *responses)
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """T (F, n_y, n_r) of a block of lines with the factors of its derivatives.
+
+    plain (F, n_y, n_m), motors (F, n_m, n_m): G_y and G_m, without hold and images.  L (F, n_y, n_m), A (F, n_m,
+    n_r).  by_torque (F, n_y, n_m): Y S.  motion (F, n_m, n_r): of the motors.  loop: at these lines, references in
+    `columns` (n_r,).
+    """
+
+    loop: ReferenceLoop
+    columns: list[int]
+    plain: ComplexArray
+    motors: ComplexArray
+    T: ComplexArray
+    L: ComplexArray
+    A: ComplexArray
+    by_torque: ComplexArray
+    motion: ComplexArray
+
+    @classmethod
+    def of(
+        cls, loop: ReferenceLoop, gains: FloatArray, columns: list[int], plain: ComplexArray, motors: ComplexArray,
+        plain_images: ComplexArray, motor_images: ComplexArray,
+    ) -> "ClosedLoop":  # fmt: skip
+        """Close the loop with factors gains (2, n_m) of k_p and k_d."""
+        H = zero_order_hold(loop.freq_hz / loop.rate_hz)[:, None, None]
+        feedback, feedforward = (np.einsum("gm,gfm->fm", gains, C) for C in (loop.feedback, loop.feedforward))
+        Y, P = H * (plain + plain_images), H * (motors + motor_images)
+        S = np.linalg.inv(np.eye(P.shape[1]) + feedback[:, :, None] * P)
+        driven = (S * feedforward[:, None, :])[:, :, columns]
+        by_torque = Y @ S
+        T, motion = Y @ driven, P @ driven
+        return cls(loop, columns, plain, motors, T, by_torque * feedback[:, None, :], H * driven, by_torque, motion)
+
+    def of_torques(self, slope: ComplexArray) -> ComplexArray:
+        """dT by a factor between all torques and motions, of which slope (F, 1, 1) is d ln G."""
+        return np.asarray(slope * ((self.plain - self.L @ self.motors) @ self.A))
+
+    def of_gain(self, gain: int, motor: str) -> ComplexArray:
+        """dT by the factor of a gain, 0 of k_p and 1 of k_d, of the loop of a motor."""
+        j = self.loop.motors.index(motor)
+        entering = -self.loop.feedback[gain, :, j, None] * self.motion[:, j]
+        for column, of_motor in enumerate(self.columns):
+            if of_motor == j:
+                entering[:, column] += self.loop.feedforward[gain, :, j]
+        return np.asarray(self.by_torque[:, :, j, None] * entering[:, None, :])

@@ -1,0 +1,40 @@
+"""The controllers of logs without torques, whose references are the inputs of the responses."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.experiment.specs.recorded import RecordedSpec
+from elastid.record import HeldTorque, ReferenceLoop
+from elastid.response import Response
+from elastid.robot import Robot
+from elastid.simulation.controller import loop_of, sampled_responses
+from elastid.simulation.spec import ReferencePathSpec
+
+
+def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot) -> Response:
+    """Return a response to references with the loop of each motor, as the controller of the study closes it.
+
+    Without a path of the references each acts from its sample to the next.  Motor friction and the motion of the
+    robot change a closed loop otherwise than an open one, so that their known effects are left out.
+    """
+    controller = recorded.controller
+    assert controller is not None  # of logs with commands alone
+    rate_hz = controller.tick_hz or recorded.known_rate_hz
+    held = ReferencePathSpec(1 / rate_hz, "hold", velocity_feedforward=controller.velocity_feed_forward)
+    spec, joints, loop = controller.spec, robot.driven_names, loop_of(controller, len(robot.driven))
+    spec = replace(spec, reference=controller.reference or held)
+    shares = [
+        sampled_responses(joints, gains, spec, response.freq_hz, rate_hz, "position")
+        for gains in (replace(loop, kd=0 * loop.kd), replace(loop, kp=0 * loop.kp))
+    ]
+    feedback, feedforward = (np.stack(of_gains) for of_gains in zip(*shares, strict=True))
+    motors = robot.motor_locations
+    sampled = tuple(place.startswith(("motor ", "joint ")) for place in response.outputs)
+    return replace(
+        response,
+        controller=ReferenceLoop(motors, rate_hz, response.freq_hz, feedback, feedforward),
+        hold=HeldTorque((rate_hz,) * len(motors), sampled),
+        motion=None,
+        bias=None,
+    )
