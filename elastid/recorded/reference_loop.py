@@ -21,9 +21,9 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
     controller = recorded.controller
     assert controller is not None  # of logs with commands alone
     rate_hz = controller.tick_hz or recorded.known_rate_hz
-    held = ReferencePathSpec(1 / rate_hz, "hold", velocity_feedforward=controller.velocity_feed_forward)
-    spec, joints, loop = controller.spec, robot.driven_names, loop_of(controller, len(robot.driven))
-    spec = replace(spec, reference=controller.reference or held)
+    path = controller.reference or ReferencePathSpec(1 / rate_hz, "hold")
+    spec = replace(controller.spec, reference=replace(path, velocity_feedforward=controller.velocity_feed_forward))
+    joints, loop = robot.driven_names, loop_of(controller, len(robot.driven))
     shares = [
         sampled_responses(joints, gains, spec, response.freq_hz, rate_hz, "position")
         for gains in (replace(loop, kd=0 * loop.kd), replace(loop, kp=0 * loop.kp))
