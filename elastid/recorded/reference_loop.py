@@ -15,8 +15,9 @@ from elastid.simulation.spec import ReferencePathSpec
 def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot) -> Response:
     """Return a response to references with the loop of each motor, as the controller of the study closes it.
 
-    Without a path of the references each acts from its sample to the next.  Motor friction and the motion of the
-    robot change a closed loop otherwise than an open one, so that their known effects are left out.
+    Without a path of the references each acts from its sample to the next.  The exact velocity of an inertia under held
+    torques is its angle times 2 (1 - 1/z) / [T (1 + 1/z)].  Effects of motor friction and motion, which are known for
+    open loops alone, are left out.
     """
     controller = recorded.controller
     assert controller is not None  # of logs with commands alone
@@ -29,6 +30,9 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
         for gains in (replace(loop, kd=0 * loop.kd), replace(loop, kp=0 * loop.kp))
     ]
     feedback, feedforward = (np.stack(of_gains) for of_gains in zip(*shares, strict=True))
+    if controller.velocity == "exact":
+        z_inverse = np.exp(-2j * np.pi * response.freq_hz[:, None] / rate_hz)
+        feedback[1] *= 2 / (1 + z_inverse)
     motors = robot.motor_locations
     sampled = tuple(place.startswith(("motor ", "joint ")) for place in response.outputs)
     return replace(
