@@ -117,3 +117,63 @@ fit: {{parameters: {{k_*: {{}}, d_*: {{}}}}}}
     for friction, value in zip(summary["friction"], true["fc"], strict=True):
         print(f"{make} {friction['motor']}: Coulomb torque {100 * (friction['F_c'] / value - 1):+.1f} %")
         assert friction["F_c"] == pytest.approx(value, rel=0.05)
+
+
+# Stiffness, damping and gear ratio of the three axes, and the delay of the commands, in the numbers of the robot.
+LATE_S, RATE, N = 5e-3, 1000, 2000
+
+
+def references(rng: np.random.Generator) -> np.ndarray:
+    """Four periods and a rise of three references of random phases (5 N, 3), of one torque at all lines."""
+    lines = np.arange(3, 120, 2)
+    omega, t = 2 * np.pi * lines * RATE / N, np.arange(5 * N) / RATE
+    phases = np.exp(2j * np.pi * rng.uniform(size=(3, len(lines))))
+    size = 1 / (omega * np.hypot(omega, 2 * np.pi * 5))
+    waves = np.real(np.exp(1j * np.outer(t, omega)) @ (phases * size).T)
+    return np.minimum(t / 0.5, 1.0)[:, None] * waves / waves.std(axis=0) * np.array([8e-4, 8e-4, 1.6e-3])
+
+
+@pytest.mark.slow
+def test_references_alone_give_stiffness_damping_and_delay(makes: ModuleType, tmp_path: Path) -> None:
+    """Of four springs within 1 %, dampings 5 %, delay 0.1 ms, without a torque; the truth is within 4 std."""
+    rig, arm, late = import_module("rig"), import_module("arm"), round(LATE_S * RATE)
+    chain = "chain: {torque_lag: 0.1513 ms, torque_order: 2, torque_damping: 1.033}\n"
+    (tmp_path / "robot.yml").write_text(arm.robot(tolerances="exact") + chain)
+    files, posture = [], "p1"
+    for k in range(6):
+        rows = references(np.random.default_rng(k))
+        acts = np.vstack([np.zeros((late, 3)), rows])[: len(rows)]
+        signals = rig.run(makes.CONF[posture], acts, 8, rig.params(friction=0.0, ripple=0.0, dist=1.0), seed=k)
+        log = np.hstack([rows + np.array(makes.CONF[posture]), signals["q"][::8]])[2 * N :]
+        heads = ",".join([f"command_{j}" for j in (1, 2, 3)] + [f"position_{j}" for j in (1, 2, 3)])
+        np.savetxt(tmp_path / f"{k}.csv", log, "%.10g", ",", header=heads, comments="")
+        files.append({"path": f"{k}.csv", "configuration": posture, "realisation": k // 3, "experiment": k % 3})
+    # The integral of the rig contains the error of its own sample.
+    T_i = [time_s + 1.25e-4 for time_s in rig.GAINS["ti"]]
+    K_v = [gain * time_s / (time_s - 1.25e-4) for gain, time_s in zip(rig.GAINS["kv"], T_i, strict=True)]
+    gains = {"position_gain": rig.GAINS["kp"], "velocity_gain": K_v, "integral_time": T_i}
+    controller = gains | {"velocity_feed_forward": 1, "ticks": 8, "reference": {"cycle": 1 / RATE}}
+    channels = [
+        {"role": role, "at": f"motor {j}", "channel": f"{name}_{j}", "quantity": "position", "unit": "rad"}
+        for role, name in (("reference", "command"), ("y", "position"))
+        for j in (1, 2, 3)
+    ]
+    recorded = {"rate_hz": RATE, "period": N / RATE, "controller": controller, "channels": channels, "files": files}
+    study = {
+        "name": "arm",
+        "robot": "robot.yml",
+        "experiment": {"configurations": {posture: list(makes.CONF[posture])}, "recorded": recorded},
+        "fit": {"starts": 4, "profile": [], "parameters": {"k_*": {}, "d_*": {}, "fm_*": {}}},
+    }
+    (tmp_path / "study.yml").write_text(json.dumps(study))
+    cli.run_command(["run", str(tmp_path / "study.yml"), "-q", "--run", str(tmp_path / "run")])
+    summary, true = json.loads((tmp_path / "run" / "summary.json").read_text()), makes.TR
+    assert summary["status"] == "converged"
+    springs = dict(zip(("1", "2", "3", "2z"), (*true["k"], true["kz"]), strict=True))
+    dampers = dict(zip(springs, (*true["d"], true["dz"]), strict=True))
+    limits = {f"k_{name}": (value, 0.01 * value) for name, value in springs.items()}
+    limits |= {f"d_{name}": (value, 0.05 * value) for name, value in dampers.items()} | {"delay_r": (LATE_S, 1e-4)}
+    for name, (value, limit) in limits.items():
+        error, std = summary["parameters"][name]["value"] - value, summary["parameters"][name]["std"]
+        print(f"{name}: {100 * error / value:+.3f} %, {error / std:+.2f} std")
+        assert abs(error) < min(max(4 * std, limit / 10), limit)

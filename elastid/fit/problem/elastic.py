@@ -343,9 +343,8 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
     inputs = [model.inputs.index(name) for name in acting]
     B = model.B if model.controller is not None else model.B[:, inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
-    measured = response.inputs, response.hold, response.controller
-    parts = dict(zip(("inputs", "hold", "controller"), measured, strict=True))
-    return replace(model.with_outputs(outputs), B=B, **parts)
+    model, loop = model.with_outputs(outputs), response.controller
+    return replace(model, B=B, inputs=response.inputs, hold=response.hold, controller=loop)
 
 
 def linear_model(linearisation: Linearisation, response: Response, theta: FloatArray) -> LinearModel:
