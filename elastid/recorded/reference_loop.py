@@ -16,8 +16,8 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
     """Return a response to references with the loop of each motor, as the controller of the study closes it.
 
     Without a path of the references each acts from its sample to the next.  The exact velocity of an inertia under held
-    torques is its angle times 2 (1 - 1/z) / [T (1 + 1/z)].  Effects of motor friction and motion, which are known for
-    open loops alone, are left out.
+    torques is its angle times 2 (1 - 1/z) / [T (1 + 1/z)].  The systematic errors by motor friction, which
+    are known for torques alone, are left out.
     """
     controller = recorded.controller
     assert controller is not None  # of logs with commands alone
@@ -35,10 +35,15 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
         feedback[1] *= 2 / (1 + z_inverse)
     motors = robot.motor_locations
     sampled = tuple(place.startswith(("motor ", "joint ")) for place in response.outputs)
+    motion = response.motion
+    if motion is not None:
+        at = [motors.index(motor) for motor in motion.motors]
+        terms = loop.kp * loop.ki, loop.kp + loop.kd * loop.ki, loop.kd
+        motion = replace(motion, feedback=np.stack([np.diag(term[at]) for term in terms]))
     return replace(
         response,
         controller=ReferenceLoop(motors, rate_hz, response.freq_hz, feedback, feedforward),
         hold=HeldTorque((rate_hz,) * len(motors), sampled),
-        motion=None,
+        motion=motion,
         bias=None,
     )

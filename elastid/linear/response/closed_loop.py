@@ -37,23 +37,35 @@ def open_loops(model: LinearModel) -> tuple[LinearModel, LinearModel]:
     return plain, motors
 
 
-def closed(model: LinearModel, theta: FloatArray, freq_hz: FloatArray, *responses: ComplexArray) -> "ClosedLoop":
-    """Close the loops around responses of `open_loops` and their images, at freq_hz (F,)."""
+def closed(
+    model: LinearModel, theta: FloatArray, freq_hz: FloatArray, plain: ComplexArray, motors: ComplexArray,
+    plain_images: ComplexArray | float = 0.0, motor_images: ComplexArray | float = 0.0,
+) -> "ClosedLoop":  # fmt: skip
+    """Close the loops around responses of `open_loops` at freq_hz (F,), whose images may stand apart."""
     assert model.controller is not None
-    motors = model.controller.motors
-    names = [[channel_name("gain", role, motor) for motor in motors] for role in GAINS]
-    gains = [[model.number(theta, name) if name in model.channel_numbers else 1.0 for name in row] for row in names]
-    columns = [motors.index(motor) for motor in model.driven]
-    return ClosedLoop.of(model.controller.at(freq_hz), np.array(gains), columns, *responses)
+    loop, names = model.controller.at(freq_hz), model.controller.motors
+    H = zero_order_hold(freq_hz / loop.rate_hz)[:, None, None]
+    of_outputs, of_inputs = model.channel_factors(theta, (2j * np.pi * freq_hz).astype(np.complex128))
+    gains = [[channel_name("gain", role, motor) for motor in names] for role in GAINS]
+    numbers = np.array([[model.number(theta, n) if n in model.channel_numbers else 1.0 for n in row] for row in gains])
+    feedback, feedforward = (np.einsum("gm,gfm->fm", numbers, C) for C in (loop.feedback, loop.feedforward))
+    plain, plain_images = (of_outputs[..., :, None] * part for part in (plain, plain_images))
+    Y, P = H * (plain + plain_images), H * (motors + motor_images)
+    S = np.linalg.inv(np.eye(len(names)) + feedback[:, :, None] * P)
+    columns = [names.index(motor) for motor in model.driven]
+    driven, by_torque = (S * feedforward[:, None, :])[:, :, columns] * of_inputs[..., None, :], Y @ S
+    entering = loop.feedforward[:, :, columns] * of_inputs
+    parts = plain, motors, Y @ driven, by_torque * feedback[:, None, :], H * driven
+    return ClosedLoop(loop, columns, *parts, by_torque, P @ driven, entering)
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """T (F, n_y, n_r) of a block of lines with the factors of its derivatives.
+    """T (F, n_y, n_r) of a block of lines with the factors of its derivatives, errors of channels included.
 
     plain (F, n_y, n_m), motors (F, n_m, n_m): G_y and G_m, without hold and images.  L (F, n_y, n_m), A (F, n_m,
     n_r).  by_torque (F, n_y, n_m): Y S.  motion (F, n_m, n_r): of the motors.  loop: at these lines, references in
-    `columns` (n_r,).
+    `columns` (n_r,), whose shares of C_ff are entering (2, F, n_r).
     """
 
     loop: ReferenceLoop
@@ -65,31 +77,15 @@ class ClosedLoop:
     A: ComplexArray
     by_torque: ComplexArray
     motion: ComplexArray
+    entering: ComplexArray
 
-    @classmethod
-    def of(
-        cls, loop: ReferenceLoop, gains: FloatArray, columns: list[int], plain: ComplexArray, motors: ComplexArray,
-        plain_images: ComplexArray, motor_images: ComplexArray,
-    ) -> "ClosedLoop":  # fmt: skip
-        """Close the loop with factors gains (2, n_m) of k_p and k_d."""
-        H = zero_order_hold(loop.freq_hz / loop.rate_hz)[:, None, None]
-        feedback, feedforward = (np.einsum("gm,gfm->fm", gains, C) for C in (loop.feedback, loop.feedforward))
-        Y, P = H * (plain + plain_images), H * (motors + motor_images)
-        S = np.linalg.inv(np.eye(P.shape[1]) + feedback[:, :, None] * P)
-        driven = (S * feedforward[:, None, :])[:, :, columns]
-        by_torque = Y @ S
-        T, motion = Y @ driven, P @ driven
-        return cls(loop, columns, plain, motors, T, by_torque * feedback[:, None, :], H * driven, by_torque, motion)
-
-    def of_torques(self, slope: ComplexArray) -> ComplexArray:
-        """dT by a factor between all torques and motions, of which slope (F, 1, 1) is d ln G."""
-        return np.asarray(slope * ((self.plain - self.L @ self.motors) @ self.A))
+    def change(self, plain: ComplexArray, motors: ComplexArray) -> ComplexArray:
+        """dT by changes of G_y, channels included, and of G_m."""
+        return np.asarray((plain - self.L @ motors) @ self.A)
 
     def of_gain(self, gain: int, motor: str) -> ComplexArray:
         """dT by the factor of a gain, 0 of k_p and 1 of k_d, of the loop of a motor."""
         j = self.loop.motors.index(motor)
-        entering = -self.loop.feedback[gain, :, j, None] * self.motion[:, j]
-        for column, of_motor in enumerate(self.columns):
-            if of_motor == j:
-                entering[:, column] += self.loop.feedforward[gain, :, j]
-        return np.asarray(self.by_torque[:, :, j, None] * entering[:, None, :])
+        is_own = np.array(self.columns) == j
+        torque = is_own * self.entering[gain] - self.loop.feedback[gain, :, j, None] * self.motion[:, j]
+        return np.asarray(self.by_torque[:, :, j, None] * torque[:, None, :])

@@ -105,23 +105,18 @@ class Kernel(Kept):
 
     def factor_slopes(self, theta: FloatArray, part: Products) -> Iterator[ComplexArray]:
         """dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
-        elements, s = {element.name: element for element in self.model.chain}, part.s[:, None, None]
+        elements, s, loop = {element.name: element for element in self.model.chain}, part.s[:, None, None], part.loop
         of_gains = {f"gain_{role}_": gain for gain, role in enumerate(GAINS)}
         for name in self.factors:
             number = self.model.number(theta, name)
-            if part.loop is not None and name[:8] in of_gains:
-                motor = name[8:].replace("_", " ", 1)
-                yield self._of_channels(theta, part, part.loop.of_gain(of_gains[name[:8]], motor))
+            if loop is not None and name[:8] in of_gains:
+                yield loop.of_gain(of_gains[name[:8]], name[8:].replace("_", " ", 1))
             elif name in self.model.channel_numbers:
                 yield self._channel_slope(name, number, s) * part.G
             else:
                 slope = -s if name == DELAY else elements[name].log_slope(part.s, number)[:, None, None]
-                is_inside = part.loop is not None and name in (DELAY, TORQUE_LAG)
-                yield self._of_channels(theta, part, part.loop.of_torques(slope)) if is_inside else slope * part.G
-
-    def _of_channels(self, theta: FloatArray, part: Products, dT: ComplexArray) -> ComplexArray:
-        of_outputs, of_inputs = self.model.channel_factors(theta, part.s)
-        return np.asarray(of_outputs[..., :, None] * dT * of_inputs[..., None, :])
+                inside = loop if name in (DELAY, TORQUE_LAG) else None
+                yield slope * (part.G if inside is None else inside.change(inside.plain, inside.motors))
 
     def _channel_slope(self, name: str, number: float, s: ComplexArray) -> ComplexArray | FloatArray:
         """d ln G / d theta_p (n_y, n_u) or (F, n_y, n_u) of a number of a channel, or of all channels of a role."""
@@ -181,8 +176,8 @@ class Kernel(Kept):
                 motors = factor(self._open_loops[1], theta, s)[:, None, None] * moved[:, :, -n_u:].swapaxes(1, 2)
                 images = (part[block] for part in self._images)
                 loop = closed(model, theta, self.freq_hz[block], G, motors, *images)
-                G, readings = loop.T, readings @ loop.A
-            if model.channel_numbers:
+                G, readings = loop.T, model.channel_factors(theta, s)[0][..., None] * readings @ loop.A
+            elif model.channel_numbers:
                 of_outputs, of_inputs = model.channel_factors(theta, s)
                 channels = of_outputs[..., :, None] * of_inputs[..., None, :]
                 G, readings = channels * G, channels * readings
@@ -193,13 +188,13 @@ class Kernel(Kept):
         n_m = self.model.B.shape[1]
         right = part.YX if part.YX.shape[1] == n_m else part.YX[:, :n_m]
         left = part.YX if np.array_equal(self.output_columns, np.arange(n_m)) else part.YX[:, self.output_columns]
-        if part.loop is not None and self._open_loops is not None:
-            ratio = factor(self._open_loops[1], theta, part.s) / part.gain
-            left, right = left - ratio[:, None, None] * (part.loop.L @ right), part.loop.A.mT @ right
-        if self.model.channel_numbers:
-            of_y, of_u = self.model.channel_factors(theta, part.s)
-            left, right = of_y[..., None] * left, of_u[..., None] * right
-        return left, right
+        if not self.model.channel_numbers and part.loop is None:
+            return left, right
+        of_y, of_u = self.model.channel_factors(theta, part.s)
+        if part.loop is None or self._open_loops is None:
+            return of_y[..., None] * left, of_u[..., None] * right
+        ratio = (factor(self._open_loops[1], theta, part.s) / part.gain)[:, None, None]
+        return of_y[..., None] * left - ratio * (part.loop.L @ right), part.loop.A.mT @ right
 
     @cached_property
     def _open_loops(self) -> tuple[LinearModel, LinearModel] | None:

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
-from elastid.linear.response.closed_loop import closed, open_loops
+from elastid.linear.response.closed_loop import ClosedLoop, closed, open_loops
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
@@ -101,10 +101,7 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     """
     freq_hz = checked_frequencies(freq_hz)
     if model.controller is not None:
-        of_outputs, of_inputs = model.channel_factors(theta, (2j * np.pi * freq_hz).astype(complex))
-        plain, motors = (frequency_response(open_loop, theta, freq_hz) for open_loop in open_loops(model))
-        T = closed(model, theta, freq_hz, plain, motors, np.zeros_like(plain), np.zeros_like(motors)).T
-        return np.asarray(of_outputs[..., :, None] * T * of_inputs[..., None, :])
+        return closed_loop(model, theta, freq_hz).T
     M, D, K = model.matrices(theta)
     s = (2j * np.pi * freq_hz[:, None, None]).astype(complex)
     drift = 0.0 if model.integral is None else model.integral / s
@@ -114,6 +111,23 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     G = factor(model, theta, s) * (C @ X + T @ X / s**2)
     G = of_outputs[..., :, None] * G * of_inputs[..., None, :]
     return np.asarray(G + held_images(model, theta, freq_hz))
+
+
+def closed_loop(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ClosedLoop:
+    """Loops of a model whose inputs are references, closed at freq_hz (F,)."""
+    return closed(model, theta, freq_hz, *(frequency_response(part, theta, freq_hz) for part in open_loops(model)))
+
+
+def change_of_angles(model: LinearModel, theta: FloatArray, freq_hz: FloatArray, change: ComplexArray) -> ComplexArray:
+    """dG by a change (F, n_y, n_u) of the angles by torques; with loops (F, n_y + n_m, n_m), those of motors last."""
+    s = (2j * np.pi * freq_hz).astype(np.complex128)
+    of_outputs, of_inputs = model.channel_factors(theta, s)
+    of_y = of_outputs[..., None] * factor(model, theta, s)[:, None, None]
+    if model.controller is None:
+        return np.asarray(of_y * change * of_inputs[..., None, :])
+    motors, n_y = open_loops(model)[1], len(model.outputs)
+    of_motors = factor(motors, theta, s)[:, None, None]
+    return closed_loop(model, theta, freq_hz).change(of_y * change[:, :n_y], of_motors * change[:, n_y:])
 
 
 def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
