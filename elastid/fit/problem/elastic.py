@@ -369,4 +369,4 @@ def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     slopes = {name: model.slopes[name] for name in moved if name in model.slopes}
     local = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
-    return Kernel(local, freq_hz, moved)
+    return Kernel(local, freq_hz, moved, model.theta_ref)

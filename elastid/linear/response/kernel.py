@@ -30,7 +30,7 @@ from elastid.base.kernels import call, is_compiled
 from elastid.base.workers import Kept
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel, Slope
 from elastid.linear.response.closed_loop import GAINS, ClosedLoop, closed, open_loops
-from elastid.linear.response.transfer import factor, held_images
+from elastid.linear.response.transfer import factor, folded_images, held_images
 from elastid.robot import CHANNEL_NUMBERS, channel_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
@@ -74,13 +74,15 @@ class Kernel(Kept):
     """G of one LinearModel on the lines freq_hz (F,), and the factors for its derivatives with respect to `wanted` (P
     names).
 
-    Images of held torques are no part of it (`held_images`). Prepared once, evaluated at many theta; it pickles.
+    Images of held torques are no part of it (`held_images`), but for those in loops of references, which are held at
+    `images_at` (n_theta,). Prepared once, evaluated at many theta; it pickles.
     KeyError for a name that the model does not have.
     """
 
     model: LinearModel
     freq_hz: FloatArray
     wanted: tuple[str, ...]
+    images_at: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for name in self.wanted:
@@ -176,7 +178,8 @@ class Kernel(Kept):
                 motors = factor(self._open_loops[1], theta, s)[:, None, None] * moved[:, :, -n_u:].swapaxes(1, 2)
                 images = (part[block] for part in self._images)
                 loop = closed(model, theta, self.freq_hz[block], G, motors, *images)
-                G, readings = loop.T, model.channel_factors(theta, s)[0][..., None] * readings @ loop.A
+                readings = model.channel_factors(theta, s)[0][..., None] * readings @ loop.A
+                G = loop.T + self._folded[block]
             elif model.channel_numbers:
                 of_outputs, of_inputs = model.channel_factors(theta, s)
                 channels = of_outputs[..., :, None] * of_inputs[..., None, :]
@@ -202,8 +205,17 @@ class Kernel(Kept):
 
     @cached_property
     def _images(self) -> list[ComplexArray]:
-        """Images of the controllers' torques in outputs and motors (F, n, n_m), where the model was linearised."""
-        return [held_images(model, self.model.theta_ref, self.freq_hz) for model in self._open_loops or ()]
+        """Images of the controllers' torques in outputs and motors (F, n, n_m)."""
+        return [held_images(model, self._theta_of_images, self.freq_hz) for model in self._open_loops or ()]
+
+    @cached_property
+    def _folded(self) -> ComplexArray:
+        """Images of the references (F, n_y, n_u)."""
+        return folded_images(self.model, self._theta_of_images, self.freq_hz)
+
+    @property
+    def _theta_of_images(self) -> FloatArray:
+        return self.model.theta_ref if self.images_at is None else self.images_at
 
     @property
     def _motor_rows(self) -> tuple[FloatArray, ...]:

@@ -101,7 +101,7 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     """
     freq_hz = checked_frequencies(freq_hz)
     if model.controller is not None:
-        return closed_loop(model, theta, freq_hz).T
+        return closed_loop(model, theta, freq_hz).T + folded_images(model, theta, freq_hz)
     M, D, K = model.matrices(theta)
     s = (2j * np.pi * freq_hz[:, None, None]).astype(complex)
     drift = 0.0 if model.integral is None else model.integral / s
@@ -116,6 +116,23 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
 def closed_loop(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ClosedLoop:
     """Loops of a model whose inputs are references, closed at freq_hz (F,)."""
     return closed(model, theta, freq_hz, *(frequency_response(part, theta, freq_hz) for part in open_loops(model)))
+
+
+def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
+    r"""Images (F, n_y, n_u) of sampled references in sampled positions, both at f_l = `model.controller.log_hz`.
+
+    .. math:: \sum_{m \ne 0} T(f + m f_l)
+    """
+    images = np.zeros((len(freq_hz), len(model.outputs), len(model.inputs)), complex)
+    if model.controller is None or not model.controller.log_hz or model.hold is None:
+        return images
+    shifted = model.controller.images_hz(freq_hz)
+    known = np.isfinite(shifted)
+    f, lines, order = shifted[known], np.nonzero(known)[0], MOTION_ORDER[model.quantity]
+    T = closed_loop(model, theta, np.abs(f)).T
+    T = np.where(f[:, None, None] < 0, T.conj(), T)
+    np.add.at(images, lines, T * ((freq_hz[lines] / f) ** order)[:, None, None])
+    return np.asarray(images * np.array(model.hold.sampled)[:, None])
 
 
 def change_of_angles(model: LinearModel, theta: FloatArray, freq_hz: FloatArray, change: ComplexArray) -> ComplexArray:
