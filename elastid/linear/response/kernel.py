@@ -108,17 +108,18 @@ class Kernel(Kept):
     def factor_slopes(self, theta: FloatArray, part: Products) -> Iterator[ComplexArray]:
         """dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
         elements, s, loop = {element.name: element for element in self.model.chain}, part.s[:, None, None], part.loop
+        G = part.G if loop is None else loop.T  # images are held
         of_gains = {f"gain_{role}_": gain for gain, role in enumerate(GAINS)}
         for name in self.factors:
             number = self.model.number(theta, name)
             if loop is not None and name[:8] in of_gains:
                 yield loop.of_gain(of_gains[name[:8]], name[8:].replace("_", " ", 1))
             elif name in self.model.channel_numbers:
-                yield self._channel_slope(name, number, s) * part.G
+                yield self._channel_slope(name, number, s) * G
             else:
                 slope = -s if name == DELAY else elements[name].log_slope(part.s, number)[:, None, None]
                 inside = loop if name in (DELAY, TORQUE_LAG) else None
-                yield slope * (part.G if inside is None else inside.change(inside.plain, inside.motors))
+                yield slope * (G if inside is None else inside.change(inside.plain, inside.motors))
 
     def _channel_slope(self, name: str, number: float, s: ComplexArray) -> ComplexArray | FloatArray:
         """d ln G / d theta_p (n_y, n_u) or (F, n_y, n_u) of a number of a channel, or of all channels of a role."""
