@@ -249,7 +249,9 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
     an offset of an axis acts in second order.
     """
-    tolerances = {given.name: given for given in tolerances_of(robot)}
+    has_references = channel_name(DELAY, "r") in parameters.names
+    unused = ("gain_u_",) if has_references else ("gain_kp_", "gain_kd_")
+    tolerances = {given.name: given for given in tolerances_of(robot) if not given.name.startswith(unused)}
     known = {parameter.name: parameter for parameter in parameters}
     asked = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
     asked |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
@@ -302,8 +304,10 @@ def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
             yield Tolerance(name, owner, kind_of(path), std, factor)
     of_constants = robot.tolerances.torque_constant
     if isinstance(of_constants, float) and of_constants > 0:
-        of_torques = (name for name in robot.channel_numbers if name.startswith("gain_u_"))
-        yield from (Tolerance(name, "", "torque_constant", of_constants) for name in of_torques)
+        gains = [name for name in robot.channel_numbers if name.startswith(("gain_u_", "gain_kp_", "gain_kd_"))]
+        for name in gains:  # a torque constant scales both gains of its joint controller
+            factor = "" if name.startswith("gain_u_") else f"torque_constant_{name[8:]}"
+            yield Tolerance(name, "", "torque_constant", of_constants, factor)
 
 
 def _turns_all(robot: Robot, path: Path) -> bool:

@@ -212,6 +212,11 @@ class LinearModel:
         return tuple(place.replace(REFERENCE, "motor ") for place in self.inputs)
 
     @property
+    def by_torques(self) -> "LinearModel":
+        """The model whose inputs are torques of the controlled motors, without the loops."""
+        return self if self.controller is None else replace(self, controller=None, inputs=self.controller.motors)
+
+    @property
     def input_role(self) -> str:
         """Role of the inputs in names of channels."""
         return "u" if self.controller is None else "r"
@@ -347,9 +352,11 @@ class StateSpace:
 def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     """The state space of a LinearModel at theta (n_theta,), model.parameters in SI.
 
+    Inputs are torques, also of a model whose inputs are references.
     StudyError where an accelerometer's reading is turned into a velocity or a position: gravity would be integrated;
     and for a differentiator in the chain, which no finite number of states makes.
     """
+    model = model.by_torques
     if model.quantity != "acceleration" and model.tilt.any():
         place = model.outputs[int(np.argmax(model.tilt.any(axis=1)))]
         raise StudyError(

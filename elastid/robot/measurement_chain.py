@@ -101,7 +101,7 @@ class Chain:
         numbers: Numbers = {name: ("s", (name,)) for name in self._times}
         for i, channel in enumerate(self.channels):
             for kind, (unit, usual) in CHANNEL_NUMBERS.items():
-                if kind == "gain" or getattr(channel, kind) != usual:
+                if (kind == "gain" and channel.at) or getattr(channel, kind) != usual:
                     numbers[channel_name(kind, channel.role, channel.at)] = (unit, ("channels", i, kind))
         return numbers
 

@@ -4,7 +4,7 @@ r"""Responses of motions to references: the sampled joint loops closed around th
           P = H (G_m + images)
 
 G_y, G_m: outputs and angles of motors by torques; H: hold of the controllers, with whose images P is the exact
-pulse response. C_fb, C_ff are diagonal. Derivatives have the factors of those of G,
+pulse response. C_fb, C_ff are diagonal. Derivatives have the same factors as the derivatives of G,
 
 .. math:: dT = (dG_y - L\, dG_m)\, A, \qquad L = Y S C_{fb}, \qquad A = H S C_{ff}
 
@@ -27,7 +27,7 @@ def open_loops(model: LinearModel) -> tuple[LinearModel, LinearModel]:
     """Models from the torques of the motors of `model.controller` to its outputs, and to the angles of its motors."""
     loop = model.controller
     assert loop is not None  # of models whose inputs are references
-    plain = replace(model, controller=None, inputs=loop.motors, channel_numbers=())
+    plain = replace(model.by_torques, channel_numbers=())
     slopes = {name: replace(slope, C=None, T=None, B=None) for name, slope in model.slopes.items()}
     motors = replace(
         plain, C=model.B.T, T=None, outputs=loop.motors, quantity="position", slopes=slopes,

@@ -136,7 +136,7 @@ def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) ->
 
 
 def change_of_angles(model: LinearModel, theta: FloatArray, freq_hz: FloatArray, change: ComplexArray) -> ComplexArray:
-    """dG by a change (F, n_y, n_u) of the angles by torques; with loops (F, n_y + n_m, n_m), those of motors last."""
+    """dG by a change (F, n_y, n_u) of the angles by torques; with loops (F, n_y + n_m, n_m), motors last."""
     s = (2j * np.pi * freq_hz).astype(np.complex128)
     of_outputs, of_inputs = model.channel_factors(theta, s)
     of_y = of_outputs[..., None] * factor(model, theta, s)[:, None, None]

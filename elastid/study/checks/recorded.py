@@ -64,6 +64,8 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
     if recorded.has_commands_alone and study.robot is None:
         message = "no channel has role u (an input). Add the torques, or robot: references alone need its model"
         yield Problem((*path, "channels"), message)
+    if recorded.has_commands_alone and study.gears is not None:
+        yield Problem(("gears",), "effects of gears need torques, and no channel has role u. Add them, or remove gears")
     for i in range(len(recorded.files)):
         if refused := recorded.repeat_refusal(i):
             yield Problem((*path, "files", i), refused)
