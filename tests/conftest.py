@@ -70,8 +70,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of modules that use records beside the project, so that .ci/run selects them."""
+    """Mark tests in a browser slow, and mark modules that use records beside the project: .ci/run selects both."""
     for item in items:
+        if "browser" in getattr(item, "fixturenames", ()):
+            item.add_marker("slow")
         names = vars(getattr(item, "module", None) or object)
         if any(getattr(value, "__module__", "") == "plants.measured" for value in names.values()):
             item.add_marker("beside")

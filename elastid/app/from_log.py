@@ -98,6 +98,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     files = _files(paths, names, [run[1:] for run in runs])
     content = [*head_lines("responses" if robot is None else "elasticity", first)]
     content += [*_study(guess, robot, clock, configurations, period, frame), text, *files]
+    if is_hit and len(logs) > 1:
+        content.append(f"      # hit at another point: {{..., at: {{{joint.torque.place}: point 2}}, experiment: 1}}")
     if robot is not None:
         content += _FIT
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs

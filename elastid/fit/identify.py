@@ -104,9 +104,8 @@ def identified(
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
             result = add_intervals(result, optimum, spec, execution)
-            result = replace(
-                result, notes=(*result.notes, *contradicted_priors(result), *contradicted_tolerances(result))
-            )
+            contradicted = (*contradicted_priors(result), *contradicted_tolerances(result))
+            result = replace(result, notes=(*result.notes, *contradicted))
             result = without_presliding(result, assembly, before)
             pairs = zip(assembly.responses, optimum.responses, strict=True)
             known = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}

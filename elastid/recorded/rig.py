@@ -147,8 +147,11 @@ class RecordedRig:
         signals = without_step_images(signals, channels, roles, recorded, N, rate_hz, self.robot, log)
         signals, _ = in_joints(channels, signals, self.robot)
         held = hold_samples(recorded, channels, rate_hz)
-        inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
-        units = input_units(channels, self.robot)
+        outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
+        inputs = recorded.places_of(file.configuration, "u") if file.at else acting
+        u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points
+        u[:, [inputs.index(place) for place in acting]] = signals[:, roles["u"]]
+        units = input_units(channels, self.robot) * (len(inputs) // len(acting))
         if recorded.has_commands_alone:
             units = tuple(motion_unit("position", self.robot.slides(place)) for place in inputs)
             inputs = tuple(REFERENCE + place.partition(" ")[2] for place in inputs)
@@ -163,7 +166,7 @@ class RecordedRig:
             inputs=inputs,
             outputs=outputs,
             quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]),
-            u=signals[:, roles["u"]],
+            u=u,
             y=signals[:, roles["y"]],
             r=signals[:, roles["r"]] if roles["r"] else None,
             r_is_reference=bool(roles["r"]) and channels[roles["r"][0]].role == "reference",

@@ -13,6 +13,7 @@ from plants.refusals import refused
 
 from elastid.base.execution import Execution, lasting_workers, on_dask
 
+pytestmark = pytest.mark.slow  # clusters of several processes
 distributed = pytest.importorskip("distributed")
 
 

@@ -204,10 +204,11 @@ def test_a_number_beyond_the_budget_fails_until_it_falls(
 
 
 @pytest.mark.parametrize(
-    ("ratio", "repeat", "is_slower"), [(1.0, 1.0, False), (1.15, 1.15, True), (1.15, 1.0, False), (1.06, 1.15, False)]
+    ("ratio", "repeat", "is_slower"),
+    [(1.0, 1.15, False), (1.15, 1.15, True), (1.15, 1.0, False), (1.15, 1.06, False), (1.08, 1.15, True)],
 )
-def test_speed_fails_only_if_two_intervals_exceed_the_limit(ratio: float, repeat: float, is_slower: bool) -> None:
-    """Of the median ratio, with errors of 3 % of each time; a ratio of 1.06 with them may be the limit of 1.05."""
+def test_speed_fails_only_if_the_repeat_confirms_it(ratio: float, repeat: float, is_slower: bool) -> None:
+    """By its interval, with errors of 3 % of each time: ratios of 1.06 with them may be the limit of 1.05."""
     rng, speed = np.random.default_rng(1), runpy.run_path(str(BENCHMARKS / "speed.py"))
     samples = [np.log(r) + 0.04 * rng.standard_normal(n) for r, n in zip((ratio, repeat), speed["PAIRS"], strict=True)]
     assert speed["is_slower"](samples, speed["LIMITS"]["base"], "fit") == is_slower

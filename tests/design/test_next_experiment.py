@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.limited_arm import LIMITS, arm, experiment
-from plants.marks import slow
 from plants.units import factor, in_other_units
 
 from elastid.base.execution import Execution
@@ -116,7 +115,8 @@ def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
     assert found.plan.configurations[0].angles[1] == 0.0
 
 
-@pytest.mark.parametrize("flat", [slow("torque"), "information"])
+@pytest.mark.slow
+@pytest.mark.parametrize("flat", ["torque", "information"])
 def test_a_design_is_the_same_in_other_units(flat: str) -> None:
     """Torques, standard deviations, and the next experiment; numbers of the file within their tolerances."""
     robot = replace(without_dry_friction(arm()), tolerances=Tolerances())

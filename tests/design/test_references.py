@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +103,7 @@ def test_the_acting_torque_has_the_planned_spectrum(inject: Injected, path: Any,
     np.testing.assert_allclose(np.sqrt(np.sum(np.abs(U) ** 2, axis=0) / 2), 1.0, rtol=1e-3)
 
 
+@cache
 def limited(torque_rms: Any = 120.0) -> tuple[SimulatedRig, Any]:
     """A rig with its plan within the limits, and their use."""
     driven = ControllerSpec(kind="cascade", gains=GAINS, reference=ReferencePathSpec(CYCLE))  # type: ignore[arg-type]
@@ -155,6 +157,12 @@ def test_a_run_is_complete_and_at_rest_in_its_first_and_last_rows(carrier: Carri
     assert plan.periods + plan.transient_periods == 3
 
 
+@cache
+def plan_of_spline(inject: Injected) -> Plan:
+    driven = ControllerSpec(reference=ReferencePathSpec(CYCLE, "spline"))
+    return planned(inject, driven, arm(), experiment(simulated=SimulatedSpec(substeps=4, controller=driven)))[0]
+
+
 @pytest.mark.parametrize(
     ("unit", "side", "inject", "heading"),
     [
@@ -170,7 +178,7 @@ def test_files_are_in_the_unit_and_on_the_side_that_the_study_states(
     spec = ReferencePathSpec(CYCLE, "spline", unit=unit, side=side)
     driven, machine = ControllerSpec(reference=spec), arm()
     simulated = SimulatedSpec(substeps=4, controller=driven, noise=NoiseSpec(encoder_counts=4096))
-    plan, _ = planned(inject, driven, machine, experiment(simulated=simulated))
+    plan = plan_of_spline(inject)
     rows, path = references(plan, None, plan.experiments[0]), tmp_path / "a.csv"
     write_references(path, plan, plan.experiments[0], simulated, machine)
     (_, *headings), *lines = csv.reader(path.read_text().splitlines())

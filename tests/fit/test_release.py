@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from plants.data_sheet_arm import POSTURES, SPEC, arm, measure, off
+from plants.marks import slow
 
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose, with_tolerances
@@ -89,7 +90,7 @@ def turned(G: Response) -> Response:
     return replace(G, configuration=replace(G.configuration, angles=np.array(G.configuration.angles) + 0.15))
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, slow(1)])
 @pytest.mark.parametrize(
     ("cause", "fault"),
     [

@@ -13,7 +13,7 @@ from elastid.modal.fitted_mode import FittedMode, without_twins
 from elastid.response import Covariance
 
 
-@pytest.mark.parametrize("kind", [slow("white"), slow("not stated"), "correlated", "of few degrees of freedom"])
+@pytest.mark.parametrize("kind", [slow("white"), slow("not stated"), slow("correlated"), "of few degrees of freedom"])
 def test_the_intervals_of_a_draw_are_its_errors(kind: str) -> None:
     """Mean square of error over std of frequency, damping and shape, 16 draws of five modes: 0.6 to 1.5."""
     shapes = np.outer([1.0, 0.5], np.ones(5))

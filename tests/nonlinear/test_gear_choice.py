@@ -45,7 +45,7 @@ def found(gear: Gear, substeps: int = 6) -> tuple[Levels, dict[str, float]]:
         slow(Gear(F_l=30.0), {"behind": 30.0}),
         (Gear(F_m=20.0, F_l=12.0), {"friction": 20.0, "behind": 12.0}),
         slow(Gear(F_m=30.0, load=0.1), {"friction": 30.0, "load": 0.1}),
-        (
+        slow(
             Gear(F_m=20.0, F_l=12.0, k_3=2e9, error=2e-5),
             {"friction": 20.0, "behind": 12.0, "cubic": 2e9, "error sine": 2e-5},
         ),
@@ -75,7 +75,7 @@ def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expe
         (Gear(k_2s=2e7), [("progressive", 2e7, 0.0)]),
         slow(Gear(gap=1e-4), [("gap", 2e5, 1e-4)]),
         (Gear(gap=1e-4, loose=0.3, F_m=20.0), [("friction", 20.0, 0.0), ("gap", 1.4e5, 1e-4)]),
-        (Gear(ranges=((100.0, 1.4), (300.0, 1.7))), [("range", 6e4, 1e-3 * 17 / 14), ("range", 8e4, 5e-4)]),
+        slow(Gear(ranges=((100.0, 1.4), (300.0, 1.7))), [("range", 6e4, 1e-3 * 17 / 14), ("range", 8e4, 5e-4)]),
     ],
 )
 def test_springs_have_their_law_and_its_ends(gear: Gear, expected: list[tuple[str, float, float]]) -> None:

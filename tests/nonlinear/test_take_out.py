@@ -73,6 +73,7 @@ def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: Fri
     assert UNEXPLAINED not in {one.code for one in estimate_without_friction(records, found, COULOMB, lines).notes}
 
 
+@pytest.mark.slow
 def test_distortion_of_an_arm_that_swings_is_not_warned_of() -> None:
     """Above the noise as far as friction behind the gears is; the robot's file tells the one from the other."""
     (swing,), lines = measured_swing()

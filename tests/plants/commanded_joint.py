@@ -32,7 +32,7 @@ class CommandedJoint:
         joint = Joint("knee", axis="y", motor=Motor(self.inertia - mass * arm**2, 1.0, self.viscous, self.coulomb))
         return Robot("leg", (Body("shank", joints=(joint,), mass=mass, center_of_mass=(-arm, 0.0, 0.0)),))
 
-    def motion(self, seconds: float = 6.0, seed: int = 0) -> CommandedMotion:
+    def motion(self, seconds: float = 4.0, seed: int = 0) -> CommandedMotion:
         """Commands of five sines below 3 Hz, and the positions, both at RATE."""
         rng, n = np.random.default_rng(seed), round(seconds * RATE)
         t = np.arange(n) / RATE

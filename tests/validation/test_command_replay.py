@@ -55,9 +55,10 @@ def test_wrong_number_of_the_replay_is_named_with_its_factor(
 def test_late_commands_are_named_with_their_delay() -> None:
     """15 ms, to half a sample of the simulated drives."""
     late = CommandedJoint(delay_s=0.015)
-    result = replay(late.robot, late.motion())
+    motion = late.motion()
+    result = replay(late.robot, motion)
     assert best(result) == ("delay", pytest.approx(0.015, abs=5e-4))
-    assert not best(replay(late.robot, replace(late.motion(), delay_s=0.015)))[0]
+    assert not best(replay(late.robot, replace(motion, delay_s=0.015)))[0]
 
 
 def test_reversed_signs_are_named(motion: CommandedMotion) -> None:

@@ -1,7 +1,7 @@
 """estimate: records, or responses of other programs -> frf.h5, one response for each configuration."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from elastid.experiment.specs.recorded import RecordedSpec, ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.effects import notes_before_gears
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.nonlinear.take_out import estimate_without_friction, on_shafts, shaft_couplings
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming
@@ -98,15 +98,31 @@ def _artefacts(
     friction: FrictionTakenOut | None = None,
 ) -> Artefacts:
     def report(console: Console) -> None:
-        console.notes(notes)
-        counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
-        console.say(f"estimate: {len(responses)} response{'s' * (len(responses) != 1)} (DFT lines: {counts})")
-        for note in () if friction is None else friction.notes:
-            if note.severity == "information":  # warnings were printed before
+        console.notes((note for note in notes if note.code == "frf/method"), on_page=True)
+        console.notes(note for note in notes if note.code != "frf/method")
+        lines = {r.configuration.name: r.n_lines for r in responses}
+        plural = "s" * (len(responses) != 1)
+        counts = sorted(set(lines.values()))
+        each = f"with {counts[0]} DFT lines{' each' * bool(plural)}" if len(counts) == 1 else ""
+        each = each or f"(DFT lines: {listed(lines)})"
+        console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {each}")
+        compensated = {}
+        for row in () if friction is None else friction_rows(friction):
+            if row.coulomb_torque is not None:
+                compensated[row.place] = f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})"
+        if compensated:
+            console.say(f"estimate: link-side Coulomb friction subtracted from the torque: {listed(compensated)}")
+        for note in () if friction is None else friction.notes:  # warnings were printed before
+            if note.severity == "information" and note.code != "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")
 
     frf: Write = lambda path, stamp: write_responses(path, responses, stamp, friction)  # noqa: E731
     return Artefacts({"frf.h5": frf}, report)
+
+
+def listed(values: Mapping[str, object]) -> str:
+    """Names and values in a sentence."""
+    return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
 def imported_responses(study: Study, base: Path) -> Iterator[Response]:

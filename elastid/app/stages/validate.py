@@ -64,7 +64,8 @@ def validate(study: Study, work: Work) -> Artefacts:
     judged = replace(judged, predictions=tuple(predictions))
 
     def report(console: Console) -> None:
-        console.say(f"validate: {judged.verdict.removeprefix('Validation ')}")
+        verdict = judged.verdict.removeprefix("Validation ")
+        console.say(f"validate: {verdict[:1].lower()}{verdict[1:]}")
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
         worst = sorted(twin.balances, key=lambda balance: balance.unexplained_fraction)[-1:]

@@ -1,5 +1,6 @@
 """The sections `recorded` and `responses` of an experiment: log files, and responses that were measured elsewhere."""
 
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -80,6 +81,9 @@ class FileSpec:
         "phases.")] = 0
     experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0.", "as many as motors unless a "
         "local method is used; equal numbers are further periods of one experiment.")] = 0
+    at: Annotated[dict[str, str], Key("Locations of hammer and sensors in this file, by `at` of their channels "
+        "(default: the locations in channels).", "{hammer: point 2} for the file of the second hit "
+        "point; each point needs its own experiment number.")] = field(default_factory=dict)
     amplitude: Annotated[int, Key("Number of the excitation amplitude, from 1.", "2 and so on for the same "
         "configuration with another torque; elastid estimates one response per amplitude.", least=1)] = 1
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the used samples (default: all).",
@@ -191,6 +195,12 @@ class RecordedSpec:
         roles = {channel.role for channel in self.channels}
         return "u" not in roles and "reference" in roles and self.controller is not None
 
+    def places_of(self, configuration: str, role: str) -> tuple[str, ...]:
+        """Locations of the channels of a role (u, y) in all files of a configuration."""
+        files = [file for file in self.files if file.configuration == configuration]
+        channels = [channel.at for channel in self.channels if channel.role == role]
+        return tuple(dict.fromkeys(file.at.get(at, at) for file in files for at in channels))
+
     @property
     def log_names(self) -> tuple[str, ...]:
         """The names that records of the files have: their stems, numbered where two are the same."""
@@ -217,6 +227,7 @@ class RecordedSpec:
         earlier = [before for before in self.files[:number] if before.run == file.run]
         periods = {self.period_of(of_run) for of_run in (*earlier[:1], file)}
         is_repeated = any((before.path, before.samples) == (file.path, file.samples) for before in earlier)
+        is_repeated |= any(before.at != file.at for before in earlier)
         if not earlier or (len(periods) == 1 and None not in periods and not is_repeated):
             return ""
         return (

@@ -83,8 +83,8 @@ def payload(index: ModificationIndex) -> str:
     body, mass, new = axis(index), float(index.values[0]), index.changed[0]
     members = zip(index.members, index.values, index.changed, strict=True)
     place = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
-    at = f", at about [{', '.join(place)}] m in the axes of {body}" if new > mass and len(place) == 3 else ""
-    return f"{new - mass:+.2g} kg on {body} ({mass:.4g} to {new:.4g} kg){at}"
+    at = f" at about [{', '.join(place)}] m in the axes of {body}" if new > mass and len(place) == 3 else ""
+    return f"mass of {body} = {new:.4g} kg instead of {mass:.4g} kg ({new - mass:+.2g} kg{at})"
 
 
 def late(index: ModificationIndex) -> str:

@@ -61,7 +61,11 @@ def interpolate(x: FloatArray, start: int, end: int, L: int, sign: int, max_step
 
 
 def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) -> Iterator[FloatArray]:
-    """Means (m,) of other periods at rows (m,), finite in the gap; last, for a short gap, zero."""
+    """Means (m,) of other periods at rows (m,), finite in the gap; last, for a short gap, zero.
+
+    The first period, whose transient adds up over a long gap, is in the reference of one only if no other has the gap.
+    """
+    is_short = gap.stop - gap.start <= MAX_BRIDGED
     shifts = np.array([p for p in range(-(len(x) // L), len(x) // L + 1) if p != 0])
     at = rows + shifts[:, None] * L
     is_inside = (at >= 0) & (at < len(x))
@@ -71,7 +75,9 @@ def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) ->
         n = np.isfinite(used).sum(axis=0)
         if np.all(n[gap] > 0):
             yield np.where(n > 0, np.nansum(used, axis=0) / np.maximum(n, 1), np.nan)
-    if gap.stop - gap.start <= MAX_BRIDGED:
+            if not is_short:
+                return
+    if is_short:
         yield np.zeros(len(rows))
 
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
-from elastid.recorded.repair import Log, bridged, flat
+from elastid.recorded.repair import Log, blocks, bridged, flat
 from elastid.recorded.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolate, largest_step, period_noise
 from elastid.recorded.repair.masks import MASKED, step
 
@@ -46,6 +46,9 @@ MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
 # Distance of neighbours in a difference over its noise, above which the difference shows a transient; there a spike of
 # a smaller ratio must be in the signal itself.
 TRANSIENT_SIGMAS, MIN_RATIO_IN_TRANSIENT = 6.0, 20.0
+# Samples of a change from period to period that stay below the size by which transients are told; of a pulse in them,
+# over the largest step that repeats.
+TRANSIENT_FRACTION, JUMP_MARGIN = 0.95, 1.2
 QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
 # Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
 USUAL_FRACTION, PARTS, MIN_OVER_USUAL = 0.9, 20, 3.0
@@ -95,7 +98,7 @@ def _masked(
             log.report("spikes left", at.size, f"{text}: too many for spikes, left unchanged")
             continue
         result[at, c] = np.nan
-        log.report(MASKED, at.size, f"{text} and are treated as missing; the first is {log.time_of(at[0])}")
+        log.report(MASKED, at.size, f"{text} and are interpolated. The first is {log.time_of(at[0])}")
         if any(outvoted[c : c + 1]):
             text = (
                 f"{log.names[c]}: {outvoted[c]} spikes are no rougher than the signal, so that equal disturbances of "
@@ -125,7 +128,9 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
         candidates = of_all | (may_be_lost & of_any)
         if not candidates.any():
             break
-        new = runs(_roughest(full, candidates, judged & ~is_spike, L)).tolist()
+        chosen = _roughest(full, candidates, judged & ~is_spike, L)
+        chosen[:L] &= _lone_distance(full[:L]) >= _repeated_jump(full, L, sign, q)
+        new = runs(chosen).tolist()
         if not new:
             break
         full, is_new = _replaced(full, new, L, sign, np.full(len(full), np.inf))
@@ -189,6 +194,21 @@ def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
     if len(X) > MIN_PERIODS:
         references.append(np.broadcast_to(np.median(X, axis=0), X.shape))
     return [(X - reference).ravel() for reference in references]
+
+
+def _repeated_jump(x: FloatArray, L: int, sign: int, q: float) -> float:
+    """Size of the pulses that a transient in the first period of a signal (P L,) can have; 0 without a transient.
+
+    The largest step that all later periods show: there a transient has friction of the other direction for a moment.
+    """
+    from scipy.ndimage import median_filter
+
+    X = blocks(x, L, sign)
+    first, *others = np.quantile(np.abs(np.diff(X, axis=0)), TRANSIENT_FRACTION, axis=1)
+    if first <= MIN_OVER_USUAL * max(min(others), q):
+        return 0.0
+    without_pulses = median_filter(X[1:], (1, 2 * MAX_RUN + 1))
+    return JUMP_MARGIN * float(np.abs(np.diff(without_pulses, axis=1)).min(axis=0).max())
 
 
 def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -> BoolArray:
