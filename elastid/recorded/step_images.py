@@ -40,7 +40,9 @@ def without_step_images(
     """Signals (n, c), in periods of N samples if any, without images of their references, whose size is reported."""
     controller, u, n = recorded.controller, roles["u"], len(signals)
     # From four samples in a cycle on, images are below a sixteenth.
-    if not isinstance(robot, Robot) or controller is None or not 0 < rate_hz * controller.cycle < 4:
+    if not isinstance(robot, Robot) or controller is None or recorded.has_commands_alone:
+        return signals
+    if not 0 < rate_hz * controller.cycle < 4:
         return signals
     freq_hz = np.fft.rfftfreq(n, 1 / rate_hz).astype(np.float64)
     U = np.fft.rfft(signals[:, u], axis=0)

@@ -14,7 +14,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ToolSpec
-from elastid.experiment.specs.recorded import ResponseFileSpec
+from elastid.experiment.specs.recorded import RecordedSpec, ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.effects import notes_before_gears
 from elastid.nonlinear.find import find_friction
@@ -22,6 +22,7 @@ from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.nonlinear.take_out import estimate_without_friction, on_shafts, shaft_couplings
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming
+from elastid.recorded.reference_loop import with_reference_loop
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Response, in_quantity
 from elastid.robot import Robot
@@ -34,12 +35,13 @@ def estimate(study: Study, work: Work) -> Artefacts:
     """frf.h5 from records.h5; each process has one configuration in memory at a time."""
     robot, estimator, records = study.robot, study.estimator, work.sources["measure"]
     lines = read_plan(work.sources["design"]).lines if "design" in work.sources else None
-    names, friction = read_configurations(records), None
-    if estimator.friction != "none":
+    names, friction, recorded = read_configurations(records), None, study.experiment.recorded
+    commands = recorded if recorded is not None and recorded.has_commands_alone else None
+    if estimator.friction != "none" and commands is None:
         on_motors = [RecordsOnShafts(records, name, shaft_couplings(robot)) for name in names]
         friction = find_friction(on_motors, estimator, lines, Execution(work.jobs))
         work.console.notes(note for note in friction.notes if note.severity == "warning")
-    estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot)
+    estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot, commands=commands)
     with work.execution() as execution:
         estimates = execution.ordered(estimate_one, names)
     responses = [response for response, _ in estimates]
@@ -61,13 +63,17 @@ def estimate_configuration(
     friction: FrictionTakenOut | None,
     robot: Robot | None,
     configuration: str,
+    commands: RecordedSpec | None = None,
 ) -> tuple[Response, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read.
 
-    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.
+    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.  commands: logs
+    without torques, with the controller of their references.
     """
     records = tuple(read_records(path, configuration))
     response = estimate_without_friction(records, friction, spec, lines, shaft_couplings(robot), robot)
+    if commands is not None and robot is not None:
+        response = with_reference_loop(response, commands, robot)
     repairs: Counter[str] = Counter()
     for record in records:
         repairs.update(record.repairs)

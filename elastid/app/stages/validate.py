@@ -86,10 +86,10 @@ def judge(
 ) -> tuple[Validation, TwinFindings]:
     """Errors of the responses, of those left out with the interval of a prediction; and the robot in time.
 
-    That is its torques part by part, and its motion along a record; nothing without records.
+    That is its torques part by part, and its motion along a record; nothing without records, or torques in them.
     """
     twin, fitted = NO_TWIN, basis.fitted
-    if records is not None:
+    if records is not None and all(response.controller is None for response in fitted.measured):
         twin = TwinFindings(_balances(basis, records, console, execution), _twin_runs(basis, records))
     shifts = {
         name: fitted.at(name).response_shifts(G.freq_hz)

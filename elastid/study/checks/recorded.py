@@ -62,11 +62,11 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
             f"{', '.join(WITHOUT_PERIOD)}",
         )
     yield from check_controller(study, recorded)
-    if recorded.has_commands_alone:
-        message = (
-            "no channel has role u (an input). Add the torques; references alone identify friction: add friction: {}"
-        )
+    if recorded.has_commands_alone and study.robot is None:
+        message = "no channel has role u (an input). Add the torques, or robot: references alone need its model"
         yield Problem((*path, "channels"), message)
+    if recorded.has_commands_alone and study.gears is not None:
+        yield Problem(("gears",), "effects of gears need torques, and no channel has role u. Add them, or remove gears")
     inputs = [channel for channel in recorded.channels if channel.role in ("u", "r", "reference")]
     locations = [channel.at for channel in recorded.channels]
     for i, file in enumerate(recorded.files):
